@@ -1,0 +1,249 @@
+"""Raise together, exchange rows between ranks, and meet at the home rank of a key (rendezvous).
+
+A lattice point is named by an int64 key that every rank computes alike. What ranks know of a key is brought
+together on its *home*, the rank that a hash of the key names: one all-to-all there, one back. No rank ever holds
+more than its share of the keys.
+"""
+
+from contextlib import contextmanager
+
+import numpy as np
+from mpi4py import MPI
+
+
+@contextmanager
+def together(comm):
+    """Run a block of local code; if it raises on any rank, raise that error on every rank.
+
+    Collective on comm. The block itself must not communicate.
+
+    Args:
+        comm: MPI communicator.
+
+    Raises:
+        Exception: the error of the lowest rank on which the block failed.
+    """
+    error = None
+    try:
+        yield
+    except Exception as caught:
+        error = caught
+    first = comm.allreduce(comm.size if error is None else comm.rank, MPI.MIN)
+    if first < comm.size:
+        shared = comm.bcast(error, root=first)
+        raise shared if error is None else error
+
+
+class Exchange:
+    """A sparse all-to-all of array rows, and its way back.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        destination: (n,) int, the rank that each row goes to.
+
+    Attributes:
+        source: (m,) int32, the rank that each received row came from, ascending.
+    """
+
+    def __init__(self, comm, destination):
+        self.comm = comm
+        destination = np.asarray(destination)
+        self._order = np.argsort(destination, kind="stable")
+        self._sent = np.bincount(destination, minlength=comm.size).astype(np.int32)
+        self._received = np.empty_like(self._sent)
+        comm.Alltoall(self._sent, self._received)
+        self.source = np.repeat(np.arange(comm.size, dtype=np.int32), self._received)
+
+    def forward(self, rows):
+        """Send rows to their destinations.
+
+        Collective on comm.
+
+        Args:
+            rows: (n, ...) array of any dtype.
+
+        Returns:
+            (m, ...) array, ordered by source rank, then as sent.
+        """
+        return _alltoall(self.comm, np.asarray(rows)[self._order], self._sent, self._received)
+
+    def backward(self, rows):
+        """Send an answer to each received row back to where the row came from.
+
+        Collective on comm.
+
+        Args:
+            rows: (m, ...) array in the order of `forward`'s result.
+
+        Returns:
+            (n, ...) array in the order of the rows first sent.
+        """
+        answer = _alltoall(self.comm, np.asarray(rows), self._received, self._sent)
+        result = np.empty_like(answer)
+        result[self._order] = answer
+        return result
+
+
+def _alltoall(comm, rows, sent, received):
+    if comm.size == 1:
+        return rows
+    rows = np.ascontiguousarray(rows)
+    result = np.empty((received.sum(), *rows.shape[1:]), rows.dtype)
+    width = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64))
+    datatype = MPI.BYTE.Create_contiguous(width).Commit()
+    comm.Alltoallv([rows, sent, datatype], [result, received, datatype])
+    datatype.Free()
+    return result
+
+
+def _home(keys, size):
+    """Home rank of each key: a multiplicative hash, so that neighbouring keys spread evenly.  Local."""
+    mixed = keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    return ((mixed >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
+
+
+class Directory:
+    """What all ranks together know of a set of keys.
+
+    Collective on comm, as are all its methods.
+
+    Args:
+        comm: MPI communicator.
+        keys: (n,) int64 non-negative, without repetition on this rank; several ranks may register the same key.
+    """
+
+    def __init__(self, comm, keys):
+        self.comm = comm
+        self.keys = np.asarray(keys, dtype=np.int64)
+        self._exchange = Exchange(comm, _home(self.keys, comm.size))
+        self._distinct, self._slot = np.unique(self._exchange.forward(self.keys), return_inverse=True)
+
+    def contains(self, queries):
+        """Whether any rank registered each of the keys asked for.
+
+        Args:
+            queries: (m,) int64 keys, repetition allowed.
+
+        Returns:
+            (m,) bool.
+        """
+        _, found, exchange = self._visit(queries)
+        return exchange.backward(found)
+
+    def asked(self, queries):
+        """Which of this rank's registered keys any rank asks for.
+
+        Args:
+            queries: (m,) int64 keys, repetition allowed.
+
+        Returns:
+            (n,) bool.
+        """
+        slot, found, _ = self._visit(queries)
+        asked = np.zeros(len(self._distinct), dtype=bool)
+        asked[slot[found]] = True
+        return self._exchange.backward(asked[self._slot])
+
+    def share(self, rows, given):
+        """Let the ranks that know something of a key tell all ranks that registered it.
+
+        Args:
+            rows: (n, ...) what this rank says of each of its keys; ranks that say something say the same.
+            given: (n,) bool, where this rank says something.
+
+        Returns:
+            (n, ...) rows as told by those who know, zero where nobody does, and (n,) bool whether somebody did.
+        """
+        table, known = self._table(rows, given)
+        return self._exchange.backward(table[self._slot]), self._exchange.backward(known[self._slot])
+
+    def lookup(self, queries, rows, given):
+        """Ask for what the registering ranks know of any key; only what is asked for travels.
+
+        Args:
+            queries: (m,) int64 keys, repetition allowed.
+            rows, given: as in `share`.
+
+        Returns:
+            (m, ...) rows, zero where nobody knows, and (m,) bool whether somebody does.
+        """
+        queries, back = np.unique(queries, return_inverse=True)
+        slot, found, exchange = self._visit(queries)
+        wanted = np.zeros(len(self._distinct), dtype=bool)
+        wanted[slot[found]] = True
+        table, known = self._table(rows, given & self._exchange.backward(wanted[self._slot]))
+        found[found] = known[slot[found]]
+        answer = np.zeros((len(slot), *table.shape[1:]), table.dtype)
+        answer[found] = table[slot[found]]
+        return exchange.backward(answer)[back], exchange.backward(found)[back]
+
+    def lowest(self, values):
+        """The lowest value that any rank gives to each key.
+
+        Args:
+            values: (n,) int64.
+
+        Returns:
+            (n,) int64.
+        """
+        values = self._exchange.forward(values)
+        lowest = np.full(len(self._distinct), np.iinfo(np.int64).max)
+        np.minimum.at(lowest, self._slot, values)
+        return self._exchange.backward(lowest[self._slot])
+
+    def number(self, active=None, claim=None, ballot=None):
+        """Give each key one owner among the ranks that registered it, and number the keys owner by owner.
+
+        Owners are drawn among the ranks with the highest claim by `ballot`, so that shared keys spread evenly, and
+        two keys with the same claimants and the same ballot get the same owner.
+
+        Args:
+            active: (n,) bool, the keys to number (the same on all ranks that registered a key); default all.
+            claim: (n,) int, larger wins the ownership; default equal.
+            ballot: (n,) int64 non-negative, of the winning claimants; default the key itself.
+
+        Returns:
+            (n,) int64 global numbers, contiguous by owner and on each owner in the order of its keys (-1 where
+            not active), and (n,) int32 owners.
+        """
+        n = len(self.keys)
+        active = np.ones(n, dtype=bool) if active is None else active
+        claim = np.zeros(n, dtype=np.int8) if claim is None else np.asarray(claim, dtype=np.int8)
+        ballot = self.keys if ballot is None else ballot
+        claim, ballot = self._exchange.forward(claim), self._exchange.forward(ballot)
+        order = np.lexsort((self._exchange.source, -claim, self._slot))
+        slot, claim, ballot = self._slot[order], claim[order], ballot[order]
+        first = np.searchsorted(slot, np.arange(len(self._distinct)))
+        winners = np.bincount(slot, weights=claim == claim[first][slot], minlength=len(first)).astype(np.int64)
+        drawn = first + _home(ballot[first], 2**31 - 1) % np.maximum(winners, 1)
+        owner = self._exchange.backward(self._exchange.source[order[drawn]][self._slot].astype(np.int32))
+
+        own = active & (owner == self.comm.rank)
+        offset = self.comm.exscan(int(own.sum())) or 0
+        numbers = np.full(n, -1, dtype=np.int64)
+        numbers[own] = offset + np.arange(own.sum())
+        if self.comm.size > 1:
+            shared, known = self.share(numbers, own)
+            numbers = np.where(known, shared, -1)
+        return numbers, owner
+
+    def _visit(self, queries):
+        exchange = Exchange(self.comm, _home(np.asarray(queries, dtype=np.int64), self.comm.size))
+        arrived = exchange.forward(np.asarray(queries, dtype=np.int64))
+        slot = np.searchsorted(self._distinct, arrived)
+        slot[slot == len(self._distinct)] = 0
+        found = self._distinct[slot] == arrived if len(self._distinct) else np.zeros(len(arrived), dtype=bool)
+        return slot, found, exchange
+
+    def _table(self, rows, given):
+        """What is known of each key at home; only the rows that say something are sent there."""
+        speaking = np.flatnonzero(given)
+        exchange = Exchange(self.comm, _home(self.keys[speaking], self.comm.size))
+        slot = np.searchsorted(self._distinct, exchange.forward(self.keys[speaking]))
+        rows = exchange.forward(np.asarray(rows)[speaking])
+        table = np.zeros((len(self._distinct), *rows.shape[1:]), rows.dtype)
+        known = np.zeros(len(self._distinct), dtype=bool)
+        table[slot], known[slot] = rows, True
+        return table, known

@@ -1,0 +1,33 @@
+"""Typed errors: each says what is wrong, where, and what to do about it.
+
+Every error of this package derives from `FxContactError` and is raised on all ranks of a communicator
+(see `fx_contact._mpi.together`), so that a caller may catch it without risking a hang.
+"""
+
+
+class FxContactError(Exception):
+    """Base of all errors raised by fx_contact."""
+
+
+class SceneError(FxContactError):
+    """The description of the problem is wrong: a material, a tag, a boundary condition, an option."""
+
+
+class GeometryError(FxContactError):
+    """The root mesh is unusable: inverted, non-hexahedral or non-conforming cells, too high an order."""
+
+
+class PairingError(FxContactError):
+    """Two contact surfaces do not match facet by facet."""
+
+
+class PartitionError(FxContactError):
+    """The leaves cannot be distributed over the ranks."""
+
+
+class SolveError(FxContactError):
+    """The linear solver or the contact loop did not converge."""
+
+
+class OutputError(FxContactError):
+    """Results cannot be written where the user asked for."""

@@ -1,0 +1,114 @@
+"""The reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
+
+Nodes are in tensor order, x fastest, as dolfinx orders the corners of a hexahedron: corner v has the coordinates
+(v & 1, v >> 1 & 1, v >> 2 & 1).  All functions here are local.
+"""
+
+from itertools import product
+
+import numpy as np
+
+CORNERS = np.array([(v & 1, v >> 1 & 1, v >> 2 & 1) for v in range(8)], dtype=np.int64)
+
+#: Local faces in the order of dolfinx (Basix): normal axis, side (0 low, 1 high), the four corners, first axis fastest.
+FACE_AXIS = np.array([2, 1, 0, 0, 1, 2])
+FACE_SIDE = np.array([0, 0, 0, 1, 1, 1])
+FACE_TANGENTS = np.array([[b for b in range(3) if b != axis] for axis in FACE_AXIS])
+FACE_CORNERS = np.array([np.flatnonzero(CORNERS[:, axis] == side) for axis, side in zip(FACE_AXIS, FACE_SIDE)])
+
+#: +1 where the first tangent times the second points out of the cell, else -1.
+FACE_ORIENTATION = np.where(FACE_AXIS == 1, -1, 1) * np.where(FACE_SIDE == 1, 1, -1)
+
+#: Local edges: running axis and the two corners, low end first.
+EDGE_AXIS = np.repeat([0, 1, 2], 4)
+EDGE_CORNERS = np.array(
+    [[v, v + (1 << axis)] for axis in range(3) for v in range(8) if not v >> axis & 1], dtype=np.int64
+)
+
+
+def lattice(order):
+    """Integer coordinates of the tensor-order nodes of a cell.
+
+    Args:
+        order: polynomial order p.
+
+    Returns:
+        ((p+1)^3, 3) int64 in 0..p.
+    """
+    return np.array([ijk[::-1] for ijk in product(range(order + 1), repeat=3)], dtype=np.int64)
+
+
+def corner_nodes(order):
+    """Tensor index of the eight corners among the nodes of a cell of the given order: (8,) int64."""
+    n = order + 1
+    return CORNERS @ (order * np.array([1, n, n * n]))
+
+
+def face_nodes(order):
+    """Tensor indices of the nodes of the six faces, first tangent fastest: (6, (p+1)^2) int64."""
+    nodes = lattice(order)
+    return np.array([np.flatnonzero(nodes[:, a] == order * s) for a, s in zip(FACE_AXIS, FACE_SIDE)])
+
+
+def edge_inner_nodes(order):
+    """Tensor indices of the nodes inside the 12 edges, from the low end: (12, p-1) int64."""
+    n = order + 1
+    along = np.arange(1, order)[None] * np.array([1, n, n * n])[EDGE_AXIS][:, None]
+    return corner_nodes(order)[EDGE_CORNERS[:, :1]] + along
+
+
+def face_inner_nodes(order):
+    """Tensor indices of the nodes inside the 6 faces, first tangent fastest: (6, (p-1)^2) int64."""
+    return face_nodes(order).reshape(6, order + 1, order + 1)[:, 1:-1, 1:-1].reshape(6, -1)
+
+
+def cell_inner_nodes(order):
+    """Tensor indices of the nodes inside the cell: ((p-1)^3,) int64."""
+    nodes = lattice(order)
+    return np.flatnonzero(((nodes > 0) & (nodes < order)).all(axis=1))
+
+
+def lagrange(order, x):
+    """Lagrange functions of equispaced nodes on [0, 1].
+
+    Args:
+        order: polynomial order p.
+        x: (...) float64.
+
+    Returns:
+        (..., p+1) float64; exact at the nodes.
+    """
+    nodes = np.arange(order + 1)
+    factors = np.asarray(x)[..., None] * order - nodes
+    values = np.ones((*np.shape(x), order + 1))
+    for i in range(order + 1):
+        for j in range(order + 1):
+            if i != j:
+                values[..., i] *= factors[..., j] / (i - j)
+    return values
+
+
+def lagrange_derivative(order, x):
+    """First derivatives of `lagrange`: (..., p+1) float64."""
+    monomials = np.linalg.inv(np.vander(np.linspace(0, 1, order + 1), increasing=True))
+    powers = np.arange(1, order + 1)
+    return (np.asarray(x)[..., None] ** (powers - 1) * powers) @ monomials[1:]
+
+
+def tensor_evaluate(functions, nodal):
+    """Evaluate nodal tensor-product fields at the tensor product of points along each axis.
+
+    Args:
+        functions: three (n, m, p+1) or (m, p+1) float64 arrays, 1D functions at m points along x, y and z.
+        nodal: (n, (p+1)^3, d) float64, nodal values in tensor order.
+
+    Returns:
+        (n, m_x m_y m_z, d) float64, tensor order, x fastest.
+    """
+    n, _, d = nodal.shape
+    fx, fy, fz = (np.broadcast_to(f, (n, *f.shape[-2:])) for f in functions)
+    k = fx.shape[-1]
+    values = fz @ nodal.reshape(n, k, k * k * d)
+    values = fy[:, None] @ values.reshape(n, -1, k, k * d)
+    values = fx[:, None, None] @ values.reshape(n, fz.shape[1], fy.shape[1], k, d)
+    return values.reshape(n, -1, d)
