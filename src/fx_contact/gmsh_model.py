@@ -1,0 +1,204 @@
+"""Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
+
+Physical groups name things: volumes are bodies, surfaces are surfaces, points are vertices.  The order of Gmsh's nodes
+is read from Gmsh itself, so that all orders work alike.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from fx_contact import reference
+from fx_contact._mpi import together
+from fx_contact.errors import GeometryError, SceneError
+from fx_contact.rootmesh import MAX_ORDER, RootMesh
+
+
+def root_mesh_from_gmsh(comm, build):
+    """Build a model with Gmsh on rank 0 and share its mesh.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        build: function of no argument, called on rank 0 with Gmsh initialised and silent; it leaves a meshed current
+            model.
+
+    Returns:
+        RootMesh, the same on all ranks.
+
+    Raises:
+        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, or an order above 6.
+    """
+    parts = None
+    with together(comm):
+        if comm.rank == 0:
+            parts = _with_gmsh(build)
+    parts = comm.bcast(parts, root=0)
+    with together(comm):
+        return RootMesh(**parts)
+
+
+def root_mesh_from_file(comm, path):
+    """Read a .msh file on rank 0 and share its mesh.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        path: of a file that Gmsh reads, with hexahedra and physical groups.
+
+    Returns:
+        RootMesh, the same on all ranks.
+
+    Raises:
+        SceneError: there is no such file, or Gmsh cannot read it.
+        GeometryError: as `root_mesh_from_gmsh`.
+    """
+    path = Path(path)
+
+    def read():
+        import gmsh
+
+        if not path.is_file():
+            raise SceneError(f"there is no mesh file {str(path)!r}")
+        try:
+            gmsh.open(str(path))
+        except Exception as error:
+            raise SceneError(f"Gmsh cannot read {str(path)!r}: {error}") from None
+
+    return root_mesh_from_gmsh(comm, read)
+
+
+def _with_gmsh(build):
+    import gmsh
+
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        build()
+        return _read_model(gmsh.model)
+    finally:
+        if ours:
+            gmsh.finalize()
+
+
+def _read_model(model):
+    """Arguments of RootMesh from the current Gmsh model."""
+    order, element_type = _hexahedron(model)
+    tags, points = _nodes(model)
+    bodies, groups = _groups(model, 3), []
+    for name, entities in bodies.items():
+        nodes = [_elements(model, element_type, 3, entity) for entity in entities]
+        groups.append(np.concatenate([n.reshape(-1, (order + 1) ** 3) for n in nodes]))
+    if not groups:
+        raise SceneError("the Gmsh model has no physical volumes; give each body a physical group with a name")
+    cells = np.concatenate(groups)
+    used, cells = np.unique(cells, return_inverse=True)
+    place = np.searchsorted(tags, used)
+    body = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
+    cells = cells.reshape(len(body), -1)[:, _tensor_order(model, element_type, order)]
+    return {
+        "points": points[place],
+        "cells": cells,
+        "bodies": tuple(bodies),
+        "body": body,
+        "surfaces": _surfaces(model, order, used, cells),
+        "vertices": _vertices(model, used),
+    }
+
+
+def _hexahedron(model):
+    """Order and Gmsh type of the volume elements."""
+    types = model.mesh.getElementTypes(3)
+    if not len(types):
+        raise GeometryError("the Gmsh model has no volume mesh; call gmsh.model.mesh.generate(3)")
+    properties = [model.mesh.getElementProperties(t) for t in types]
+    for name, _, order, nodes, *_ in properties:
+        if "hexahedron" not in name.lower():
+            raise GeometryError(
+                f"the mesh has cells of type {name!r}; only hexahedra can be refined: use transfinite volumes and "
+                "recombine their surfaces"
+            )
+        if order > MAX_ORDER or nodes != (order + 1) ** 3:
+            raise GeometryError(
+                f"the mesh has cells of type {name!r}; only complete hexahedra of order 1 to {MAX_ORDER} are supported"
+            )
+    if len(types) > 1:
+        raise GeometryError(f"the mesh mixes {', '.join(repr(p[0]) for p in properties)}; use one order")
+    return properties[0][2], types[0]
+
+
+def _tensor_order(model, element_type, order):
+    """Gmsh's local number of each node in tensor order."""
+    _, dimension, _, nodes, coordinates, _ = model.mesh.getElementProperties(element_type)
+    ijk = np.rint((np.reshape(coordinates, (nodes, dimension)) + 1) / 2 * order).astype(np.int64)
+    return np.argsort(ijk @ [1, order + 1, (order + 1) ** 2])
+
+
+def _nodes(model):
+    tags, points, _ = model.mesh.getNodes()
+    order = np.argsort(tags)
+    return tags[order].astype(np.int64), points.reshape(-1, 3)[order]
+
+
+def _groups(model, dimension):
+    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number."""
+    groups = {}
+    for _, tag in model.getPhysicalGroups(dimension):
+        name = model.getPhysicalName(dimension, tag) or str(tag)
+        groups[name] = model.getEntitiesForPhysicalGroup(dimension, tag)
+    return groups
+
+
+def _elements(model, element_type, dimension, entity):
+    types, _, nodes = model.mesh.getElements(dimension, entity)
+    found = [n for t, n in zip(types, nodes) if t == element_type]
+    return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
+
+
+def _surfaces(model, order, used, cells):
+    """Name -> rows (cell, local face) of the physical surfaces."""
+    corners = used[cells[:, reference.corner_nodes(order)]]
+    faces = np.sort(corners[:, reference.FACE_CORNERS], axis=2).reshape(-1, 4)
+    distinct, inverse = np.unique(faces, axis=0, return_inverse=True)
+    example = np.empty(len(distinct), dtype=np.int64)
+    example[inverse.ravel()] = np.arange(len(faces))
+    surfaces = {}
+    for name, entities in _groups(model, 2).items():
+        quads = np.concatenate([_quadrangles(model, name, entity) for entity in entities])
+        if not len(quads):
+            continue
+        both, where = np.unique(np.concatenate([distinct, np.sort(quads, axis=1)]), axis=0, return_inverse=True)
+        where = where.ravel()
+        place = np.full(len(both), -1, dtype=np.int64)
+        place[where[: len(distinct)]] = example
+        found = place[where[len(distinct) :]]
+        if (found < 0).any():
+            raise SceneError(f"surface {name!r} has quadrangles that are no face of a cell of any body")
+        surfaces[name] = np.stack(np.divmod(np.sort(found), 6), axis=1).astype(np.int32)
+    return surfaces
+
+
+def _quadrangles(model, name, entity):
+    """Corner nodes of the quadrangles of a surface: (n, 4)."""
+    types, _, nodes = model.mesh.getElements(2, entity)
+    rows = [np.empty((0, 4), np.int64)]
+    for element_type, tags in zip(types, nodes):
+        kind, _, _, count, _, corners = model.mesh.getElementProperties(element_type)
+        if corners != 4:
+            raise GeometryError(f"surface {name!r} has elements of type {kind!r}; recombine it into quadrangles")
+        rows.append(tags.reshape(-1, count)[:, :4].astype(np.int64))
+    return np.concatenate(rows)
+
+
+def _vertices(model, used):
+    """Name -> nodes of the physical points."""
+    vertices = {}
+    for name, entities in _groups(model, 0).items():
+        tags = np.concatenate([model.mesh.getNodes(0, entity)[0] for entity in entities]).astype(np.int64)
+        place = np.minimum(np.searchsorted(used, tags), len(used) - 1)
+        vertices[name] = place[used[place] == tags]
+    return vertices

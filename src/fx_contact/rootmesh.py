@@ -1,0 +1,219 @@
+"""The root mesh: coarse curved hexahedra with bodies, surfaces and points as names, the same on every rank.
+
+The geometry of every leaf is the restriction of its root cell's map of order p, so refinement never changes the
+domain (super-parametric elements, section 2 of the paper).
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fx_contact import reference
+from fx_contact.errors import GeometryError, SceneError
+
+MAX_ORDER = 6
+
+
+@dataclass(frozen=True, eq=False)
+class RootMesh:
+    """A conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks; checked when made.
+
+    Attributes:
+        points: (npoints, 3) float64, node positions [m].
+        cells: (ncells, (p+1)^3) int64, nodes of each cell in tensor order, x fastest (`reference.lattice`),
+            equispaced in the reference cell.
+        bodies: names of the bodies.
+        body: (ncells,) int32, index into `bodies`.
+        surfaces: name -> (n, 2) int32, exterior facets as (root cell, local face).
+        vertices: name -> (n,) int64, nodes at cell corners, for conditions at points.
+
+    Raises:
+        GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
+        SceneError: a cell without body, a surface facet that is not on the boundary.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    bodies: tuple[str, ...]
+    body: np.ndarray
+    surfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    vertices: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self):
+        _check_shapes(self)
+        _check_jacobian(self)
+        _check_conforming(self)
+        _check_tags(self)
+
+    @cached_property
+    def order(self):
+        """Polynomial order p of the cell maps."""
+        return round(self.cells.shape[1] ** (1 / 3)) - 1
+
+    @cached_property
+    def corners(self):
+        """(ncells, 8) int64: the nodes at the cell corners, tensor order."""
+        return self.cells[:, reference.corner_nodes(self.order)]
+
+    @cached_property
+    def face_neighbours(self):
+        """(ncells, 6) int32: how many cells share each local face (1: exterior)."""
+        faces = np.sort(self.corners[:, reference.FACE_CORNERS], axis=2).reshape(-1, 4)
+        _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
+        return count[inverse.ravel()].reshape(-1, 6).astype(np.int32)
+
+    def surface(self, name):
+        """Facets of a named surface.
+
+        Args:
+            name: a key of `surfaces`.
+
+        Returns:
+            (n, 2) int32 rows (root cell, local face).
+
+        Raises:
+            SceneError: there is no such surface.
+        """
+        if name not in self.surfaces:
+            raise SceneError(f"unknown surface {name!r}; the root mesh has {_names(self.surfaces)}")
+        return self.surfaces[name]
+
+    def facet_points(self, facets, order=None):
+        """Positions on curved facets, at the lattice of a given order.
+
+        Args:
+            facets: (n, 2) int (root cell, local face).
+            order: lattice order; default the order of the mesh, whose lattice is its nodes.
+
+        Returns:
+            (n, (order+1)^2, 3) float64 [m], first tangent of the face fastest.
+        """
+        order = order or self.order
+        functions = reference.lagrange(self.order, np.linspace(0, 1, order + 1))
+        values = reference.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
+        return np.take_along_axis(values, reference.face_nodes(order)[facets[:, 1]][:, :, None], axis=1)
+
+    def evaluate(self, cells, coordinates):
+        """Positions of tensor lattices of points inside root cells.
+
+        Local.
+
+        Args:
+            cells: (n,) int, root cells.
+            coordinates: (n, 3, m) float64, reference coordinates in [0, 1] along each axis.
+
+        Returns:
+            (n, m^3, 3) float64 [m], tensor order, x fastest.
+        """
+        m = coordinates.shape[2]
+        result = np.empty((len(cells), m**3, 3))
+        for start in range(0, len(cells), 1 << 15):
+            part = slice(start, start + (1 << 15))
+            functions = [reference.lagrange(self.order, coordinates[part, axis]) for axis in range(3)]
+            result[part] = reference.tensor_evaluate(functions, self.points[self.cells[cells[part]]])
+        return result
+
+
+def _names(names):
+    return ", ".join(repr(name) for name in names) or "none"
+
+
+def _check_shapes(mesh):
+    if mesh.points.ndim != 2 or mesh.points.shape[1] != 3 or not np.isfinite(mesh.points).all():
+        raise GeometryError(f"points must be a finite (npoints, 3) array, got shape {mesh.points.shape}")
+    if mesh.cells.ndim != 2 or not len(mesh.cells):
+        raise GeometryError("the root mesh has no hexahedra; mesh the volumes with transfinite, recombined blocks")
+    nodes = mesh.cells.shape[1]
+    if nodes not in [(p + 1) ** 3 for p in range(1, MAX_ORDER + 1)]:
+        raise GeometryError(
+            f"cells have {nodes} nodes; complete hexahedra of order 1 to {MAX_ORDER} have (order+1)^3 nodes"
+        )
+    if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
+        raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
+    if len(mesh.cells) > 2_000_000:
+        raise GeometryError("more than 2 million root cells: coarsen the root mesh, the leaves refine it")
+
+
+def _check_jacobian(mesh):
+    """The determinant of the cell map at a lattice finer than the nodes; its smallest value must be positive."""
+    x = np.linspace(0, 1, 2 * mesh.order + 1)
+    value, slope = reference.lagrange(mesh.order, x), reference.lagrange_derivative(mesh.order, x)
+    smallest = np.empty(len(mesh.cells))
+    for start in range(0, len(mesh.cells), 4096):
+        nodal = mesh.points[mesh.cells[start : start + 4096]]
+        columns = [
+            reference.tensor_evaluate([slope if a == axis else value for a in range(3)], nodal) for axis in range(3)
+        ]
+        determinant = np.linalg.det(np.stack(columns, axis=-1))
+        smallest[start : start + 4096] = determinant.min(axis=1) / np.maximum(np.abs(determinant).max(axis=1), 1e-300)
+    if smallest.min() <= 1e-8:
+        cell = int(smallest.argmin())
+        raise GeometryError(
+            f"root cell {cell} of {len(mesh.cells)} is inverted or degenerate: the smallest Jacobian determinant is "
+            f"{smallest[cell]:.2g} times the largest, near {mesh.points[mesh.cells[cell]].mean(axis=0)}; "
+            "check the node order (tensor order, x fastest) and the shape of the block"
+        )
+
+
+def _check_conforming(mesh):
+    if mesh.face_neighbours.max() > 2:
+        cell, face = np.argwhere(mesh.face_neighbours > 2)[0]
+        raise GeometryError(f"more than two cells share face {face} of root cell {cell}")
+    nodes = mesh.cells[:, reference.face_nodes(mesh.order)].reshape(len(mesh.cells) * 6, -1)
+    corners = np.sort(mesh.corners[:, reference.FACE_CORNERS], axis=2).reshape(-1, 4)
+    order = np.lexsort(corners.T)
+    twins = order[:-1][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
+    partner = order[1:][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
+    differ = (np.sort(nodes[twins], axis=1) != np.sort(nodes[partner], axis=1)).any(axis=1)
+    if differ.any():
+        first, second = twins[differ][0] // 6, partner[differ][0] // 6
+        raise GeometryError(f"root cells {first} and {second} share the corners of a face but not its inner nodes")
+    exterior = np.argwhere(mesh.face_neighbours == 1)
+    for index, name in enumerate(mesh.bodies):
+        _check_no_crack(mesh, name, exterior[mesh.body[exterior[:, 0]] == index])
+
+
+def _check_no_crack(mesh, name, facets):
+    """No corner of a body's boundary may lie on a facet of the same body that does not have it as a node."""
+    if not len(facets):
+        return
+    corners = np.unique(mesh.corners[facets[:, 0]][np.arange(len(facets))[:, None], _face_corners(facets)])
+    positions = mesh.points[corners]
+    size = np.ptp(positions, axis=0).max()
+    lattice = mesh.facet_points(facets, order=2)
+    distance, nearest = cKDTree(positions).query(lattice.reshape(-1, 3), distance_upper_bound=1e-9 * size)
+    hit = np.isfinite(distance).reshape(len(facets), 9)
+    facet, place = np.nonzero(hit)
+    found = corners[nearest.reshape(len(facets), 9)[facet, place]]
+    own = np.stack([mesh.corners[facets[facet, 0]][np.arange(len(facet)), _face_corners(facets)[facet, i]] for i in range(4)])
+    stray = (own != found).all(axis=0)
+    if stray.any():
+        cell, face = facets[facet[stray][0]]
+        raise GeometryError(
+            f"body {name!r} does not hold together near {mesh.points[found[stray][0]]}: a corner of another cell lies "
+            f"on face {face} of root cell {cell} without being one of its nodes; merge the duplicate nodes, or make "
+            "the two blocks match"
+        )
+
+
+def _face_corners(facets):
+    return reference.FACE_CORNERS[facets[:, 1]]
+
+
+def _check_tags(mesh):
+    if mesh.body.shape != (len(mesh.cells),):
+        raise SceneError(f"body must have one entry a cell, got shape {mesh.body.shape}")
+    if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
+        cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
+        raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
+    for name, facets in mesh.surfaces.items():
+        if facets.ndim != 2 or facets.shape[1] != 2 or facets.min() < 0 or facets[:, 1].max() > 5 or (
+            facets[:, 0].max() >= len(mesh.cells)
+        ):
+            raise SceneError(f"surface {name!r} must have rows (root cell, local face 0..5)")
+        inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1
+        if inner.any():
+            cell, face = facets[inner][0]
+            raise SceneError(f"surface {name!r} has face {face} of root cell {cell}, which is inside a body")
