@@ -1,0 +1,199 @@
+"""From forest leaves to a dolfinx mesh with geometry of order q, and back from its cells to the leaves.
+
+Geometry nodes are shared by entity of the leaf mesh: a fine vertex and the middle node of a coarse edge at the same
+place are different nodes, as dolfinx needs it on meshes with hanging nodes.
+"""
+
+from dataclasses import dataclass
+
+import basix.ufl
+import numpy as np
+from basix import CellType, LagrangeVariant
+from dolfinx.mesh import create_mesh
+from mpi4py import MPI
+
+from fx_contact import reference
+from fx_contact.lattice import SIDE
+from fx_contact.partition import partitioner
+
+
+@dataclass(frozen=True, eq=False)
+class LeafMesh:
+    """A dolfinx mesh whose cells are leaves.
+
+    Attributes:
+        mesh: dolfinx Mesh; every rank's cells are its leaves, none is a ghost.
+        order: geometry order q.
+        leaf: (ncells,) int64, this rank's leaf of each local cell.
+        vertices: (ncells, 8) int32, position in `forest.vertices` of each local cell's corners.
+    """
+
+    mesh: object
+    order: int
+    leaf: np.ndarray
+    vertices: np.ndarray
+
+    def facets(self, forest, facets):
+        """Exterior facets that lie on given root facets, as dolfinx integrates over them.
+
+        Local.  Hanging facets, which dolfinx takes for exterior ones, are not among them.
+
+        Args:
+            forest: the Forest of the mesh.
+            facets: (k, 2) int rows (root cell, local face).
+
+        Returns:
+            (m, 2) int32 rows (local cell, local facet).
+        """
+        leaf, face = forest.boundary_faces(facets)
+        cell = np.empty(len(self.leaf), dtype=np.int32)
+        cell[self.leaf] = np.arange(len(cell))
+        rows = np.stack([cell[leaf], face.astype(np.int32)], axis=1)
+        return rows[np.lexsort(rows.T[::-1])]
+
+
+def leaf_mesh(forest, order):
+    """Make the dolfinx mesh of a forest.
+
+    Collective on forest.comm.
+
+    Args:
+        forest: Forest, distributed as the mesh shall be.
+        order: geometry order q, at most that of the root mesh; with q equal to it the leaf maps are exact.
+
+    Returns:
+        LeafMesh.
+    """
+    nodes, x = _geometry_nodes(forest, order)
+    element = basix.ufl.element(
+        "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, shape=(3,)
+    )
+    mesh = create_mesh(
+        forest.comm, cells=nodes[:, _basix_order(order)], e=element, x=x, partitioner=partitioner(forest.comm)
+    )
+    first = forest.comm.exscan(len(forest)) or 0
+    leaf = mesh.topology.original_cell_index - first
+    return LeafMesh(mesh, order, leaf, forest.vertices.cells[leaf])
+
+
+def sufficient_order(forest, tolerance):
+    """The lowest geometry order that holds the root map on every leaf.
+
+    Collective on forest.comm.
+
+    Args:
+        forest: Forest.
+        tolerance: largest distance between the map of order q and that of the root cell, relative to the leaf's size.
+
+    Returns:
+        int, 1 to the order of the root mesh.
+    """
+    p = forest.mesh.order
+    for order in range(1, p):
+        if forest.comm.allreduce(_interpolation_error(forest, order), op=MPI.MAX) <= tolerance:
+            return order
+    return p
+
+
+def _interpolation_error(forest, order):
+    """Largest relative distance between leaf maps of an order and the exact ones, at a lattice between the nodes."""
+    p, worst = forest.mesh.order, 0.0
+    to_exact = reference.lagrange(order, np.linspace(0, 1, p + 1))
+    for start in range(0, len(forest), 1 << 15):
+        part = slice(start, start + (1 << 15))
+        exact = _positions(forest, part, p)
+        coarse = reference.tensor_evaluate((to_exact,) * 3, _positions(forest, part, order))
+        size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
+        worst = max(worst, float((np.linalg.norm(coarse - exact, axis=2).max(axis=1) / size).max(initial=0)))
+    return worst
+
+
+def _positions(forest, leaves, order):
+    """Positions of the nodes of leaves at the lattice of an order: (n, (order+1)^3, 3)."""
+    low = forest.anchor[leaves] / SIDE
+    side = 0.5 ** forest.level[leaves].astype(np.float64)
+    coordinates = low[:, :, None] + side[:, None, None] * np.linspace(0, 1, order + 1)
+    return forest.mesh.evaluate(forest.cell[leaves], coordinates)
+
+
+def vertex_positions(forest):
+    """Positions of this rank's vertices on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+
+    Returns:
+        (m, 3) float64 [m], in the order of `forest.vertices`.
+    """
+    leaf, corner = forest.vertices.example.T
+    points = forest.corners[leaf, corner] / SIDE
+    return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]
+
+
+def _geometry_nodes(forest, order):
+    """Global nodes of each leaf in tensor order, (n, (q+1)^3) int64, and the positions of those this rank numbers.
+
+    Nodes are numbered rank by rank; on a rank those of vertices, then of edges, faces and cells.
+    """
+    comm, inner = forest.comm, order - 1
+    vertex, owner = forest.vertices.directory.number()
+    kinds = [(vertex, owner, forest.vertices.cells, reference.corner_nodes(order)[:, None], 0)]
+    if order > 1:
+        ends = vertex[forest.vertices.cells]
+        for entities, corners, inside in (
+            (forest.edges, reference.EDGE_CORNERS, reference.edge_inner_nodes(order)),
+            (forest.faces, reference.FACE_CORNERS, reference.face_inner_nodes(order)),
+        ):
+            place = _edge_places(ends[:, corners], inner) if corners.shape[1] == 2 else (
+                _face_places(ends[:, corners], inner)
+            )
+            kinds.append((*entities.directory.number(), entities.cells, inside, place))
+        cell = np.arange(len(forest))
+        inside = reference.cell_inner_nodes(order)
+        here = np.full(len(cell), comm.rank, dtype=np.int32)
+        kinds.append(((comm.exscan(len(cell)) or 0) + cell, here, cell[:, None], inside[None], np.arange(inner**3)))
+
+    owned = [int((owner == comm.rank).sum()) for _, owner, *_ in kinds]
+    count = np.array(comm.allgather(owned))
+    first = np.cumsum(count, axis=0) - count
+    width = count * [inside.shape[1] for *_, inside, _ in kinds]
+    start = (np.cumsum(width) - width.ravel()).reshape(width.shape)
+
+    nodes = np.empty((len(forest), (order + 1) ** 3), dtype=np.int64)
+    for kind, (number, owner, cells, inside, place) in enumerate(kinds):
+        base = start[owner, kind] + (number - first[owner, kind]) * inside.shape[1]
+        nodes[:, inside] = base[cells][:, :, None] + place
+    low = start[comm.rank, 0]
+    x = np.empty((int(width[comm.rank].sum()), 3))
+    for begin in range(0, len(forest), 1 << 15):
+        part = slice(begin, begin + (1 << 15))
+        mine = (nodes[part] >= low) & (nodes[part] < low + len(x))
+        x[nodes[part][mine] - low] = _positions(forest, part, order)[mine]
+    return nodes, x
+
+
+def _edge_places(ends, inner):
+    """Where the inner nodes of each edge come, counted from its end of lower number: (n, 12, inner)."""
+    backward = ends[:, :, 1] < ends[:, :, 0]
+    along = np.arange(inner)
+    return np.where(backward[:, :, None], inner - 1 - along, along)
+
+
+def _face_places(corners, inner):
+    """Where the inner nodes of each face come, counted from its lowest corner towards the lower neighbour first."""
+    origin = corners.argmin(axis=2)[:, :, None]
+    v, u = np.divmod(np.arange(inner**2), inner)
+    u = np.where(origin & 1, inner - 1 - u, u)
+    v = np.where(origin & 2, inner - 1 - v, v)
+    swap = np.take_along_axis(corners, origin ^ 2, axis=2) < np.take_along_axis(corners, origin ^ 1, axis=2)
+    return np.where(swap, v + inner * u, u + inner * v)
+
+
+def _basix_order(order):
+    """Tensor index of each node of Basix's Lagrange hexahedron, read off its points: ((q+1)^3,) int."""
+    element = basix.create_element(
+        basix.ElementFamily.P, CellType.hexahedron, order, lagrange_variant=LagrangeVariant.equispaced
+    )
+    return np.rint(element.points * order).astype(np.int64) @ [1, order + 1, (order + 1) ** 2]
