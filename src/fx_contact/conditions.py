@@ -1,0 +1,76 @@
+"""Prescribed displacements and surface forces of a scene on the conforming unknowns of a forest."""
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from fx_contact import reference
+from fx_contact.elasticity import QUADRATURE_DEGREE
+from fx_contact.lattice import SIDE
+
+
+def prescribed_displacements(scene, forest, prolongation):
+    """Prescribed displacement components at this rank's conforming vertices.
+
+    Collective on forest.comm.  Hanging vertices have none of their own.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        prolongation: Prolongation of the forest.
+
+    Returns:
+        (owned, 3) float64 [m], NaN where the component is free.
+    """
+    vertices = forest.vertices
+    sums = np.zeros((len(vertices), 6))
+    for condition in scene.dirichlet:
+        at = np.zeros(len(vertices), dtype=bool)
+        at[_vertices_at(scene, forest, condition.where)] = True
+        given = ~np.isnan(condition.values)
+        rows = np.flatnonzero(at & ~prolongation.hanging)
+        sums[np.ix_(rows, np.flatnonzero(given))] = condition.values[given]
+        sums[np.ix_(rows, 3 + np.flatnonzero(given))] = 1
+    # The owner of a vertex need not have a leaf face on the surface: ranks that have one tell it.
+    total = prolongation.restrict(sums)
+    with np.errstate(invalid="ignore"):
+        return np.where(total[:, 3:] > 0, total[:, :3] / total[:, 3:], np.nan)
+
+
+def _vertices_at(scene, forest, name):
+    """This rank's vertices on a named surface, or at a named vertex, of the root mesh."""
+    mesh = forest.mesh
+    if name in mesh.surfaces:
+        leaf, face = forest.boundary_faces(mesh.surfaces[name])
+        return forest.vertices.cells[leaf[:, None], reference.FACE_CORNERS[face]]
+    cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(name)))
+    points = (SIDE * reference.CORNERS[corner])[:, None]
+    place = forest.vertices.find(forest.lattice.keys(cell, points)[:, 0])
+    return place[place >= 0]
+
+
+def load(scene, forest, leaf_mesh, elasticity):
+    """Generalised external forces of the tractions on the conforming vertices.
+
+    Collective on forest.comm.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        leaf_mesh: LeafMesh of the forest.
+        elasticity: Elasticity on that mesh.
+
+    Returns:
+        (owned, 3) float64 [N].
+    """
+    forces = np.zeros((len(forest.vertices), 3))
+    if scene.tractions:
+        mesh, test = leaf_mesh.mesh, ufl.TestFunction(elasticity.space)
+        mesh.topology.create_connectivity(2, 3)
+        data = [(i, leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel()) for i, t in enumerate(scene.tractions)]
+        ds = ufl.Measure("ds", mesh, subdomain_data=data, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        values = [fem.Constant(mesh, np.array(t.value, dtype=np.float64)) for t in scene.tractions]
+        form = fem.form(sum(ufl.inner(value, test) * ds(i) for i, value in enumerate(values)))
+        vector = fem.assemble_vector(form)
+        forces[elasticity.vertex_of_block] = vector.array.reshape(-1, 3)
+    return elasticity.prolongation.restrict(forces)

@@ -1,0 +1,140 @@
+"""Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K."""
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix_mat
+from dolfinx.la import InsertMode, vector
+from petsc4py import PETSc
+from scipy.sparse import bsr_matrix, csr_matrix, identity, kron
+
+#: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
+QUADRATURE_DEGREE = 3
+
+
+class Elasticity:
+    """Q1 displacements on a leaf mesh with one material a body.
+
+    Collective on mesh.comm.
+
+    Args:
+        leaf_mesh: LeafMesh.
+        materials: (nbodies, 2) float64 rows (E [Pa], nu [-]), in the order of the bodies.
+        body: (ncells,) int32, body of each local cell.
+        prolongation: Prolongation of the forest.
+        stages: Stages, for the times.
+
+    Attributes:
+        mesh: the dolfinx mesh.
+        prolongation: as given.
+        space: displacement space, a block of 3 a vertex.
+        u: displacement, a Function [m].
+        vertex_of_block: (nblocks,) int64, position in the forest's vertices of each local block of `space`.
+        lame: the two Lame coefficients, Functions constant on cells [Pa].
+    """
+
+    def __init__(self, leaf_mesh, materials, body, prolongation, stages):
+        self.mesh = mesh = leaf_mesh.mesh
+        self.prolongation = prolongation
+        with stages("compile"):
+            self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+            constant = fem.functionspace(mesh, ("DG", 0))
+        self.u = fem.Function(self.space, name="displacement")
+        self._leaf_mesh, self._stages = leaf_mesh, stages
+        blocks = self.space.dofmap.list
+        imap = self.space.dofmap.index_map
+        self.vertex_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
+        self.vertex_of_block[blocks] = leaf_mesh.vertices
+        young, poisson = materials[body].T
+        self.lame = fem.Function(constant), fem.Function(constant)
+        cells = constant.dofmap.list[:, 0]
+        self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
+
+    def stress(self, u):
+        """Cauchy stress [Pa] of a displacement, a UFL expression."""
+        strain = ufl.sym(ufl.grad(u))
+        return self.lame[0] * ufl.tr(strain) * ufl.Identity(3) + 2 * self.lame[1] * strain
+
+    def set_displacement(self, conforming):
+        """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
+        values = self.prolongation.prolong(conforming)
+        self.u.x.array[:] = values[self.vertex_of_block].ravel()
+
+    def stiffness(self, pairs=None):
+        """P^T K P on the conforming unknowns, with room for contact blocks.
+
+        Collective on mesh.comm.  Cells without hanging vertex go straight into the matrix; for the others the product
+        is taken on this rank's part of K, which has only their rows.
+
+        Args:
+            pairs: NodePairs, or None without contact.
+
+        Returns:
+            PETSc AIJ matrix with blocks of 3, not yet assembled: `Mat.assemble` ends it.
+        """
+        imap = self.prolongation.index_map
+        conforming = self.prolongation.conforming[self.vertex_of_block]
+        number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
+        blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
+        matrix = PETSc.Mat().create(self.mesh.comm)
+        matrix.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        matrix.setPreallocationNNZ(self._row_lengths(pairs))
+        lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
+        matrix.setLGMap(lgmap, lgmap)
+
+        irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
+        assemble_matrix_mat(matrix, self._form(np.flatnonzero(~irregular)))
+        self._add_irregular(matrix, np.flatnonzero(irregular), number)
+        return matrix
+
+    def _row_lengths(self, pairs):
+        """Entries of each owned row in columns of this rank and of others, at most: two (3 owned,) int32 arrays."""
+        imap = self.prolongation.index_map
+        cells, size = self._leaf_mesh.vertices, imap.size_local + imap.num_ghosts
+        corners = csr_matrix(
+            (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
+            shape=(len(cells), len(self.prolongation.vertices)),
+        )
+        touches = corners @ self.prolongation.matrix.astype(bool)
+        graph = touches.T @ touches
+        rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
+        if pairs is not None:
+            rows = np.concatenate([rows, pairs.first, pairs.second])
+            columns = np.concatenate([columns, pairs.second, pairs.first])
+        owner = np.concatenate([np.full(imap.size_local, self.mesh.comm.rank, dtype=np.int32), imap.owners])
+        same = owner[rows] == owner[columns]
+        lengths = vector(imap, 2, dtype=np.int32)
+        lengths.array[:] = np.stack([np.bincount(rows[s], minlength=size) for s in (same, ~same)], axis=1).ravel()
+        lengths.scatter_reverse(InsertMode.add)
+        limits = np.array([imap.size_local, imap.size_global - imap.size_local])
+        return tuple(
+            np.repeat(3 * np.minimum(length, limit), 3).astype(np.int32)
+            for length, limit in zip(lengths.array.reshape(-1, 2)[: imap.size_local].T, limits)
+        )
+
+    def _form(self, cells):
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        domain = [(1, np.asarray(cells, dtype=np.int32))]
+        dx = ufl.Measure("dx", self.mesh, subdomain_data=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        with self._stages("compile"):
+            return fem.form(ufl.inner(self.stress(trial), ufl.sym(ufl.grad(test))) * dx(1))
+
+    def _add_irregular(self, matrix, cells, number):
+        form = self._form(cells)
+        local = fem.create_matrix(form)
+        fem.assemble_matrix(local, form)
+        # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
+        columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
+        indptr = np.pad(local.indptr, (0, columns + 1 - len(local.indptr)), mode="edge")
+        stiffness = bsr_matrix((local.data.reshape(-1, 3, 3), local.indices, indptr), shape=(3 * columns, 3 * columns))
+        interpolation = self.prolongation.matrix[self.vertex_of_block]
+        interpolation.resize(columns, interpolation.shape[1])
+        interpolation = kron(interpolation, identity(3), format="bsr")
+        product = (interpolation.T @ stiffness @ interpolation).tobsr((3, 3))
+        rows = np.flatnonzero(np.diff(product.indptr))
+        indptr = np.concatenate([[0], np.cumsum(np.diff(product.indptr)[rows])]).astype(np.int32)
+        matrix.setValuesBlockedIJV(
+            indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+        )

@@ -1,0 +1,299 @@
+"""What is asked for: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Real
+
+import numpy as np
+
+from fx_contact import reference
+from fx_contact.errors import SceneError
+from fx_contact.pairing import Pairing
+from fx_contact.rootmesh import RootMesh
+
+COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True)
+class Material:
+    """An isotropic linear elastic material.
+
+    Attributes:
+        young: Young's modulus E [Pa], positive.
+        poisson: Poisson's ratio nu [-], in (-1, 0.5).
+
+    Raises:
+        SceneError: a value outside its range.
+    """
+
+    young: float
+    poisson: float
+
+    def __post_init__(self):
+        _check_number("Young's modulus", self.young)
+        _check_number("Poisson's ratio", self.poisson)
+        if self.young <= 0:
+            raise SceneError(f"Young's modulus must be positive, got {self.young}")
+        if not -1 < self.poisson < 0.5:
+            raise SceneError(f"Poisson's ratio must lie between -1 and 0.5 (excluded), got {self.poisson}")
+
+    @property
+    def plane_strain_modulus(self):
+        """E/(1 - nu^2) [Pa]."""
+        return self.young / (1 - self.poisson**2)
+
+
+@dataclass(frozen=True)
+class Dirichlet:
+    """Prescribed displacement components on a surface or at a named vertex.
+
+    Attributes:
+        where: name of a surface or vertex of the root mesh.
+        x, y, z: displacement [m], None where the component is free.
+
+    Raises:
+        SceneError: no component is given, or one is not a finite number.
+    """
+
+    where: str
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+
+    def __post_init__(self):
+        given = [c for c in COMPONENTS if getattr(self, c) is not None]
+        if not given:
+            raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
+        for component in given:
+            _check_number(f"the displacement {component} on {self.where!r}", getattr(self, component))
+
+    @property
+    def values(self):
+        """(3,) float64 displacement [m], NaN where the component is free."""
+        return np.array([np.nan if v is None else float(v) for v in (self.x, self.y, self.z)])
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A uniform surface force.
+
+    Attributes:
+        surface: name of a surface of the root mesh.
+        value: force per undeformed area in x, y, z [Pa].
+
+    Raises:
+        SceneError: value is not three finite numbers.
+    """
+
+    surface: str
+    value: tuple[float, float, float]
+
+    def __post_init__(self):
+        _check_vector(f"the traction on {self.surface!r}", self.value)
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Two surfaces that may touch.
+
+    Attributes:
+        first, second: names of surfaces of the root mesh, meshed alike.
+        direction: from the first body to the second, the direction in which gaps are measured [-], of any length;
+            None: between closest points, along the surfaces' normals.
+
+    Raises:
+        SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
+    """
+
+    first: str
+    second: str
+    direction: tuple[float, float, float] | None = None
+
+    def __post_init__(self):
+        if self.first == self.second:
+            raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
+        if self.direction is not None:
+            _check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
+            if not np.linalg.norm(self.direction):
+                raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A contact problem.
+
+    Attributes:
+        name: for records and file names.
+        mesh: RootMesh.
+        materials: body name -> Material, one for each body.
+        dirichlet: prescribed displacements.
+        contact: contact pairs.
+        tractions: surface forces.
+        symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
+            records are those of the whole.
+        contact_centre: a point on the axis about which `contact_radius` is measured [m].
+
+    Raises:
+        SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
+            place, a body that nothing holds.
+    """
+
+    name: str
+    mesh: RootMesh
+    materials: Mapping[str, Material]
+    dirichlet: tuple[Dirichlet, ...] = ()
+    contact: tuple[ContactPair, ...] = ()
+    tractions: tuple[Traction, ...] = ()
+    symmetry: int = 1
+    contact_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        mesh = self.mesh
+        for body in self.materials:
+            if body not in mesh.bodies:
+                raise SceneError(f"unknown body {body!r}; the root mesh has {', '.join(map(repr, mesh.bodies))}")
+        for body in mesh.bodies:
+            if not isinstance(self.materials.get(body), Material):
+                raise SceneError(f"body {body!r} has no material")
+        for pair in self.contact:
+            mesh.surface(pair.first), mesh.surface(pair.second)
+        for traction in self.tractions:
+            mesh.surface(traction.surface)
+        _check_held(self)
+
+    @cached_property
+    def pairing(self):
+        """Which root facets face each other (`Pairing`)."""
+        return Pairing(self.mesh, self.contact)
+
+    def place(self, name):
+        """Corner nodes of a named surface or vertex of the root mesh.
+
+        Args:
+            name: of a surface or a vertex.
+
+        Returns:
+            (n,) int64 nodes.
+
+        Raises:
+            SceneError: nothing has that name.
+        """
+        mesh = self.mesh
+        if name in mesh.surfaces:
+            cell, face = mesh.surfaces[name].T
+            return np.unique(mesh.corners[cell[:, None], reference.FACE_CORNERS[face]])
+        if name in mesh.vertices:
+            return mesh.vertices[name]
+        places = ", ".join(map(repr, [*mesh.surfaces, *mesh.vertices])) or "none"
+        raise SceneError(f"unknown surface or vertex {name!r}; the root mesh has {places}")
+
+    def contact_directions(self, facets):
+        """Direction in which gaps are measured at facets of first surfaces: as given, or the mean normal.
+
+        Args:
+            facets: (n, 2) int rows (root cell, local face).
+
+        Returns:
+            (n, 3) float64 unit vectors, out of the first body.
+        """
+        result = outward_normals(self.mesh, facets)
+        pair = self.pairing.pair[facets[:, 0], facets[:, 1]]
+        for index, contact in enumerate(self.contact):
+            if contact.direction is not None:
+                result[pair == index] = np.asarray(contact.direction) / np.linalg.norm(contact.direction)
+        return result
+
+    def prescribed(self, points):
+        """Prescribed displacements at the nodes of the root mesh.
+
+        Args:
+            points: (npoints, 3) float64, the nodes' positions [m].
+
+        Returns:
+            (npoints, 3) float64 [m], NaN where free.
+
+        Raises:
+            SceneError: an unknown place, or two values for one component at one node.
+        """
+        result = np.full(points.shape, np.nan)
+        for condition in self.dirichlet:
+            nodes = self.place(condition.where)
+            for component in np.flatnonzero(~np.isnan(condition.values)):
+                value, before = condition.values[component], result[nodes, component]
+                clash = ~np.isnan(before) & (before != value)
+                if clash.any():
+                    raise SceneError(
+                        f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {value} m where "
+                        f"another condition says {before[clash][0]} m, near {points[nodes[clash][0]]}"
+                    )
+                result[nodes, component] = value
+        return result
+
+
+def outward_normals(mesh, facets):
+    """Unit normals of root facets, out of their cells: (n, 3) float64.
+
+    Args:
+        mesh: RootMesh.
+        facets: (n, 2) int rows (root cell, local face).
+    """
+    corners = mesh.facet_points(facets, order=1)
+    normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])
+    normal *= reference.FACE_ORIENTATION[facets[:, 1]][:, None]
+    return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
+def _check_number(what, value):
+    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(value):
+        raise SceneError(f"{what} must be a finite number, got {value!r}")
+
+
+def _check_vector(what, value):
+    if np.shape(value) != (3,):
+        raise SceneError(f"{what} must have three components, got {value!r}")
+    for component in value:
+        _check_number(what, component)
+
+
+def _check_held(scene):
+    """The rigid motions of all bodies that neither a condition nor contact resists must be none."""
+    mesh = scene.mesh
+    size = max(np.ptp(mesh.points, axis=0).max(), np.finfo(float).tiny)
+    points = (mesh.points - mesh.points.mean(axis=0)) / size
+    body = np.zeros(len(points), dtype=np.int64)
+    body[mesh.corners] = mesh.body[:, None]
+    prescribed = scene.prescribed(mesh.points)
+    rows = [np.zeros((1, 6 * len(mesh.bodies)))]
+    for component, direction in enumerate(np.eye(3)):
+        nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
+        rows.append(_rigid_motions(points[nodes], body[nodes], len(mesh.bodies), direction))
+    cell, face = np.nonzero(scene.pairing.first)
+    first = np.stack([cell, face], axis=1)
+    second = scene.pairing.partner[cell, face]
+    direction = scene.contact_directions(first)
+    here, there = ((mesh.facet_points(f, order=1).mean(axis=1) - mesh.points.mean(axis=0)) / size for f in (first, second))
+    rows.append(
+        _rigid_motions(here, mesh.body[first[:, 0]], len(mesh.bodies), direction)
+        - _rigid_motions(there, mesh.body[second[:, 0]], len(mesh.bodies), direction)
+    )
+    held = np.concatenate(rows)
+    _, strength, motions = np.linalg.svd(held.T @ held)
+    free = motions[strength <= 1e-10 * max(strength[0], 1e-300)]
+    if len(free):
+        loose = np.linalg.norm(free.reshape(-1, len(mesh.bodies), 6), axis=(0, 2)) > 1e-6
+        names = ", ".join(repr(name) for name, moves in zip(mesh.bodies, loose) if moves)
+        raise SceneError(
+            f"nothing holds body {names}: {len(free)} rigid motions meet neither a displacement condition nor a "
+            "contact surface; prescribe displacements that stop them (a vertex is enough where no force acts)"
+        )
+
+
+def _rigid_motions(points, bodies, nbodies, direction):
+    """Component along a direction of the six rigid motions of each body at points: (n, 6 nbodies)."""
+    result = np.zeros((len(points), nbodies, 6))
+    rows = np.arange(len(points))
+    direction = np.broadcast_to(direction, points.shape)
+    result[rows, bodies, :3] = direction
+    result[rows, bodies, 3:] = np.cross(points, direction)
+    return result.reshape(len(points), -1)
