@@ -1,0 +1,8 @@
+"""Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
+
+from fx_contact.adapt import adapt
+from fx_contact.contact import Penalty
+from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
+from fx_contact.solve import Solver
+
+__all__ = ["ContactPair", "Dirichlet", "Material", "Penalty", "Scene", "Solver", "Traction", "adapt"]

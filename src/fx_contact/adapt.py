@@ -1,0 +1,207 @@
+"""The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
+
+from dataclasses import dataclass
+
+import dolfinx
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact import partition
+from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.contact import Penalty, node_pairs
+from fx_contact.elasticity import Elasticity
+from fx_contact.errors import SceneError
+from fx_contact.estimate import estimate
+from fx_contact.forest import Forest
+from fx_contact.hanging import Prolongation
+from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.report import Stages, peak_memory
+from fx_contact.solve import Solver, solve_contact
+
+#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
+#: where the program chooses the geometry order.
+GEOMETRY_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The state after one adaptive step.
+
+    Attributes:
+        record: dict, the contract of `steps.jsonl`.
+        scene: Scene.
+        forest: Forest.
+        leaf_mesh: LeafMesh.
+        elasticity: Elasticity; its `u` is the displacement.
+        pairs: NodePairs or None.
+        contact: ContactSolution.
+        estimate: Estimate.
+        stages: Stages of this step, from the refinement that led to it.
+    """
+
+    record: dict
+    scene: object
+    forest: Forest
+    leaf_mesh: object
+    elasticity: Elasticity
+    pairs: object
+    contact: object
+    estimate: object
+    stages: Stages
+
+
+def adapt(
+    scene,
+    tolerance,
+    comm=MPI.COMM_WORLD,
+    *,
+    max_steps=20,
+    geometry_order=None,
+    penalty=None,
+    solver=None,
+    partition_kind="contact-sfc",
+):
+    """Solve a scene to a prescribed accuracy, refining where the error is.
+
+    Collective on comm; so is every step of the iteration.
+
+    Args:
+        scene: Scene, the same on all ranks.
+        tolerance: prescribed relative error e in the energy norm, (6) [-].
+        comm: MPI communicator.
+        max_steps: most solves.
+        geometry_order: order of the leaf maps; None: the lowest that holds the root map to
+            `GEOMETRY_SHARE` times the tolerance.
+        penalty: Penalty; None: the default one.
+        solver: Solver; None: the default one.
+        partition_kind: a key of `partition.KINDS`.
+
+    Yields:
+        Step, until xi / (e omega) <= 1 or max_steps are done.
+
+    Raises:
+        SceneError: a tolerance that is not positive, an order above that of the root mesh.
+        SolveError: a solve fails; what was yielded before stays valid.
+    """
+    _check_arguments(scene, tolerance, max_steps, geometry_order)
+    penalty, solver = penalty or Penalty(), solver or Solver()
+    forest, carried, stages = Forest.of_roots(comm, scene.mesh, scene.pairing), None, Stages()
+    for number in range(max_steps):
+        with stages("partition"):
+            forest, carried = partition.repartition(forest, carried, partition_kind)
+            quality = partition.quality(forest, partition_kind)
+        step = _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality)
+        yield step
+        if step.record["ratio"] <= 1 or number == max_steps - 1:
+            return
+        stages = Stages()
+        with stages("refine"):
+            forest, carried = _refine(step, tolerance)
+        del step
+
+
+def _check_arguments(scene, tolerance, max_steps, geometry_order):
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise SceneError(f"the tolerance must be a positive number, got {tolerance}")
+    if max_steps < 1:
+        raise SceneError(f"max_steps must be at least 1, got {max_steps}")
+    if geometry_order is not None and not 1 <= geometry_order <= scene.mesh.order:
+        raise SceneError(f"the geometry order must be 1 to {scene.mesh.order}, that of the root mesh, got {geometry_order}")
+
+
+def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality):
+    """One step on a given forest."""
+    comm = forest.comm
+    with stages("hanging"):
+        prolongation = Prolongation(forest)
+    with stages("mesh"):
+        order = geometry_order or sufficient_order(forest, GEOMETRY_SHARE * tolerance)
+        cells = leaf_mesh(forest, order)
+    with stages("assemble"):
+        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
+        elasticity = Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], prolongation, stages)
+        pairs = node_pairs(scene, forest, prolongation, penalty) if scene.contact else None
+        matrix = elasticity.stiffness(pairs)
+    with stages("system"):
+        prescribed = prescribed_displacements(scene, forest, prolongation)
+        forces = load(scene, forest, cells, elasticity)
+        start = _start(forest, prolongation, carried)
+    contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages)
+    matrix.destroy()
+    with stages("estimate"):
+        elasticity.set_displacement(contact.displacement)
+        error = estimate(elasticity, stages)
+    record = {
+        "scene": scene.name,
+        "step": number,
+        "ranks": comm.size,
+        "cells": forest.size_global,
+        "dofs": 3 * prolongation.index_map.size_global,
+        "hanging_nodes": prolongation.hanging_global,
+        "max_level": comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
+        "geometry_order": order,
+        **_contact_results(scene, pairs, contact, comm),
+        "contact_iterations": contact.contact_iterations,
+        "krylov_iterations": contact.krylov_iterations,
+        "estimate": error.relative,
+        "tolerance": tolerance,
+        "ratio": error.relative / tolerance,
+        "partition": quality,
+        "seconds": stages.seconds(comm),
+        "peak_memory_bytes": peak_memory(comm),
+        "versions": _versions(),
+    }
+    return Step(record, scene, forest, cells, elasticity, pairs, contact, error, stages)
+
+
+def _start(forest, prolongation, carried):
+    """First guess of the conforming displacement from the values that the leaves carry: (owned, 3)."""
+    start = np.zeros((prolongation.owned, 3))
+    if carried is not None:
+        leaf, corner = prolongation.vertices.example.T
+        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+        start[prolongation.conforming[own]] = carried[leaf[own], corner[own]]
+    return start
+
+
+def _refine(step, tolerance):
+    """The next forest and the displacement carried along, at the corners of its leaves (n, 8, 3)."""
+    marked = np.zeros(len(step.forest), dtype=bool)
+    marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance)
+    values = step.elasticity.prolongation.prolong(step.contact.displacement)
+    forest, glue = step.forest.refined(marked)
+    return forest, glue.carry(values[step.forest.vertices.cells])
+
+
+def _contact_results(scene, pairs, contact, comm):
+    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
+    if pairs is None:
+        return dict(active_pairs=0, force=0.0, contact_radius=0.0, max_pressure=0.0, max_penetration=0.0)
+    force = contact.force
+    arm = pairs.position - scene.contact_centre
+    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
+    total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
+    pressure = comm.allreduce(float((force / pairs.area).max(initial=0.0)), op=MPI.MAX)
+    return {
+        "active_pairs": int(active),
+        "force": float(total * scene.symmetry),
+        "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
+        "max_pressure": pressure,
+        "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
+    }
+
+
+def _versions():
+    """Versions of the libraries that the numbers depend on."""
+    return {
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "hypre": _hypre_version(),
+        "numpy": np.__version__,
+    }
+
+
+def _hypre_version():
+    """Release of the hypre that PETSc was built with, None where PETSc does not tell."""
+    return None

@@ -1,0 +1,98 @@
+"""The Zienkiewicz-Zhu estimate: recovery, indicator (3), energies (4), marking (2), stop (6)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fx_contact.elasticity import QUADRATURE_DEGREE
+
+#: Rows and columns of the six components of a symmetric stress in recovered fields.
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Error and energy of a displacement field.
+
+    Attributes:
+        stress: recovered stress, a dolfinx Function of six components a vertex (`VOIGT`) [Pa].
+        error: (ncells,) float64, xi_T of this rank's cells (3) [J^(1/2)].
+        error_global: xi of all cells (6) [J^(1/2)].
+        energy_norm: omega (4) [J^(1/2)].
+        cells: number of cells on all ranks.
+    """
+
+    stress: object
+    error: np.ndarray
+    error_global: float
+    energy_norm: float
+    cells: int
+
+    @property
+    def relative(self):
+        """xi / omega [-]."""
+        return self.error_global / self.energy_norm if self.energy_norm else 0.0
+
+    def marked(self, tolerance):
+        """Cells to refine, criterion (2): xi_T > e omega / sqrt(N).  Local.
+
+        Args:
+            tolerance: prescribed accuracy e [-].
+
+        Returns:
+            (ncells,) bool.
+        """
+        return self.error > tolerance * self.energy_norm / np.sqrt(self.cells)
+
+
+def estimate(elasticity, stages):
+    """Recover the stress of `elasticity.u` and estimate its error.
+
+    Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so each
+    is recovered by itself.
+
+    Args:
+        elasticity: Elasticity, its `u` set.
+        stages: Stages, for the times.
+
+    Returns:
+        Estimate.
+    """
+    mesh, prolongation = elasticity.mesh, elasticity.prolongation
+    dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    with stages("compile"):
+        moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
+        recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
+        sigma = elasticity.stress(elasticity.u)
+        integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
+        moment_form = fem.form(ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
+        smooth = ufl.as_matrix([[recovered[_position(i, j)] for j in range(3)] for i in range(3)])
+        cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
+        both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
+        energy_form = fem.form(ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
+
+    local = np.empty((len(prolongation.vertices), 7))
+    vertex = elasticity.vertex_of_block
+    local[vertex] = fem.assemble_vector(moment_form).array.reshape(-1, 7)
+    sums = prolongation.restrict(local)
+    values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
+    recovered.x.array[:] = values[vertex].ravel()
+
+    energies = fem.assemble_vector(energy_form).array.reshape(-1, 2)
+    error2, energy2 = np.maximum(energies, 0).T
+    total = mesh.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
+    return Estimate(recovered, np.sqrt(error2), np.sqrt(total[0]), np.sqrt(total[0] + total[1]), int(total[2]))
+
+
+def _position(i, j):
+    return VOIGT.index((min(i, j), max(i, j)))
+
+
+def _energy(elasticity, stress):
+    """stress : C^-1 stress, twice the energy density."""
+    first, second = elasticity.lame
+    trace = ufl.tr(stress)
+    return (ufl.inner(stress, stress) - first / (3 * first + 2 * second) * trace**2) / (2 * second)

@@ -1,0 +1,92 @@
+"""Stage times, peak memory, and the table rows of a run."""
+
+import resource
+import time
+from contextlib import contextmanager
+
+from mpi4py import MPI
+
+#: Stages of an adaptive step, as they stand in the records.
+STAGES = (
+    "compile",
+    "partition",
+    "mesh",
+    "hanging",
+    "assemble",
+    "system",
+    "setup",
+    "solve",
+    "estimate",
+    "refine",
+    "output",
+)
+
+
+class Stages:
+    """Wall seconds by stage; a stage inside another is taken out of the outer one.  Local.
+
+    Use: `with stages("mesh"): ...`.
+    """
+
+    def __init__(self):
+        self._seconds = dict.fromkeys(STAGES, 0.0)
+        self._inner = []
+        self._start = time.perf_counter()
+
+    @contextmanager
+    def __call__(self, name):
+        start = time.perf_counter()
+        self._inner.append(0.0)
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            self._seconds[name] += elapsed - self._inner.pop()
+            if self._inner:
+                self._inner[-1] += elapsed
+
+    def seconds(self, comm):
+        """Largest seconds over the ranks, by stage and `total` since the start.
+
+        Collective on comm.
+
+        Args:
+            comm: MPI communicator.
+        """
+        mine = [*self._seconds.values(), time.perf_counter() - self._start]
+        return dict(zip([*STAGES, "total"], (comm.allreduce(s, op=MPI.MAX) for s in mine)))
+
+
+def peak_memory(comm):
+    """Peak resident memory of all ranks together [bytes].  Collective on comm."""
+    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+
+
+#: Columns of the progress table: heading, width, and how to print a record's value.
+_COLUMNS = (
+    ("step", 4, lambda r: str(r["step"])),
+    ("cells", 9, lambda r: f"{r['cells']:,}"),
+    ("dofs", 10, lambda r: f"{r['dofs']:,}"),
+    ("level", 5, lambda r: str(r["max_level"])),
+    ("order", 5, lambda r: str(r["geometry_order"])),
+    ("active", 7, lambda r: f"{r['active_pairs']:,}"),
+    ("contact", 7, lambda r: str(r["contact_iterations"])),
+    ("krylov", 6, lambda r: str(sum(r["krylov_iterations"]))),
+    ("error %", 7, lambda r: f"{100 * r['estimate']:.2f}"),
+    ("force", 11, lambda r: f"{r['force']:.5e}"),
+    ("seconds", 7, lambda r: f"{r['seconds']['total']:.2f}"),
+)
+
+
+def table_head():
+    """The headings of `table_row`."""
+    return "  ".join(name.rjust(width) for name, width, _ in _COLUMNS)
+
+
+def table_row(record):
+    """One line for one step record.
+
+    Args:
+        record: dict, as in `steps.jsonl`.
+    """
+    return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)

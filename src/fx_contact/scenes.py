@@ -1,0 +1,185 @@
+"""Ready scenes."""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.errors import GeometryError, SceneError
+from fx_contact.gmsh_model import root_mesh_from_gmsh
+from fx_contact.reference import CORNERS, FACE_CORNERS
+from fx_contact.rootmesh import MAX_ORDER
+from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
+
+
+def hertz(
+    radius=1.0, displacement=0.01, material=Material(young=1.0, poisson=0.3), order=3, coarse=4, symmetry="quarter",
+    comm=MPI.COMM_WORLD,
+):
+    """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces.
+
+    Collective on comm.  The flat faces move by half the displacement each, free laterally; the gap is measured along z.
+
+    Args:
+        radius: of both spheres [m].
+        displacement: approach of the flat faces [m].
+        material: of both.
+        order: of the root mesh, 1 to 6.
+        coarse: root cells along the side of a block of the half-ball.
+        symmetry: "quarter" models x, y >= 0, "full" the whole half-spheres.
+        comm: MPI communicator.
+
+    Returns:
+        Scene.
+
+    Raises:
+        SceneError, GeometryError: an argument outside its range.
+    """
+    if symmetry not in ("quarter", "full"):
+        raise SceneError(f"unknown symmetry {symmetry!r}; there are 'quarter' and 'full'")
+    if not (np.isfinite(radius) and radius > 0):
+        raise SceneError(f"the radius must be positive, got {radius}")
+    if not np.isfinite(displacement):
+        raise SceneError(f"the displacement must be a finite number, got {displacement}")
+    _check_mesh_size(order, coarse)
+    mesh = root_mesh_from_gmsh(comm, lambda: _half_balls(radius, order, coarse, symmetry))
+    half = displacement / 2
+    conditions = [Dirichlet("top", z=-half), Dirichlet("bottom", z=half)]
+    if symmetry == "quarter":
+        conditions += [Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)]
+    else:
+        for body in ("top", "bottom"):
+            conditions += [Dirichlet(f"{body} centre", x=0.0, y=0.0), Dirichlet(f"{body} rim", y=0.0)]
+    return Scene(
+        name="hertz",
+        mesh=mesh,
+        materials={"lower": material, "upper": material},
+        dirichlet=tuple(conditions),
+        contact=(ContactPair("lower pole", "upper pole", direction=(0.0, 0.0, 1.0)),),
+        symmetry=4 if symmetry == "quarter" else 1,
+    )
+
+
+def _check_mesh_size(order, coarse):
+    if order not in range(1, MAX_ORDER + 1):
+        raise GeometryError(f"the order of the root mesh must be 1 to {MAX_ORDER}, got {order}")
+    if not (isinstance(coarse, (int, np.integer)) and coarse >= 1):
+        raise SceneError(f"coarse must be a positive number of root cells, got {coarse}")
+
+
+#: Corners of the inner cube of the ball on an axis, on a diagonal and on a space diagonal, relative to the radius.
+_ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55, 0.6
+
+
+def _half_balls(radius, order, coarse, symmetry):
+    """Gmsh model of two half-balls whose poles touch in the origin, the flat faces at z = -radius and +radius."""
+    import gmsh
+
+    gmsh.clear()
+    gmsh.model.add("hertz")
+    surfaces = {}
+    for body, flat, sign in (("lower", "bottom", -1), ("upper", "top", 1)):
+        blocks = Blocks(coarse)
+        for turn in range(1 if symmetry == "quarter" else 4):
+            _ball_octant(blocks, radius, turn, sign)
+        gmsh.model.geo.synchronize()
+        gmsh.model.addPhysicalGroup(3, blocks.volumes, name=body)
+        for name, tags in blocks.named.items():
+            surfaces.setdefault({"pole": f"{body} pole", "flat": flat}.get(name, name), []).extend(tags)
+        if symmetry == "full":
+            gmsh.model.addPhysicalGroup(0, [blocks.point((0.0, 0.0, sign * radius))], name=f"{flat} centre")
+            gmsh.model.addPhysicalGroup(0, [blocks.point((radius, 0.0, sign * radius))], name=f"{flat} rim")
+    for name, tags in surfaces.items():
+        if symmetry == "quarter" or "=" not in name:
+            gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(order)
+
+
+def _ball_octant(blocks, radius, turn, sign):
+    """Four blocks of a ball: an inner cube and one towards each axis, turned about z; the pole at the origin."""
+    cosine, sine = round(np.cos(turn * np.pi / 2)), round(np.sin(turn * np.pi / 2))
+
+    def corner(bits, distance):
+        x, y, w = distance * radius * bits / np.linalg.norm(bits) if bits.any() else bits * 1.0
+        return (cosine * x - sine * y, sine * x + cosine * y, sign * (radius - w))
+
+    cube = [corner(bits, {0: 0, 1: _ON_AXIS, 2: _ON_DIAGONAL, 3: _ON_SPACE_DIAGONAL}[bits.sum()]) for bits in CORNERS]
+    ball = [corner(bits, 1.0) for bits in CORNERS]
+    centre = (0.0, 0.0, sign * radius)
+    walls = {"x = 0": 0, "y = 0": 1, "flat": 2}
+    blocks.add(cube, {name: [v for v in range(8) if not CORNERS[v, axis]] for name, axis in walls.items()})
+    for axis in range(3):
+        inner = [v for v in range(8) if CORNERS[v, axis]]
+        named = {
+            name: [i for i in range(8) if not CORNERS[inner[i % 4], wall]] for name, wall in walls.items() if wall != axis
+        }
+        if axis == 2:
+            named["pole"] = [4, 5, 6, 7]
+        blocks.add([cube[v] for v in inner] + [ball[v] for v in inner], named, sphere=centre)
+
+
+class Blocks:
+    """Transfinite hexahedral blocks in Gmsh's built-in kernel that share their points, edges and faces.
+
+    Args:
+        cells: number of cells along every edge.
+
+    Attributes:
+        volumes: Gmsh tags of the blocks.
+        named: name -> Gmsh tags of surfaces.
+    """
+
+    def __init__(self, cells):
+        import gmsh
+
+        self._geo, self._cells = gmsh.model.geo, cells
+        self._points, self._lines, self._faces = {}, {}, {}
+        self.volumes, self.named = [], {}
+
+    def point(self, position):
+        """Gmsh tag of the point at a position (3,) [m]."""
+        key = tuple(float(f"{x:.9g}") + 0.0 for x in position)
+        if key not in self._points:
+            self._points[key] = self._geo.addPoint(*position)
+        return self._points[key]
+
+    def add(self, corners, named, sphere=None):
+        """Add a block.
+
+        Args:
+            corners: eight positions in tensor order.
+            named: surface name -> the four local corners of a face.
+            sphere: centre of the sphere that carries the last four corners, or None.
+        """
+        tags = [self.point(corner) for corner in corners]
+        faces = {}
+        for local in FACE_CORNERS:
+            round_ball = sphere is not None and min(local) >= 4
+            faces[frozenset(local.tolist())] = self._face([tags[v] for v in local[[0, 1, 3, 2]]], tags, sphere, round_ball)
+        volume = self._geo.addVolume([self._geo.addSurfaceLoop(list(faces.values()))])
+        order = [tags[v] for v in (0, 1, 3, 2, 4, 5, 7, 6)]
+        self._geo.mesh.setTransfiniteVolume(volume, order)
+        self._geo.mesh.setRecombine(3, volume)
+        self.volumes.append(volume)
+        for name, local in named.items():
+            self.named.setdefault(name, []).append(faces[frozenset(local)])
+
+    def _face(self, loop, block, sphere, on_sphere):
+        key = frozenset(loop)
+        if key not in self._faces:
+            outer = set(block[4:]) if sphere is not None else set()
+            centre = self.point(sphere) if sphere is not None else None
+            lines = [self._line(a, b, centre if {a, b} <= outer else None) for a, b in zip(loop, loop[1:] + loop[:1])]
+            wire = self._geo.addCurveLoop(lines, reorient=True)
+            surface = self._geo.addSurfaceFilling([wire], sphereCenterTag=centre if on_sphere else -1)
+            self._geo.mesh.setTransfiniteSurface(surface, cornerTags=loop)
+            self._geo.mesh.setRecombine(2, surface)
+            self._faces[key] = surface
+        return self._faces[key]
+
+    def _line(self, start, end, centre):
+        key = frozenset((start, end))
+        if key not in self._lines:
+            line = self._geo.addLine(start, end) if centre is None else self._geo.addCircleArc(start, centre, end)
+            self._geo.mesh.setTransfiniteCurve(line, self._cells + 1)
+            self._lines[key] = line
+        return self._lines[key]

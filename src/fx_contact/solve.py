@@ -1,0 +1,296 @@
+"""The linear solver with its preconditioner, and the contact loop over active sets."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact.contact import PenaltyTerm
+from fx_contact.errors import SceneError, SolveError
+
+#: PETSc options of the preconditioners, by name; measured on Hertz systems (see demos/).
+PRECONDITIONERS = {
+    "boomeramg": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "boomeramg",
+        "pc_hypre_boomeramg_numfunctions": 3,
+        "pc_hypre_boomeramg_strong_threshold": 0.25,
+        "pc_hypre_boomeramg_coarsen_type": "HMIS",
+        "pc_hypre_boomeramg_interp_type": "ext+i",
+        "pc_hypre_boomeramg_P_max": 4,
+        "pc_hypre_boomeramg_agg_nl": 1,
+        "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
+        "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
+    },
+    "ilu": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "ilu",
+        "pc_hypre_ilu_maxiter": 1,
+        "pc_hypre_ilu_tol": 0.0,
+        "pc_hypre_ilu_tri_solve": True,
+    },
+}
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the linear systems are solved.
+
+    Attributes:
+        preconditioner: a key of `PRECONDITIONERS`.
+        tolerance: error of the displacement relative to the displacement, in the norm of the operator with its
+            penalty term [-]; contact forces are as accurate, since that norm weighs penetrations with k_N.
+        loose_tolerance: the same while the active set still changes.
+        max_krylov: most iterations of one linear solve.
+        max_contact: most updates of the active set.
+        options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.
+
+    Raises:
+        SceneError: an unknown preconditioner, or a tolerance outside (0, 1).
+    """
+
+    preconditioner: str = "boomeramg"
+    tolerance: float = 1e-8
+    loose_tolerance: float = 1e-4
+    max_krylov: int = 1000
+    max_contact: int = 50
+    options: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.preconditioner not in PRECONDITIONERS:
+            names = ", ".join(map(repr, PRECONDITIONERS))
+            raise SceneError(f"unknown preconditioner {self.preconditioner!r}; there are {names}")
+        for name in ("tolerance", "loose_tolerance"):
+            if not 0 < getattr(self, name) < 1:
+                raise SceneError(f"the solver's {name} must lie between 0 and 1, got {getattr(self, name)}")
+
+
+class ConjugateGradients:
+    """PCG on one matrix whose values may change while the preconditioner is kept.
+
+    Collective on matrix.comm.
+
+    Args:
+        matrix: PETSc Mat, symmetric positive definite.
+        solver: Solver.
+
+    Attributes:
+        iterations: list of int, of each solve.
+    """
+
+    PREFIX = "fx_"
+
+    def __init__(self, matrix, solver):
+        self._matrix, self._solver = matrix, solver
+        self._ksp = ksp = PETSc.KSP().create(matrix.comm)
+        ksp.setOptionsPrefix(self.PREFIX)
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.setNormType(PETSc.KSP.NormType.NATURAL)
+        ksp.setInitialGuessNonzero(True)
+        _set_defaults(self.PREFIX, PRECONDITIONERS[solver.preconditioner] | solver.options)
+        ksp.setFromOptions()
+        self._x, self._b = matrix.createVecs()
+        self._best = None
+        self.iterations = []
+
+    def set_up(self):
+        """Build the preconditioner for the present values of the matrix."""
+        self._ksp.getPC().setReusePreconditioner(False)
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setUp()
+        self._ksp.getPC().setReusePreconditioner(True)
+        self._best = None
+
+    def stops_paying(self):
+        """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper."""
+        return self._best is not None and self.iterations[-1] > 2 * self._best + 20
+
+    def solve(self, right_hand_side, start, tolerance):
+        """Solve to a relative error in the norm of the operator.
+
+        Args:
+            right_hand_side, start: (owned, 3) float64 [N], [m].
+            tolerance: of that error [-].
+
+        Returns:
+            (owned, 3) float64 [m].
+
+        Raises:
+            SolveError: divergence, NaN, or too many iterations.
+        """
+        x, b, ksp = self._x, self._b, self._ksp
+        x.array[:], b.array[:] = start.ravel(), right_hand_side.ravel()
+        # The norm of the solution, from the start where that is a good one, else from the preconditioned load.
+        energy = max(_energy(self._matrix, x), self._load_norm(b))
+        count = 0
+        for _ in range(2):
+            ksp.setTolerances(rtol=1e-30, atol=tolerance * energy, max_it=self._solver.max_krylov)
+            ksp.solve(b, x)
+            count += ksp.getIterationNumber()
+            reason = ksp.getConvergedReason()
+            if reason < 0 or not np.isfinite(x.norm()):
+                raise SolveError(
+                    f"PCG with {self._solver.preconditioner} failed after {count} iterations (PETSc reason {reason}); "
+                    "try another preconditioner, a softer penalty, or a looser tolerance"
+                )
+            reached = _energy(self._matrix, x)
+            if reached >= 0.5 * energy:
+                break
+            energy = reached
+        self.iterations.append(count)
+        self._best = count if self._best is None else self._best
+        return x.array.reshape(-1, 3).copy()
+
+    def _load_norm(self, b):
+        """Energy norm of the preconditioner's answer to the load."""
+        z = b.duplicate()
+        self._ksp.getPC().apply(b, z)
+        return _energy(self._matrix, z)
+
+    def destroy(self):
+        """Free PETSc's objects."""
+        for thing in (self._ksp, self._x, self._b):
+            thing.destroy()
+
+
+def _energy(matrix, x):
+    """sqrt(x^T A x)."""
+    y = matrix.createVecLeft()
+    matrix.mult(x, y)
+    return np.sqrt(max(x.dot(y), 0.0))
+
+
+def _set_defaults(prefix, options):
+    """Put options into PETSc's database unless the user's command line did."""
+    database = PETSc.Options(prefix)
+    for name, value in options.items():
+        if not database.hasName(name):
+            database[name] = value
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSolution:
+    """The end of the contact loop.
+
+    Attributes:
+        displacement: (owned, 3) float64, conforming [m].
+        active: (n,) bool, status of this rank's node pairs.
+        force: (n,) float64, contact force of each pair, compression positive [N].
+        penetration: (n,) float64, positive where the bodies overlap [m].
+        contact_iterations: number of active sets tried.
+        krylov_iterations: of each linear solve.
+    """
+
+    displacement: np.ndarray
+    active: np.ndarray
+    force: np.ndarray
+    penetration: np.ndarray
+    contact_iterations: int
+    krylov_iterations: list[int]
+
+
+def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
+    """Solve (K + k_N B^T B) u = L + k_N B^T D (1), updating the active set until it repeats itself.
+
+    Collective on matrix.comm.
+
+    Args:
+        matrix: PETSc Mat, P^T K P not yet assembled; it is changed.
+        load: (owned, 3) float64 external forces [N].
+        pairs: NodePairs or None; without, one linear solve.
+        prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
+        start: (owned, 3) float64 first guess [m]; its penetrations are the first guess of the active set.
+        solver: Solver.
+        stages: Stages, for the times.
+
+    Returns:
+        ContactSolution.
+
+    Raises:
+        SolveError: a linear solve fails, the active sets cycle, or there are too many of them.
+    """
+    with stages("system"):
+        term = PenaltyTerm(pairs, prescribed) if pairs is not None else None
+        if term is not None:
+            term.reserve(matrix)
+        matrix.assemble()
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        matrix.setOption(PETSc.Mat.Option.SPD, True)
+        base = _impose(matrix, load, prescribed)
+        u = np.where(np.isnan(prescribed), start, prescribed)
+        none = np.zeros(0 if pairs is None else len(pairs), dtype=bool)
+        active = none if pairs is None else _first_guess(pairs, u)
+        right_hand_side = base
+        if term is not None:
+            term.change(matrix, none, active)
+            right_hand_side = base + term.right_hand_side(active)
+    cg = ConjugateGradients(matrix, solver)
+    with stages("setup"):
+        cg.set_up()
+    tolerance = solver.tolerance if pairs is None else solver.loose_tolerance
+    seen, updates = set(), 1
+    while True:
+        if cg.iterations and cg.stops_paying():
+            with stages("setup"):
+                cg.set_up()
+        with stages("solve"):
+            u = cg.solve(right_hand_side, u, tolerance)
+        if pairs is None:
+            penetration = np.zeros(0)
+            break
+        penetration = pairs.penetration(u)
+        after = penetration > 0
+        if not matrix.comm.tompi4py().allreduce(bool((after != active).any()), op=MPI.LOR):
+            if tolerance <= solver.tolerance:
+                break
+            tolerance, seen = solver.tolerance, set()
+            continue
+        fingerprint = _fingerprint(pairs, after)
+        if fingerprint in seen:
+            if tolerance <= solver.tolerance:
+                raise SolveError(
+                    f"the active set cycles after {updates} updates: the same pairs open and close again and again; "
+                    "use a finer mesh or a softer penalty"
+                )
+            tolerance, seen = solver.tolerance, set()
+        seen.add(fingerprint)
+        updates += 1
+        if updates > solver.max_contact:
+            raise SolveError(f"the active set still changes after {solver.max_contact} updates: apply less load at once")
+        with stages("system"):
+            term.change(matrix, active, after)
+            active = after
+            right_hand_side = base + term.right_hand_side(active)
+    iterations = cg.iterations
+    cg.destroy()
+    force = np.where(active, pairs.stiffness * penetration, 0.0) if pairs is not None else np.zeros(0)
+    return ContactSolution(u, active, force, penetration, updates, iterations)
+
+
+def _impose(matrix, load, prescribed):
+    """Eliminate prescribed components symmetrically, identity rows scaled like the others; the right-hand side."""
+    x, b = matrix.createVecs()
+    x.array[:], b.array[:] = np.nan_to_num(prescribed).ravel(), load.ravel()
+    rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(np.int32)
+    scale = matrix.getDiagonal()
+    matrix.zeroRowsColumns(rows, diag=scale.sum() / scale.getSize(), x=x, b=b)
+    return b.array.reshape(-1, 3).copy()
+
+
+def _first_guess(pairs, u):
+    """Pairs that the first guess lets overlap; if there is none, those that are closest to touching."""
+    penetration = pairs.penetration(u)
+    comm = pairs.prolongation.comm
+    deepest = comm.allreduce(float(penetration.max(initial=-np.inf)), op=MPI.MAX)
+    return penetration > 0 if deepest > 0 else penetration >= deepest
+
+
+def _fingerprint(pairs, active):
+    """A number that tells active sets apart, the same on all ranks."""
+    first = pairs.prolongation.index_map.local_range[0] + pairs.first[active].astype(np.uint64)
+    with np.errstate(over="ignore"):
+        mixed = (first + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
+        mine = int((mixed ^ mixed >> np.uint64(32)).sum() & np.uint64((1 << 48) - 1))
+    return pairs.prolongation.comm.allreduce(mine)
