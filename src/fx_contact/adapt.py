@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-import dolfinx
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fx_contact import partition
 from fx_contact.conditions import load, prescribed_displacements
@@ -16,7 +14,7 @@ from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh, sufficient_order
-from fx_contact.report import Stages, peak_memory
+from fx_contact.report import Stages, peak_memory, versions
 from fx_contact.solve import Solver, solve_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
@@ -150,7 +148,7 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         "partition": quality,
         "seconds": stages.seconds(comm),
         "peak_memory_bytes": peak_memory(comm),
-        "versions": _versions(),
+        "versions": versions(),
     }
     return Step(record, scene, forest, cells, elasticity, pairs, contact, error, stages)
 
@@ -190,18 +188,3 @@ def _contact_results(scene, pairs, contact, comm):
         "max_pressure": pressure,
         "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
     }
-
-
-def _versions():
-    """Versions of the libraries that the numbers depend on."""
-    return {
-        "dolfinx": dolfinx.__version__,
-        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-        "hypre": _hypre_version(),
-        "numpy": np.__version__,
-    }
-
-
-def _hypre_version():
-    """Release of the hypre that PETSc was built with, None where PETSc does not tell."""
-    return None

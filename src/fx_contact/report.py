@@ -1,10 +1,15 @@
-"""Stage times, peak memory, and the table rows of a run."""
+"""Stage times, peak memory, versions, and the table rows of a run."""
 
+import ctypes
 import resource
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
+import dolfinx
+import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 #: Stages of an adaptive step, as they stand in the records.
 STAGES = (
@@ -62,6 +67,28 @@ def peak_memory(comm):
     return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 
 
+def versions():
+    """Versions of the libraries that the numbers depend on: dict of str.  Local."""
+    return {
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "hypre": _hypre_version(),
+        "numpy": np.__version__,
+    }
+
+
+def _hypre_version():
+    """Release of the hypre library that PETSc has loaded, asked from the library itself; None where it cannot be found."""
+    maps = Path("/proc/self/maps")
+    loaded = {line.split()[-1] for line in maps.read_text().splitlines() if "libHYPRE" in line} if maps.exists() else ()
+    for path in sorted(loaded):
+        ask = getattr(ctypes.CDLL(path), "HYPRE_VersionNumber", None)
+        numbers = [ctypes.c_int() for _ in range(4)]
+        if ask is not None and ask(*map(ctypes.byref, numbers)) == 0:
+            return ".".join(str(n.value) for n in numbers[:3])
+    return None
+
+
 #: Columns of the progress table: heading, width, and how to print a record's value.
 _COLUMNS = (
     ("step", 4, lambda r: str(r["step"])),
@@ -90,3 +117,16 @@ def table_row(record):
         record: dict, as in `steps.jsonl`.
     """
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
+
+
+def total_seconds(steps):
+    """One line with the time of a run by stage, compilation apart.
+
+    Args:
+        steps: the `seconds` of the step records.
+    """
+    total = {name: sum(seconds[name] for seconds in steps) for name in (*STAGES, "total")}
+    compiled = total.pop("compile")
+    largest = sorted((name for name in total if name != "total"), key=total.get, reverse=True)[:6]
+    parts = ", ".join(f"{name} {total[name]:.1f}" for name in largest)
+    return f"{total['total'] - compiled:.1f} s ({parts}) and {compiled:.1f} s of compilation"

@@ -1,0 +1,129 @@
+"""What the demos share: their options, the table on the screen, records, fields and pictures on disk."""
+
+import argparse
+import sys
+import traceback
+from pathlib import Path
+
+import petsc4py
+
+
+
+def petsc_options(words):
+    """The words of a command line that are PETSc's: options with one dash, and what follows them."""
+    ours, result = False, []
+    for word in words:
+        if word.startswith("-") and word[1:2].isalpha() or word.startswith("--"):
+            ours = word.startswith("--")
+        if not ours:
+            result.append(word)
+    return result
+
+
+petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything else imports PETSc
+
+from mpi4py import MPI  # noqa: E402
+
+from fx_contact import Material, Penalty, Solver, adapt  # noqa: E402
+from fx_contact.errors import FxContactError  # noqa: E402
+from fx_contact.output import RecordWriter, write_fields  # noqa: E402
+from fx_contact.partition import KINDS  # noqa: E402
+from fx_contact.plot import draw_mesh, draw_pressure  # noqa: E402
+from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
+from fx_contact.solve import PRECONDITIONERS  # noqa: E402
+
+
+class RankZeroParser(argparse.ArgumentParser):
+    """A parser whose messages come from rank 0 alone."""
+
+    def _print_message(self, message, file=None):
+        if MPI.COMM_WORLD.rank == 0:
+            super()._print_message(message, file)
+
+
+def parser(description, *, tolerance, order, coarse, output):
+    """Options that all demos have.
+
+    Args:
+        description: the demo's docstring.
+        tolerance, order, coarse, output: defaults of these options.
+    """
+    result = RankZeroParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+        epilog="PETSc's options work too, those of the solver under the prefix -fx_: -fx_ksp_monitor, -log_view.",
+    )
+    add = result.add_argument
+    add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
+    add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
+    add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
+    add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
+    add("--penalty", type=float, default=Penalty().factor, help="c of the surface stiffness c E*/h (%(default)s)")
+    add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
+    add("--partition", choices=KINDS, default="contact-sfc", help="kind of partition (%(default)s)")
+    add("--preconditioner", choices=PRECONDITIONERS, default="boomeramg", help="of PCG (%(default)s)")
+    add("--symmetry", choices=("quarter", "full"), default="quarter", help="what is modelled (%(default)s)")
+    add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
+    add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
+    add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
+    add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
+    return result
+
+
+def main(options, make_scene, exact):
+    """Parse, run, write; errors of the package end in one line and exit code 1 on all ranks.
+
+    Args:
+        options: ArgumentParser.
+        make_scene: function of the arguments and a Material that makes the Scene.
+        exact: function of the arguments, the Material and the force that makes a Hertz to draw, or None.
+    """
+    arguments, others = options.parse_known_args()
+    unknown = [word for word in others if word.startswith("--")]
+    comm = MPI.COMM_WORLD
+    if unknown:
+        options.error(f"unknown option {unknown[0]}; --help lists them")
+    try:
+        _run(comm, arguments, make_scene, exact)
+    except FxContactError as error:
+        if comm.rank == 0:
+            print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        sys.exit(1)
+    except Exception:
+        traceback.print_exc()
+        comm.Abort(1)
+
+
+def _run(comm, arguments, make_scene, exact):
+    records = RecordWriter(arguments.output, comm)
+    material = Material(young=arguments.young, poisson=arguments.poisson)
+    scene = make_scene(arguments, material)
+    show = print if comm.rank == 0 else lambda *_, **__: None
+    show(table_head(), flush=True)
+    seconds = []
+    for step in adapt(
+        scene,
+        arguments.tolerance,
+        comm,
+        max_steps=arguments.max_steps,
+        geometry_order=arguments.geometry_order,
+        penalty=Penalty(arguments.penalty, arguments.node_stiffness),
+        solver=Solver(arguments.preconditioner),
+        partition_kind=arguments.partition,
+    ):
+        records.write(step.record)
+        seconds.append(step.record["seconds"])
+        show(table_row(step.record), flush=True)
+    record = step.record
+    show(total_seconds(seconds))
+    if record["ratio"] > 1:
+        show(f"The tolerance was not reached in {arguments.max_steps} steps.")
+    material_pressure = exact(arguments, material, record["force"])
+    show(
+        f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "
+        f"{record['max_pressure']:.5g} Pa (Hertz through this force: {material_pressure.contact_radius:.5g} m, "
+        f"{material_pressure.max_pressure:.5g} Pa)"
+    )
+    write_fields(step, arguments.output / "fields.bp")
+    draw_pressure(step, arguments.output / "pressure.png", material_pressure)
+    draw_mesh(step, arguments.output / "mesh.png")
+    show(f"results in {arguments.output}: steps.jsonl, fields.bp (for ParaView), pressure.png, mesh.png")

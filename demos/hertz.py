@@ -1,0 +1,33 @@
+"""Two elastic half-spheres pressed together, pole to pole, to a prescribed accuracy.
+
+Shows the whole method: curved hexahedra refined where the estimated error is, facing cells refined together and kept
+on one rank, contact found by an active set. A line is printed for every adaptive step; at the end the refined mesh is
+drawn, and the contact pressure against Hertz's.
+
+    mpirun -n 2 python3 demos/hertz.py --tolerance 0.04
+"""
+
+from common import main, parser
+
+from fx_contact.analytic import Hertz
+from fx_contact.scenes import hertz
+
+options = parser(__doc__, tolerance=0.08, order=3, coarse=4, output="results/hertz")
+options.add_argument("--radius", type=float, default=1.0, help="of both spheres [m] (%(default)s)")
+options.add_argument("--displacement", type=float, default=0.01, help="approach of the flat faces [m] (%(default)s)")
+
+
+def scene(arguments, material):
+    """The two half-spheres that the arguments describe."""
+    return hertz(
+        arguments.radius, arguments.displacement, material, arguments.order, arguments.coarse, arguments.symmetry
+    )
+
+
+def exact(arguments, material, force):
+    """Hertz's solution through the computed force."""
+    return Hertz.of_equal_spheres(arguments.radius, material, force)
+
+
+if __name__ == "__main__":
+    main(options, scene, exact)

@@ -1,0 +1,145 @@
+"""Pictures of a step; plotting libraries are imported only when one is drawn."""
+
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact import reference
+from fx_contact.lattice import SIDE
+
+#: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
+RANK_COLOURS = (
+    "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999", "#A6CEE3", "#B2DF8A",
+)
+
+
+def draw_pressure(step, path, exact=None):
+    """Contact pressure of every node pair over the radius, against Hertz's.
+
+    Collective on the step's communicator; rank 0 draws.
+
+    Args:
+        step: Step with contact.
+        path: of the PNG.
+        exact: Hertz, or None for no curve.
+    """
+    pairs, comm = step.pairs, step.forest.comm
+    arm = pairs.position - step.scene.contact_centre
+    along = np.einsum("ni,ni->n", arm, pairs.normal)
+    radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
+    near = radius < 1.6 * step.record["contact_radius"]
+    rows = np.stack([radius, step.contact.force / pairs.area], axis=1)[near]
+    rows = comm.gather(rows, root=0)
+    if comm.rank != 0:
+        return
+    plt = _matplotlib()
+    rows, record = np.concatenate(rows), step.record
+    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
+    scale = exact.contact_radius if exact else 1.0
+    axes.plot(rows[:, 0] / scale, rows[:, 1], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+    if exact:
+        r = np.linspace(0, 1.6 * record["contact_radius"], 400)
+        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
+    axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
+    axes.set_ylabel("contact pressure [Pa]")
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(left=0)
+    axes.set_title(f"{record['dofs']:,} dofs, estimated error {100 * record['estimate']:.1f} %", fontsize=11)
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def draw_mesh(step, path, zoom=3.0):
+    """The leaves around the contact, cut open along y = 0 and coloured by rank.
+
+    Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
+
+    Args:
+        step: Step with contact.
+        path: of the PNG.
+        zoom: half width of the picture, in contact radii.
+    """
+    comm, centre = step.forest.comm, np.asarray(step.scene.contact_centre)
+    size = float(np.sqrt(step.pairs.area[step.contact.active].max(initial=0.0)))
+    reach = zoom * max(step.record["contact_radius"], comm.allreduce(size, op=MPI.MAX))
+    faces = _visible_faces(step.forest, centre, reach)
+    faces = comm.gather(faces, root=0)
+    if comm.rank != 0:
+        return
+    with _display():
+        _draw_faces(faces, centre, reach, path, step.record)
+
+
+def _visible_faces(forest, centre, reach):
+    """Corners of leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0."""
+    position = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)
+    near = (np.abs(position.mean(axis=1) - centre) < 2 * reach).all(axis=1) & (position[:, :, 1].mean(axis=1) > centre[1])
+    corners = position[near][:, reference.FACE_CORNERS]
+    in_plane = (np.abs(corners[..., 1] - centre[1]) < 1e-9 * reach).all(axis=2)
+    exterior = np.argwhere(forest.mesh.face_neighbours == 1)
+    leaf, face = forest.boundary_faces(exterior)
+    outer = np.zeros((len(forest), 6), dtype=bool)
+    outer[leaf, face] = True
+    return corners[in_plane | outer[near]]
+
+
+def _draw_faces(faces, centre, reach, path, record):
+    import pyvista
+
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1000))
+    plotter.set_background("white")
+    plotter.enable_parallel_projection()
+    for rank, corners in enumerate(faces):
+        if not len(corners):
+            continue
+        quads = np.arange(4 * len(corners)).reshape(-1, 4)[:, [0, 1, 3, 2]]
+        cells = np.hstack([np.full((len(quads), 1), 4), quads])
+        plotter.add_mesh(
+            pyvista.PolyData(corners.reshape(-1, 3), faces=cells.ravel()),
+            color=RANK_COLOURS[rank % len(RANK_COLOURS)], show_edges=True, edge_color="#202020", line_width=1,
+            ambient=0.65, diffuse=0.4, label=f"rank {rank}",
+        )
+    if len(faces) > 1:
+        plotter.add_legend(bcolor=None, face="rectangle", size=(0.14, 0.035 * len(faces) + 0.02), loc="upper right")
+    plotter.add_text(f"{record['cells']:,} cells, level {record['max_level']}", font_size=12, color="black")
+    plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
+    plotter.camera.parallel_scale = 0.7 * reach
+    plotter.screenshot(path)
+    plotter.close()
+
+
+def _matplotlib():
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+@contextmanager
+def _display():
+    """An X display for pyvista: the one that is there, or a virtual one for as long as it is needed."""
+    if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
+        yield
+        return
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1200x24", "-nolisten", "tcp"],
+        pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as answer:
+        os.environ["DISPLAY"] = ":" + answer.readline().strip()
+    try:
+        yield
+    finally:
+        del os.environ["DISPLAY"]
+        server.terminate()
+        server.wait()
