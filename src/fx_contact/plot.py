@@ -92,7 +92,7 @@ def _visible_faces(forest, centre, reach):
 def _draw_faces(faces, centre, reach, path, record):
     import pyvista
 
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1000))
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 840))
     plotter.set_background("white")
     plotter.enable_parallel_projection()
     for rank, corners in enumerate(faces):
@@ -106,7 +106,7 @@ def _draw_faces(faces, centre, reach, path, record):
             ambient=0.65, diffuse=0.4, label=f"rank {rank}",
         )
     if len(faces) > 1:
-        plotter.add_legend(bcolor=None, face="rectangle", size=(0.14, 0.035 * len(faces) + 0.02), loc="upper right")
+        plotter.add_legend(bcolor="white", border=True, face="rectangle", size=(0.15, 0.04 * len(faces) + 0.02), loc="upper right")
     plotter.add_text(f"{record['cells']:,} cells, level {record['max_level']}", font_size=12, color="black")
     plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
     plotter.camera.parallel_scale = 0.7 * reach

@@ -107,8 +107,8 @@ def tensor_evaluate(functions, nodal):
     """
     n, _, d = nodal.shape
     fx, fy, fz = (np.broadcast_to(f, (n, *f.shape[-2:])) for f in functions)
-    k = fx.shape[-1]
+    mx, my, mz, k = fx.shape[1], fy.shape[1], fz.shape[1], fx.shape[2]
     values = fz @ nodal.reshape(n, k, k * k * d)
-    values = fy[:, None] @ values.reshape(n, -1, k, k * d)
-    values = fx[:, None, None] @ values.reshape(n, fz.shape[1], fy.shape[1], k, d)
-    return values.reshape(n, -1, d)
+    values = fy[:, None] @ values.reshape(n, mz, k, k * d)
+    values = fx[:, None, None] @ values.reshape(n, mz, my, k, d)
+    return values.reshape(n, mx * my * mz, d)

@@ -296,4 +296,4 @@ def _rigid_motions(points, bodies, nbodies, direction):
     direction = np.broadcast_to(direction, points.shape)
     result[rows, bodies, :3] = direction
     result[rows, bodies, 3:] = np.cross(points, direction)
-    return result.reshape(len(points), -1)
+    return result.reshape(len(points), 6 * nbodies)
