@@ -99,7 +99,7 @@ def _run(comm, arguments, make_scene, exact):
     scene = make_scene(arguments, material)
     show = print if comm.rank == 0 else lambda *_, **__: None
     show(table_head(), flush=True)
-    seconds = []
+    steps = []
     for step in adapt(
         scene,
         arguments.tolerance,
@@ -111,19 +111,22 @@ def _run(comm, arguments, make_scene, exact):
         partition_kind=arguments.partition,
     ):
         records.write(step.record)
-        seconds.append(step.record["seconds"])
+        steps.append(step.record)
         show(table_row(step.record), flush=True)
     record = step.record
-    show(total_seconds(seconds))
+    compared = exact(arguments, material, record["force"])
+    with step.stages("output"):
+        write_fields(step, arguments.output / "fields.bp")
+        draw_pressure(step, arguments.output / "pressure.png", compared)
+        draw_mesh(step, arguments.output / "mesh.png")
+    record["seconds"] = step.stages.seconds(comm)
+    records.amend(record)
+    show(total_seconds([r["seconds"] for r in steps]))
     if record["ratio"] > 1:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
-    material_pressure = exact(arguments, material, record["force"])
     show(
         f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "
-        f"{record['max_pressure']:.5g} Pa (Hertz through this force: {material_pressure.contact_radius:.5g} m, "
-        f"{material_pressure.max_pressure:.5g} Pa)"
+        f"{record['max_pressure']:.5g} Pa (Hertz through this force: {compared.contact_radius:.5g} m, "
+        f"{compared.max_pressure:.5g} Pa)"
     )
-    write_fields(step, arguments.output / "fields.bp")
-    draw_pressure(step, arguments.output / "pressure.png", material_pressure)
-    draw_mesh(step, arguments.output / "mesh.png")
     show(f"results in {arguments.output}: steps.jsonl, fields.bp (for ParaView), pressure.png, mesh.png")

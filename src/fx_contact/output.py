@@ -30,7 +30,7 @@ class RecordWriter:
 
     def __init__(self, folder, comm):
         self.path = Path(folder) / "steps.jsonl"
-        self._comm = comm
+        self._comm, self._last = comm, 0
         with together(comm):
             if comm.rank == 0:
                 self._try(lambda: (self.path.parent.mkdir(parents=True, exist_ok=True), self.path.write_text("")))
@@ -50,9 +50,26 @@ class RecordWriter:
             if self._comm.rank == 0:
                 self._try(lambda: self._append(json.dumps(record) + "\n"))
 
-    def _append(self, line):
-        with self.path.open("a") as file:
+    def amend(self, record):
+        """Replace the last record, when later work on the same step has changed it.
+
+        Collective on comm.
+
+        Args:
+            record: dict that JSON can hold.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        with together(self._comm):
+            if self._comm.rank == 0:
+                self._try(lambda: self._append(json.dumps(record) + "\n", self._last))
+
+    def _append(self, line, position=None):
+        with self.path.open("r+") as file:
+            self._last = file.seek(0, 2) if position is None else file.seek(position)
             file.write(line)
+            file.truncate()
 
     def _try(self, action):
         try:

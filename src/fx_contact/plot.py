@@ -79,7 +79,7 @@ def draw_mesh(step, path, zoom=3.0):
 def _visible_faces(forest, centre, reach):
     """Corners of leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0."""
     position = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)
-    near = (np.abs(position.mean(axis=1) - centre) < 2 * reach).all(axis=1) & (position[:, :, 1].mean(axis=1) > centre[1])
+    near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (position[:, :, 1].mean(axis=1) > centre[1])
     corners = position[near][:, reference.FACE_CORNERS]
     in_plane = (np.abs(corners[..., 1] - centre[1]) < 1e-9 * reach).all(axis=2)
     exterior = np.argwhere(forest.mesh.face_neighbours == 1)
