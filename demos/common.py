@@ -8,7 +8,6 @@ from pathlib import Path
 import petsc4py
 
 
-
 def petsc_options(words):
     """The words of a command line that are PETSc's: options with one dash, and what follows them."""
     ours, result = False, []
@@ -49,7 +48,9 @@ def parser(description, *, tolerance, order, coarse, output):
         tolerance, order, coarse, output: defaults of these options.
     """
     result = RankZeroParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
         epilog="PETSc's options work too, those of the solver under the prefix -fx_: -fx_ksp_monitor, -log_view.",
     )
     add = result.add_argument

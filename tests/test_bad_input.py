@@ -7,7 +7,13 @@ from mpi4py import MPI
 from fx_contact import ContactPair, Dirichlet, Material, Penalty, Scene, Solver, Traction, adapt, reference, scenes
 from fx_contact._mpi import together
 from fx_contact.errors import (
-    FxContactError, GeometryError, OutputError, PairingError, PartitionError, SceneError, SolveError,
+    FxContactError,
+    GeometryError,
+    OutputError,
+    PairingError,
+    PartitionError,
+    SceneError,
+    SolveError,
 )
 from fx_contact.forest import Forest
 from fx_contact.gmsh_model import root_mesh_from_file, root_mesh_from_gmsh
@@ -33,10 +39,15 @@ def two_cubes(shift=0.0, order=1):
     lower, cells = grid(order=order)
     upper = lower + [shift, 0, 1]
     return RootMesh(
-        np.concatenate([lower, upper]), np.concatenate([cells, cells + len(lower)]), ("lower", "upper"),
+        np.concatenate([lower, upper]),
+        np.concatenate([cells, cells + len(lower)]),
+        ("lower", "upper"),
         np.array([0, 1], dtype=np.int32),
         {
-            "base": np.array([[0, 0]]), "under": np.array([[0, 5]]), "over": np.array([[1, 0]]), "top": np.array([[1, 5]]),
+            "base": np.array([[0, 0]]),
+            "under": np.array([[0, 5]]),
+            "over": np.array([[1, 0]]),
+            "top": np.array([[1, 5]]),
         },
     )
 
@@ -44,7 +55,9 @@ def two_cubes(shift=0.0, order=1):
 def press(mesh, *extra, **changes):
     """The two cubes pressed together; keyword arguments replace those of the scene."""
     arguments = dict(
-        name="cubes", mesh=mesh, materials={"lower": STEEL, "upper": STEEL},
+        name="cubes",
+        mesh=mesh,
+        materials={"lower": STEEL, "upper": STEEL},
         dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.01), *extra),
         contact=(ContactPair("under", "over", (0, 0, 1)),),
     )
@@ -60,7 +73,10 @@ def cracked():
     """Two cells that touch without sharing their nodes."""
     points, cells = grid()
     return RootMesh(
-        np.concatenate([points, points + [0, 0, 1]]), np.concatenate([cells, cells + 8]), ("a",), np.zeros(2, np.int32)
+        np.concatenate([points, points + [0, 0, 1]]),
+        np.concatenate([cells, cells + 8]),
+        ("a",),
+        np.zeros(2, np.int32),
     )
 
 
@@ -126,10 +142,14 @@ CASES = {
     "tolerance < 0": (lambda: next(adapt(press(two_cubes()), -0.1, COMM)), SceneError, "-0.1"),
     "no steps": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, max_steps=0)), SceneError, "max_steps"),
     "geometry order above the root's": (
-        lambda: next(adapt(press(two_cubes()), 0.1, COMM, geometry_order=2)), SceneError, "1 to 1"
+        lambda: next(adapt(press(two_cubes()), 0.1, COMM, geometry_order=2)),
+        SceneError,
+        "1 to 1",
     ),
     "unknown partition": (
-        lambda: next(adapt(press(two_cubes()), 0.1, COMM, partition_kind="sfx")), SceneError, "'contact-sfc'"
+        lambda: next(adapt(press(two_cubes()), 0.1, COMM, partition_kind="sfx")),
+        SceneError,
+        "'contact-sfc'",
     ),
     "unknown preconditioner": (lambda: Solver("boomer"), SceneError, "'boomeramg', 'ilu'"),
     "solver tolerance": (lambda: Solver(tolerance=2.0), SceneError, "between 0 and 1"),
@@ -143,32 +163,45 @@ CASES = {
     "crack": (cracked, GeometryError, "does not hold together near"),
     "hanging root nodes": (hanging_roots, GeometryError, "does not hold together near"),
     "nodes of no order": (
-        lambda: RootMesh(np.zeros((9, 3)), np.arange(9)[None], ("a",), np.zeros(1, np.int32)), GeometryError, "9 nodes"
+        lambda: RootMesh(np.zeros((9, 3)), np.arange(9)[None], ("a",), np.zeros(1, np.int32)),
+        GeometryError,
+        "9 nodes",
     ),
     "NaN in points": (
         lambda: RootMesh(np.full((8, 3), np.nan), np.arange(8)[None], ("a",), np.zeros(1, np.int32)),
-        GeometryError, "finite",
+        GeometryError,
+        "finite",
     ),
     "surface inside": (
-        lambda: RootMesh(*grid(2), ("a",), np.zeros(2, np.int32), {"inner": np.array([[0, 5]])}), SceneError, "'inner'"
+        lambda: RootMesh(*grid(2), ("a",), np.zeros(2, np.int32), {"inner": np.array([[0, 5]])}),
+        SceneError,
+        "'inner'",
     ),
     "cell without body": (lambda: RootMesh(*grid(), ("a",), np.array([1], np.int32)), SceneError, "no body"),
     "missing file": (lambda: root_mesh_from_file(COMM, "no/such.msh"), SceneError, "no mesh file 'no/such.msh'"),
     "not a mesh file": (lambda: root_mesh_from_file(COMM, __file__), FxContactError, ""),
     "unknown surface": (lambda: press(two_cubes(), Dirichlet("side", x=0.0)), SceneError, "'base', 'under', 'over'"),
     "unknown contact surface": (
-        lambda: press(two_cubes(), contact=(ContactPair("under", "ofer"),)), SceneError, "unknown surface 'ofer'"
+        lambda: press(two_cubes(), contact=(ContactPair("under", "ofer"),)),
+        SceneError,
+        "unknown surface 'ofer'",
     ),
     "unknown traction surface": (
-        lambda: press(two_cubes(), tractions=(Traction("side", (0, 0, 1)),)), SceneError, "'side'"
+        lambda: press(two_cubes(), tractions=(Traction("side", (0, 0, 1)),)),
+        SceneError,
+        "'side'",
     ),
     "unknown body": (
-        lambda: press(two_cubes(), materials={"lower": STEEL, "upper": STEEL, "third": STEEL}), SceneError, "'third'"
+        lambda: press(two_cubes(), materials={"lower": STEEL, "upper": STEEL, "third": STEEL}),
+        SceneError,
+        "'third'",
     ),
     "body without material": (lambda: press(two_cubes(), materials={"lower": STEEL}), SceneError, "'upper'"),
     "nothing prescribed": (lambda: Dirichlet("base"), SceneError, "prescribes nothing"),
     "contradictory conditions": (
-        lambda: press(two_cubes(), Dirichlet("base", z=1.0)), SceneError, "component z on 'base'"
+        lambda: press(two_cubes(), Dirichlet("base", z=1.0)),
+        SceneError,
+        "component z on 'base'",
     ),
     "traction of two components": (lambda: Traction("top", (0, 1)), SceneError, "three components"),
     "contact with itself": (lambda: ContactPair("top", "top"), SceneError, "itself"),
@@ -176,17 +209,22 @@ CASES = {
     "surfaces out of line": (lambda: press(two_cubes(shift=0.1)), PairingError, "face 5 of root cell 0"),
     "surfaces paired twice": (
         lambda: press(two_cubes(), contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
-        PairingError, "two contact pairs",
+        PairingError,
+        "two contact pairs",
     ),
-    "surfaces of unequal number": (
-        lambda: press(_with_surface(two_cubes())), PairingError, "2 facets face 1"
-    ),
+    "surfaces of unequal number": (lambda: press(_with_surface(two_cubes())), PairingError, "2 facets face 1"),
     "a body that nothing holds": (
-        lambda: press(two_cubes(), dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0),)), SceneError, "nothing holds body 'upper'"
+        lambda: press(two_cubes(), dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0),)),
+        SceneError,
+        "nothing holds body 'upper'",
     ),
     "more ranks than leaves": (too_many_ranks, PartitionError, "run on fewer ranks"),
     "solver that does not converge": (never_converges, SolveError, "PCG with boomeramg failed"),
-    "folder that cannot be written": (lambda: RecordWriter("/dev/null/run", COMM), OutputError, "name another output"),
+    "folder that cannot be written": (
+        lambda: RecordWriter("/dev/null/run", COMM),
+        OutputError,
+        "name another output",
+    ),
     "fields that cannot be written": (unwritable_fields, OutputError, "name another output"),
 }
 

@@ -105,7 +105,9 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order):
     if max_steps < 1:
         raise SceneError(f"max_steps must be at least 1, got {max_steps}")
     if geometry_order is not None and not 1 <= geometry_order <= scene.mesh.order:
-        raise SceneError(f"the geometry order must be 1 to {scene.mesh.order}, that of the root mesh, got {geometry_order}")
+        raise SceneError(
+            f"the geometry order must be 1 to {scene.mesh.order}, that of the root mesh, got {geometry_order}"
+        )
 
 
 def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality):

@@ -67,7 +67,10 @@ def load(scene, forest, leaf_mesh, elasticity):
     if scene.tractions:
         mesh, test = leaf_mesh.mesh, ufl.TestFunction(elasticity.space)
         mesh.topology.create_connectivity(2, 3)
-        data = [(i, leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel()) for i, t in enumerate(scene.tractions)]
+        data = [
+            (i, leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel())
+            for i, t in enumerate(scene.tractions)
+        ]
         ds = ufl.Measure("ds", mesh, subdomain_data=data, metadata={"quadrature_degree": QUADRATURE_DEGREE})
         values = [fem.Constant(mesh, np.array(t.value, dtype=np.float64)) for t in scene.tractions]
         form = fem.form(sum(ufl.inner(value, test) * ds(i) for i, value in enumerate(values)))

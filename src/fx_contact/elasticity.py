@@ -128,7 +128,9 @@ class Elasticity:
         # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
         columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
         indptr = np.pad(local.indptr, (0, columns + 1 - len(local.indptr)), mode="edge")
-        stiffness = bsr_matrix((local.data.reshape(-1, 3, 3), local.indices, indptr), shape=(3 * columns, 3 * columns))
+        stiffness = bsr_matrix(
+            (local.data.reshape(-1, 3, 3), local.indices, indptr), shape=(3 * columns, 3 * columns)
+        )
         interpolation = self.prolongation.matrix[self.vertex_of_block]
         interpolation.resize(columns, interpolation.shape[1])
         interpolation = kron(interpolation, identity(3), format="bsr")

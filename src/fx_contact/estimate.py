@@ -51,8 +51,8 @@ class Estimate:
 def estimate(elasticity, stages):
     """Recover the stress of `elasticity.u` and estimate its error.
 
-    Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so each
-    is recovered by itself.
+    Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so
+    each is recovered by itself.
 
     Args:
         elasticity: Elasticity, its `u` set.

@@ -1,8 +1,8 @@
 """Hanging vertices and the prolongation P from conforming to all vertex unknowns.
 
 A vertex that is the midpoint of a leaf's edge, or the centre of a leaf's face, hangs there with weights 1/2 or 1/4
-(p. 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang themselves are
-replaced by theirs until none does.
+(section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang
+themselves are replaced by theirs until none does.
 """
 
 import numpy as np

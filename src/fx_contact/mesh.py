@@ -146,8 +146,10 @@ def _geometry_nodes(forest, order):
             (forest.edges, reference.EDGE_CORNERS, reference.edge_inner_nodes(order)),
             (forest.faces, reference.FACE_CORNERS, reference.face_inner_nodes(order)),
         ):
-            place = _edge_places(ends[:, corners], inner) if corners.shape[1] == 2 else (
-                _face_places(ends[:, corners], inner)
+            place = (
+                _edge_places(ends[:, corners], inner)
+                if corners.shape[1] == 2
+                else (_face_places(ends[:, corners], inner))
             )
             kinds.append((*entities.directory.number(), entities.cells, inside, place))
         cell = np.arange(len(forest))

@@ -101,7 +101,9 @@ def write_fields(step, path):
                 shutil.rmtree(path, ignore_errors=True)
                 path.mkdir()
             except OSError as error:
-                raise OutputError(f"cannot write {str(path)!r}: {error.strerror}; name another output folder") from None
+                raise OutputError(
+                    f"cannot write {str(path)!r}: {error.strerror}; name another output folder"
+                ) from None
     with VTXWriter(comm, path, _fields(step), engine="BP4") as writer:
         writer.write(float(step.record["step"]))
 

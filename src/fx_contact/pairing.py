@@ -187,7 +187,9 @@ def _match(mesh, pair, first, second):
     if pair.direction is not None:
         direction = np.asarray(pair.direction) / np.linalg.norm(pair.direction)
         points = [x - (x @ direction)[..., None] * direction for x in points]
-    size = np.sqrt(np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max())
+    size = np.sqrt(
+        np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max()
+    )
     centres = [x.mean(axis=1) for x in points]
     match = cKDTree(centres[1]).query(centres[0])[1]
     back = cKDTree(centres[0]).query(centres[1])[1]

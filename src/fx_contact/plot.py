@@ -13,7 +13,16 @@ from fx_contact.lattice import SIDE
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
 RANK_COLOURS = (
-    "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999", "#A6CEE3", "#B2DF8A",
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#D55E00",
+    "#F0E442",
+    "#999999",
+    "#A6CEE3",
+    "#B2DF8A",
 )
 
 
@@ -79,7 +88,9 @@ def draw_mesh(step, path, zoom=3.0):
 def _visible_faces(forest, centre, reach):
     """Corners of leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0."""
     position = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)
-    near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (position[:, :, 1].mean(axis=1) > centre[1])
+    near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (
+        position[:, :, 1].mean(axis=1) > centre[1]
+    )
     corners = position[near][:, reference.FACE_CORNERS]
     in_plane = (np.abs(corners[..., 1] - centre[1]) < 1e-9 * reach).all(axis=2)
     exterior = np.argwhere(forest.mesh.face_neighbours == 1)
@@ -102,11 +113,18 @@ def _draw_faces(faces, centre, reach, path, record):
         cells = np.hstack([np.full((len(quads), 1), 4), quads])
         plotter.add_mesh(
             pyvista.PolyData(corners.reshape(-1, 3), faces=cells.ravel()),
-            color=RANK_COLOURS[rank % len(RANK_COLOURS)], show_edges=True, edge_color="#202020", line_width=1,
-            ambient=0.65, diffuse=0.4, label=f"rank {rank}",
+            color=RANK_COLOURS[rank % len(RANK_COLOURS)],
+            show_edges=True,
+            edge_color="#202020",
+            line_width=1,
+            ambient=0.65,
+            diffuse=0.4,
+            label=f"rank {rank}",
         )
     if len(faces) > 1:
-        plotter.add_legend(bcolor="white", border=True, face="rectangle", size=(0.15, 0.04 * len(faces) + 0.02), loc="upper right")
+        plotter.add_legend(
+            bcolor="white", border=True, face="rectangle", size=(0.15, 0.04 * len(faces) + 0.02), loc="upper right"
+        )
     plotter.add_text(f"{record['cells']:,} cells, level {record['max_level']}", font_size=12, color="black")
     plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
     plotter.camera.parallel_scale = 0.7 * reach
@@ -132,7 +150,9 @@ def _display():
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1200x24", "-nolisten", "tcp"],
-        pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        pass_fds=[write],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     os.close(write)
     with os.fdopen(read) as answer:

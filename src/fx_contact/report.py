@@ -78,9 +78,11 @@ def versions():
 
 
 def _hypre_version():
-    """Release of the hypre library that PETSc has loaded, asked from the library itself; None where it cannot be found."""
+    """Release of the hypre that PETSc has loaded, asked from the library itself; None where it cannot be found."""
     maps = Path("/proc/self/maps")
-    loaded = {line.split()[-1] for line in maps.read_text().splitlines() if "libHYPRE" in line} if maps.exists() else ()
+    loaded = (
+        {line.split()[-1] for line in maps.read_text().splitlines() if "libHYPRE" in line} if maps.exists() else ()
+    )
     for path in sorted(loaded):
         ask = getattr(ctypes.CDLL(path), "HYPRE_VersionNumber", None)
         numbers = [ctypes.c_int() for _ in range(4)]

@@ -187,7 +187,9 @@ def _check_no_crack(mesh, name, facets):
     hit = np.isfinite(distance).reshape(len(facets), 9)
     facet, place = np.nonzero(hit)
     found = corners[nearest.reshape(len(facets), 9)[facet, place]]
-    own = np.stack([mesh.corners[facets[facet, 0]][np.arange(len(facet)), _face_corners(facets)[facet, i]] for i in range(4)])
+    own = np.stack(
+        [mesh.corners[facets[facet, 0]][np.arange(len(facet)), _face_corners(facets)[facet, i]] for i in range(4)]
+    )
     stray = (own != found).all(axis=0)
     if stray.any():
         cell, face = facets[facet[stray][0]]
@@ -209,8 +211,12 @@ def _check_tags(mesh):
         cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
         raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
     for name, facets in mesh.surfaces.items():
-        if facets.ndim != 2 or facets.shape[1] != 2 or facets.min() < 0 or facets[:, 1].max() > 5 or (
-            facets[:, 0].max() >= len(mesh.cells)
+        if (
+            facets.ndim != 2
+            or facets.shape[1] != 2
+            or facets.min() < 0
+            or facets[:, 1].max() > 5
+            or (facets[:, 0].max() >= len(mesh.cells))
         ):
             raise SceneError(f"surface {name!r} must have rows (root cell, local face 0..5)")
         inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1

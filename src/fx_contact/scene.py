@@ -272,7 +272,9 @@ def _check_held(scene):
     first = np.stack([cell, face], axis=1)
     second = scene.pairing.partner[cell, face]
     direction = scene.contact_directions(first)
-    here, there = ((mesh.facet_points(f, order=1).mean(axis=1) - mesh.points.mean(axis=0)) / size for f in (first, second))
+    here, there = (
+        (mesh.facet_points(f, order=1).mean(axis=1) - mesh.points.mean(axis=0)) / size for f in (first, second)
+    )
     rows.append(
         _rigid_motions(here, mesh.body[first[:, 0]], len(mesh.bodies), direction)
         - _rigid_motions(there, mesh.body[second[:, 0]], len(mesh.bodies), direction)

@@ -11,7 +11,12 @@ from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
 
 
 def hertz(
-    radius=1.0, displacement=0.01, material=Material(young=1.0, poisson=0.3), order=3, coarse=4, symmetry="quarter",
+    radius=1.0,
+    displacement=0.01,
+    material=Material(young=1.0, poisson=0.3),
+    order=3,
+    coarse=4,
+    symmetry="quarter",
     comm=MPI.COMM_WORLD,
 ):
     """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces.
@@ -110,7 +115,9 @@ def _ball_octant(blocks, radius, turn, sign):
     for axis in range(3):
         inner = [v for v in range(8) if CORNERS[v, axis]]
         named = {
-            name: [i for i in range(8) if not CORNERS[inner[i % 4], wall]] for name, wall in walls.items() if wall != axis
+            name: [i for i in range(8) if not CORNERS[inner[i % 4], wall]]
+            for name, wall in walls.items()
+            if wall != axis
         }
         if axis == 2:
             named["pole"] = [4, 5, 6, 7]
@@ -154,7 +161,9 @@ class Blocks:
         faces = {}
         for local in FACE_CORNERS:
             round_ball = sphere is not None and min(local) >= 4
-            faces[frozenset(local.tolist())] = self._face([tags[v] for v in local[[0, 1, 3, 2]]], tags, sphere, round_ball)
+            faces[frozenset(local.tolist())] = self._face(
+                [tags[v] for v in local[[0, 1, 3, 2]]], tags, sphere, round_ball
+            )
         volume = self._geo.addVolume([self._geo.addSurfaceLoop(list(faces.values()))])
         order = [tags[v] for v in (0, 1, 3, 2, 4, 5, 7, 6)]
         self._geo.mesh.setTransfiniteVolume(volume, order)

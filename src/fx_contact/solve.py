@@ -263,7 +263,9 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
         seen.add(fingerprint)
         updates += 1
         if updates > solver.max_contact:
-            raise SolveError(f"the active set still changes after {solver.max_contact} updates: apply less load at once")
+            raise SolveError(
+                f"the active set still changes after {solver.max_contact} updates: apply less load at once"
+            )
         with stages("system"):
             term.change(matrix, active, after)
             active = after
