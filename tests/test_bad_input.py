@@ -178,6 +178,11 @@ CASES = {
         "'inner'",
     ),
     "cell without body": (lambda: RootMesh(*grid(), ("a",), np.array([1], np.int32)), SceneError, "no body"),
+    "bodies that share nodes": (
+        lambda: RootMesh(*grid(2), ("a", "b"), np.array([0, 1], np.int32)),
+        SceneError,
+        "shares nodes with another body",
+    ),
     "missing file": (lambda: root_mesh_from_file(COMM, "no/such.msh"), SceneError, "no mesh file 'no/such.msh'"),
     "not a mesh file": (lambda: root_mesh_from_file(COMM, __file__), FxContactError, ""),
     "unknown surface": (lambda: press(two_cubes(), Dirichlet("side", x=0.0)), SceneError, "'base', 'under', 'over'"),

@@ -12,6 +12,7 @@ from dolfinx.la import InsertMode, vector
 from petsc4py import PETSc
 
 from fx_contact import reference
+from fx_contact._mpi import Directory
 from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
@@ -40,7 +41,7 @@ class Penalty:
 
 @dataclass(frozen=True, eq=False)
 class NodePairs:
-    """The contact pairs of conforming vertices that this rank owns.
+    """The contact pairs of conforming vertices that this rank holds, each pair on one rank.
 
     Attributes:
         prolongation: Prolongation whose conforming vertices are paired.
@@ -118,11 +119,15 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
     shares = np.concatenate([[area], [penalty.factor * modulus * np.sqrt(area)], normal.T]) / 4
     sums = np.zeros((len(vertices), 5))
     np.add.at(sums, vertex, shares.T[:, None])
-    sums = prolongation.restrict(sums)
 
+    # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
     distinct, example = np.unique(vertex, return_index=True)
-    own = (prolongation.conforming[distinct] >= 0) & (prolongation.conforming[distinct] < prolongation.owned)
+    conform = ~prolongation.hanging[distinct]
+    distinct, example = distinct[conform], example[conform]
+    _, owner = Directory(forest.comm, vertices.keys[distinct]).number()
+    own = owner == forest.comm.rank
     first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
+    sums = prolongation.ghosted(prolongation.restrict(sums))
     area, stiffness, normal = sums[first, 0], sums[first, 1], sums[first, 2:]
     if scene.contact[index].direction is not None:
         normal = np.broadcast_to(np.asarray(scene.contact[index].direction, dtype=float), normal.shape)

@@ -206,17 +206,7 @@ class Forest:
         ]
         touches = np.stack(at, axis=1) & self.pairing.rim[cell, face]
         row, which = np.nonzero(touches)
-        return self.edges.cells[leaf[row], _FACE_EDGES[face[row], which]]
-
-
-def _face_edges():
-    """Local edge of a face at (second tangent low, high, first tangent low, high): (6, 4) int."""
-    pairs = [[0, 1], [2, 3], [0, 2], [1, 3]]
-    edges = {tuple(ends): index for index, ends in enumerate(reference.EDGE_CORNERS)}
-    return np.array([[edges[tuple(corners[pair])] for pair in pairs] for corners in reference.FACE_CORNERS])
-
-
-_FACE_EDGES = _face_edges()
+        return self.edges.cells[leaf[row], reference.FACE_EDGES[face[row], which]]
 
 
 @dataclass(frozen=True)

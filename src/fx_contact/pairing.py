@@ -35,8 +35,8 @@ class Pairing:
         partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
         pair: (ncells, 6) int32, index of the contact pair, -1 where none.
         first: (ncells, 6) bool, whether the face belongs to the first surface of its pair.
-        rim: (ncells, 6, 4) bool, whether the edge at (second tangent low, high, first tangent low, high) of a
-            paired face is the rim of its surface.
+        rim: (ncells, 6, 4) bool, whether a cell that has no face on the surface touches the edge of a paired face,
+            edges as in `reference.FACE_EDGES`.
 
     Raises:
         SceneError: an unknown surface.
@@ -254,8 +254,11 @@ def _check_one_to_one(mesh, label, first, second, symmetry):
 
 
 def _rim(mesh, facets):
-    """Whether each of the four edges of each facet belongs to no other facet of the surface: (n, 4) bool."""
-    corners = mesh.corners[facets[:, :1], reference.FACE_CORNERS[facets[:, 1]]]
-    edges = np.sort(corners[:, [[0, 1], [2, 3], [0, 2], [1, 3]]], axis=2).reshape(-1, 2)
-    _, inverse, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
-    return (count[inverse.ravel()] == 1).reshape(-1, 4)
+    """Whether a cell without a facet of the surface at that edge touches each edge of each facet: (n, 4) bool.
+
+    Such a cell need not be refined with the facing leaves, and could leave a vertex hanging on one side only.
+    """
+    edges = mesh.edges[facets[:, :1], reference.FACE_EDGES[facets[:, 1]]]
+    around = np.bincount(mesh.edges.ravel())
+    facing = np.unique(np.stack([np.repeat(facets[:, 0], 4), edges.ravel()], axis=1), axis=0)[:, 1]
+    return around[edges] != np.bincount(facing, minlength=len(around))[edges]

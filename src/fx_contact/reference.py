@@ -25,6 +25,14 @@ EDGE_CORNERS = np.array(
     [[v, v + (1 << axis)] for axis in range(3) for v in range(8) if not v >> axis & 1], dtype=np.int64
 )
 
+#: Local edges of each face, at (second tangent low, second high, first low, first high).
+FACE_EDGES = np.array(
+    [
+        [np.flatnonzero((EDGE_CORNERS == corners[ends]).all(axis=1))[0] for ends in ([0, 1], [2, 3], [0, 2], [1, 3])]
+        for corners in FACE_CORNERS
+    ]
+)
+
 
 def lattice(order):
     """Integer coordinates of the tensor-order nodes of a cell.

@@ -31,7 +31,7 @@ class RootMesh:
 
     Raises:
         GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
-        SceneError: a cell without body, a surface facet that is not on the boundary.
+        SceneError: a cell without body, two bodies with common nodes, a surface facet that is not on the boundary.
     """
 
     points: np.ndarray
@@ -56,6 +56,12 @@ class RootMesh:
     def corners(self):
         """(ncells, 8) int64: the nodes at the cell corners, tensor order."""
         return self.cells[:, reference.corner_nodes(self.order)]
+
+    @cached_property
+    def edges(self):
+        """(ncells, 12) int64: a number for each local edge, the same in all cells that share it."""
+        ends = np.sort(self.corners[:, reference.EDGE_CORNERS], axis=2).reshape(-1, 2)
+        return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
 
     @cached_property
     def face_neighbours(self):
@@ -210,6 +216,15 @@ def _check_tags(mesh):
     if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
         cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
         raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
+    owner = np.full(len(mesh.points), -1)
+    owner[mesh.cells] = mesh.body[:, None]
+    common = (owner[mesh.cells] != mesh.body[:, None]).any(axis=1)
+    if common.any():
+        cell = int(common.argmax())
+        raise SceneError(
+            f"body {mesh.bodies[mesh.body[cell]]!r} shares nodes with another body, near root cell {cell}: give each "
+            "body nodes of its own (bodies meet by contact only), or make them one body"
+        )
     for name, facets in mesh.surfaces.items():
         if (
             facets.ndim != 2

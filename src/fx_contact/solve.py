@@ -296,7 +296,7 @@ def _first_guess(pairs, u):
 
 def _fingerprint(pairs, active):
     """A number that tells active sets apart, the same on all ranks."""
-    first = pairs.prolongation.index_map.local_range[0] + pairs.first[active].astype(np.uint64)
+    first = pairs.prolongation.index_map.local_to_global(pairs.first[active].astype(np.int32)).astype(np.uint64)
     with np.errstate(over="ignore"):
         mixed = (first + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
         mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
