@@ -70,13 +70,13 @@ def parser(description, *, tolerance, order, coarse, output):
     return result
 
 
-def main(options, make_scene, exact):
+def main(options, make_scene, exact=None):
     """Parse, run, write; errors of the package end in one line and exit code 1 on all ranks.
 
     Args:
         options: ArgumentParser.
         make_scene: function of the arguments and a Material that makes the Scene.
-        exact: function of the arguments, the Material and the force that makes a Hertz to draw, or None.
+        exact: function of the arguments, the Material and the force that makes a Hertz to compare with, or None.
     """
     arguments, others = options.parse_known_args()
     unknown = [word for word in others if word.startswith("--")]
@@ -115,7 +115,7 @@ def _run(comm, arguments, make_scene, exact):
         steps.append(step.record)
         show(table_row(step.record), flush=True)
     record = step.record
-    compared = exact(arguments, material, record["force"])
+    compared = exact and exact(arguments, material, record["force"])
     with step.stages("output"):
         write_fields(step, arguments.output / "fields.bp")
         draw_pressure(step, arguments.output / "pressure.png", compared)
@@ -125,9 +125,9 @@ def _run(comm, arguments, make_scene, exact):
     show(total_seconds([r["seconds"] for r in steps]))
     if record["ratio"] > 1:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
+    hertz = f" (Hertz: {compared.contact_radius:.5g} m, {compared.max_pressure:.5g} Pa)" if compared else ""
     show(
         f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "
-        f"{record['max_pressure']:.5g} Pa (Hertz through this force: {compared.contact_radius:.5g} m, "
-        f"{compared.max_pressure:.5g} Pa)"
+        f"{record['max_pressure']:.5g} Pa{hertz}"
     )
     show(f"results in {arguments.output}: steps.jsonl, fields.bp (for ParaView), pressure.png, mesh.png")

@@ -1,13 +1,12 @@
-"""Ready scenes."""
+"""Two half-spheres pressed together: Hertz's problem on finite bodies."""
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.errors import GeometryError, SceneError
 from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.reference import CORNERS, FACE_CORNERS
-from fx_contact.rootmesh import MAX_ORDER
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
+from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
 
 
 def hertz(
@@ -38,13 +37,10 @@ def hertz(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    if symmetry not in ("quarter", "full"):
-        raise SceneError(f"unknown symmetry {symmetry!r}; there are 'quarter' and 'full'")
-    if not (np.isfinite(radius) and radius > 0):
-        raise SceneError(f"the radius must be positive, got {radius}")
-    if not np.isfinite(displacement):
-        raise SceneError(f"the displacement must be a finite number, got {displacement}")
-    _check_mesh_size(order, coarse)
+    check_symmetry(symmetry)
+    check_number("radius", radius, positive=True)
+    check_number("displacement", displacement)
+    check_mesh_size(order, coarse)
     mesh = root_mesh_from_gmsh(comm, lambda: _half_balls(radius, order, coarse, symmetry))
     half = displacement / 2
     conditions = [Dirichlet("top", z=-half), Dirichlet("bottom", z=half)]
@@ -61,13 +57,6 @@ def hertz(
         contact=(ContactPair("lower pole", "upper pole", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
     )
-
-
-def _check_mesh_size(order, coarse):
-    if order not in range(1, MAX_ORDER + 1):
-        raise GeometryError(f"the order of the root mesh must be 1 to {MAX_ORDER}, got {order}")
-    if not (isinstance(coarse, (int, np.integer)) and coarse >= 1):
-        raise SceneError(f"coarse must be a positive number of root cells, got {coarse}")
 
 
 #: Corners of the inner cube of the ball on an axis, on a diagonal and on a space diagonal, relative to the radius.
