@@ -1,0 +1,133 @@
+"""Hertz contact of two half-spheres: the same run on any number of ranks, and the reference values."""
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere, leaves
+from mpi4py import MPI
+
+from fx_contact import Solver, adapt
+from fx_contact.conditions import shear_free_components
+from fx_contact.estimate import estimate
+from fx_contact.report import STAGES
+from fx_contact.scenes import hertz
+
+KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
+krylov_iterations, estimate, tolerance, ratio, force, contact_radius, max_pressure, max_penetration, partition, seconds,
+peak_memory_bytes, versions"""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hertz(order=3)
+
+
+def summary(step):
+    """What must not depend on the number of ranks, and what may to round-off and the Krylov tolerance."""
+    record = step.record
+    exact = {
+        name: record[name]
+        for name in ("step", "cells", "dofs", "hanging_nodes", "max_level", "geometry_order", "active_pairs")
+    }
+    close = {
+        name: record[name] for name in ("force", "estimate", "contact_radius", "max_pressure", "max_penetration")
+    }
+    active = step.forest.comm.allgather(step.pairs.position[step.contact.active])
+    active = np.concatenate(active)
+    return exact, close, leaves(step.forest), active[np.lexsort(np.round(active, 9).T)], record
+
+
+def runs(scene, **options):
+    """Steps on this communicator and, on each rank by itself, in serial."""
+    return [[summary(step) for step in adapt(scene, comm=comm, **options)] for comm in (WORLD, MPI.COMM_SELF)]
+
+
+def test_same_run_in_serial(scene):
+    """Cells, levels, dofs and active pairs of every step are those of a serial run; forces agree to 1e-7."""
+    parallel, serial = runs(scene, tolerance=0.16, geometry_order=3)
+    everywhere(len(parallel) == len(serial) >= 4, "another number of steps")
+    assert parallel[-1][0]["hanging_nodes"] > 100 and parallel[-1][0]["active_pairs"] > 10
+    for here, alone in zip(parallel, serial):
+        everywhere(here[0] == alone[0], f"{here[0]} in parallel, {alone[0]} in serial")
+        everywhere(np.array_equal(here[2], alone[2]), f"step {here[0]['step']}: other leaves")
+        everywhere(np.abs(here[3] - alone[3]).max() < 1e-12, f"step {here[0]['step']}: other active pairs")
+        for name, value in here[1].items():
+            everywhere(
+                abs(value - alone[1][name]) <= 1e-7 * alone[1][name],
+                f"{name} {value} in parallel, {alone[1][name]} in serial",
+            )
+        assert here[4]["partition"]["split_pairs"] == 0
+        assert here[4]["partition"]["imbalance"] < 1.1
+        assert here[4]["ranks"] == WORLD.size
+    if WORLD.size > 1:
+        assert parallel[-1][4]["partition"]["cut_facets"] > 0
+
+
+def test_default_krylov_tolerance(scene):
+    """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
+    forces = [
+        np.array([step.record["force"] for step in adapt(scene, 0.12, solver=solver)])
+        for solver in (Solver(), Solver(tolerance=1e-13))
+    ]
+    assert len(forces[0]) > 3
+    assert np.abs(forces[0] / forces[1] - 1).max() < 1e-7, forces
+
+
+def test_record(scene):
+    """A step's record has the keys and types of the contract, the same on all ranks."""
+    step = next(iter(adapt(scene, 0.16, max_steps=1)))
+    record = step.record
+    assert set(record) == {key.strip() for key in KEYS.split(",")}
+    assert set(record["partition"]) == {"kind", "imbalance", "cut_facets", "split_pairs"}
+    assert set(record["versions"]) == {"dolfinx", "petsc", "hypre", "numpy"}
+    assert (
+        {
+            "partition",
+            "mesh",
+            "hanging",
+            "assemble",
+            "system",
+            "setup",
+            "solve",
+            "estimate",
+            "refine",
+            "output",
+            "total",
+        }
+        <= set(record["seconds"])
+        == {*STAGES, "total"}
+    )
+    assert isinstance(record["krylov_iterations"], list) and record["scene"] == "hertz"
+    assert record["ratio"] == record["estimate"] / record["tolerance"]
+    assert (
+        record["seconds"]["total"]
+        >= 0.9 * sum(s for name, s in record["seconds"].items() if name != "total") / WORLD.size
+    )
+    everywhere(record == WORLD.bcast(record), "the ranks have different records")
+
+
+def test_reference_values(scene):
+    """HERTZ-A at 8 % with the default settings: force within 0.5 %, largest pressure and radius within 3 %."""
+    *_, step = adapt(scene, 0.08)
+    record = step.record
+    assert record["ratio"] <= 1
+    # Reference: axisymmetric P2, exact non-penetration.
+    assert abs(record["force"] / 5.37755e-4 - 1) < 0.005
+    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.03
+    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.03
+    assert record["max_penetration"] < 0.02 * 0.01, "the penalty is hard"
+    assert record["partition"]["split_pairs"] == 0
+    shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
+    again = estimate(step.elasticity, shear_free, step.stages)
+    assert abs(again.relative / record["estimate"] - 1) < 1e-12
+
+
+def test_full_and_quarter_model():
+    """The whole half-spheres and a quarter of them have the same results and error estimate on the same mesh."""
+    records = []
+    for kind in ("quarter", "full"):
+        scene = hertz(displacement=0.2, order=2, coarse=3, symmetry=kind)
+        records.append(next(iter(adapt(scene, 0.1, max_steps=1))).record)
+    quarter, full = records
+    assert full["cells"] == 4 * quarter["cells"] and full["active_pairs"] > quarter["active_pairs"] > 3
+    for name in ("force", "max_penetration", "max_pressure", "contact_radius", "estimate"):
+        assert abs(full[name] / quarter[name] - 1) < 1e-6, name

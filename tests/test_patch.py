@@ -1,0 +1,189 @@
+"""Patch tests: fields that the discretisation must reproduce, through hanging nodes, contact and random partitions.
+
+Contact with a penalty k lets bodies overlap by F/k, so uniform compression leaves a jump p A/k at each node pair, which
+varies where the tributary area A and the stiffness k do, and the piecewise linear field is not a solution.  Here every
+pair starts with the gap -p A/k: pressed by the uniform pressure p its penetration is p A/k without a jump of the
+displacement, whatever the penalty, and the exact solution is linear in each body.  What is tested then is that the
+forces of the pairs, area by area, balance the uniform stress of both bodies.  On facets that are parallelograms A is
+the integral of the vertex's shape function; there the patch test is exact.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from conftest import DISTRIBUTIONS, RUBBER, STEEL, WORLD, everywhere, grown, pressed, roots, two_boxes
+from dolfinx.fem import Function, assemble_scalar, form
+from mpi4py import MPI
+from test_elasticity import discrete
+
+from fx_contact import reference
+from fx_contact.conditions import load, prescribed_displacements, shear_free_components
+from fx_contact.contact import Penalty, node_pairs
+from fx_contact.estimate import estimate
+from fx_contact.mesh import vertex_positions
+from fx_contact.report import Stages
+from fx_contact.scene import ContactPair, Dirichlet, Scene
+from fx_contact.solve import Solver, solve_contact
+
+EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)
+PRESSURE = 0.01
+
+
+def conforming_positions(forest, prolongation):
+    """Positions of the owned conforming vertices, and of which body they are."""
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    position, body = np.empty((prolongation.owned, 3)), np.empty(prolongation.owned, dtype=int)
+    place = prolongation.conforming[own]
+    position[place] = vertex_positions(forest)[own]
+    body[place] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
+    return position, body
+
+
+def compressed(materials):
+    """Two blocks between frictionless plates and two symmetry planes, and the strains (lateral, axial) of each."""
+    mesh = two_boxes(upper=(2, 2, 2), depth=2, distortion=0.2, flat_contact=False)
+    strain = [(m.poisson * PRESSURE / m.young, -PRESSURE / m.young) for m in materials]
+    held = [Dirichlet(f"{body} {axis} low", **{axis: 0.0}) for body in ("lower", "upper") for axis in "xy"]
+    plates = [Dirichlet("lower z low", z=-2 * strain[0][1]), Dirichlet("upper z high", z=2 * strain[1][1])]
+    scene = Scene(
+        "patch",
+        mesh,
+        dict(zip(mesh.bodies, materials)),
+        (*held, *plates),
+        (ContactPair("lower contact", "upper contact", direction=(0, 0, 1)),),
+    )
+    return scene, np.array([(lateral, lateral, axial) for lateral, axial in strain])
+
+
+@pytest.mark.parametrize("materials", [(STEEL, STEEL), (STEEL, RUBBER)], ids=["alike", "unlike"])
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_uniform_compression(distribution, materials):
+    """Two pressed blocks of distorted cells, refined at random, are in uniform stress to 1e-10."""
+    scene, strain = compressed(materials)
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between the blocks")
+    largest, smallest = WORLD.allreduce(pairs.area.max(initial=0), MPI.MAX), WORLD.allreduce(
+        pairs.area.min(initial=1), MPI.MIN
+    )
+    assert largest > 4 * smallest, "contact is not refined unevenly"
+    pairs = replace(pairs, gap=-PRESSURE * pairs.area / pairs.stiffness)
+    prescribed = prescribed_displacements(scene, forest, prolongation)
+    forces = load(scene, forest, elasticity)
+    contact = solve_contact(
+        elasticity.stiffness(pairs), forces, pairs, prescribed, np.zeros((prolongation.owned, 3)), EXACT, Stages()
+    )
+    position, body = conforming_positions(forest, prolongation)
+    exact = position * strain[body]
+    size = WORLD.allreduce(np.abs(exact).max(), MPI.MAX)
+    everywhere(np.abs(contact.displacement - exact).max() < 1e-10 * size, "the displacement is not linear")
+    everywhere(contact.active.all(), "an open pair")
+    total = WORLD.allreduce(contact.force.sum())
+    assert abs(total - 4 * PRESSURE) < 1e-9 * 4 * PRESSURE
+    everywhere(np.abs(contact.force / pairs.area / PRESSURE - 1).max(initial=0) < 1e-8, "the pressure is not uniform")
+
+    elasticity.set_displacement(contact.displacement)
+    error = estimate(elasticity, shear_free_components(scene, forest, prolongation), Stages())
+    assert error.relative < 1e-8, "the recovered stress of a linear field is that field's"
+    energy = sum(4 * 2 * PRESSURE**2 / m.young for m in materials)
+    assert abs(error.energy_norm**2 - energy) < 1e-9 * energy
+
+
+def test_penalty_gap():
+    """Without the initial overlap the force falls short by what the penalty gives way, inversely to its factor."""
+    scene, strain = compressed((STEEL, RUBBER))
+    forest = grown(roots(scene), 2, share=0.1)
+    elasticity = discrete(scene, forest)
+    short = []
+    for factor in (100.0, 1000.0):
+        pairs = node_pairs(scene, forest, elasticity.prolongation, Penalty(factor))
+        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+        start = np.zeros((elasticity.prolongation.owned, 3))
+        contact = solve_contact(elasticity.stiffness(pairs), start, pairs, prescribed, start, EXACT, Stages())
+        short.append(1 - WORLD.allreduce(contact.force.sum()) / (4 * PRESSURE))
+        everywhere((contact.penetration[contact.active] > 0).all(), "an active pair that does not overlap")
+    assert 0 < short[1] < short[0] < 0.01
+    assert abs(short[0] / short[1] - 10) < 0.1
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 6])
+def test_translation(order):
+    """A translation of the held faces moves everything alike, on curved cells and through hanging nodes, to 1e-10."""
+    mesh = two_boxes(order=order, bend=0.15 if order > 1 else 0.0)
+    shift = dict(x=0.1, y=-0.2, z=0.3)
+    scene = Scene(
+        "shift",
+        mesh,
+        {"lower": STEEL, "upper": RUBBER},
+        (Dirichlet("lower z low", **shift), Dirichlet("upper z high", **shift)),
+    )
+    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest, order)
+    assert elasticity.prolongation.hanging_global > 50
+    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    start = np.zeros_like(prescribed)
+    contact = solve_contact(elasticity.stiffness(), start, None, prescribed, start, EXACT, Stages())
+    everywhere(np.abs(contact.displacement - list(shift.values())).max() < 1e-10, "not a translation")
+    assert contact.contact_iterations == 1 and len(contact.active) == 0
+
+
+GRADIENT = np.array([[0.01, 0.02, 0.0], [-0.01, 0.03, 0.01], [0.0, -0.02, -0.02]])
+
+
+def linear_boundary_error(mesh, rounds):
+    """Energy error, relative, of the solution with a linear field prescribed at all boundary vertices."""
+    scene = pressed(mesh, contact=False)
+    forest = roots(scene)
+    for _ in range(rounds):
+        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+    forest = DISTRIBUTIONS["contact-sfc"](forest)
+    elasticity = discrete(scene, forest, mesh.order)
+    prolongation = elasticity.prolongation
+    outside = np.zeros((len(forest.vertices), 1))
+    leaf, face = forest.boundary_faces(np.argwhere(mesh.face_neighbours == 1))
+    outside[forest.vertices.cells[leaf[:, None], reference.FACE_CORNERS[face]]] = 1
+    outside = prolongation.restrict(outside)[:, 0] > 0
+    position, _ = conforming_positions(forest, prolongation)
+    prescribed = np.where(outside[:, None], position @ GRADIENT.T, np.nan)
+    assert WORLD.allreduce(int((~outside).sum())) > 0
+    start = np.zeros_like(prescribed)
+    contact = solve_contact(elasticity.stiffness(), start, None, prescribed, start, EXACT, Stages())
+    elasticity.set_displacement(contact.displacement)
+    strain = ufl.as_matrix(((GRADIENT + GRADIENT.T) / 2).tolist())
+    energies = []
+    for gradient in (ufl.sym(ufl.grad(elasticity.u)) - strain, strain):
+        stress = elasticity.lame[0] * ufl.tr(gradient) * ufl.Identity(3) + 2 * elasticity.lame[1] * gradient
+        dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": 6})
+        energies.append(WORLD.allreduce(assemble_scalar(form(ufl.inner(stress, gradient) * dx))))
+    return np.sqrt(max(energies[0], 0) / energies[1])
+
+
+def test_linear_field_on_straight_cells():
+    """On distorted straight-sided cells a linear field prescribed on the boundary is reproduced."""
+    assert linear_boundary_error(two_boxes(distortion=0.2), 1) < 1e-10
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_linear_field_on_curved_cells(order):
+    """On curved cells the energy error of a linear field falls at first order under uniform refinement."""
+    mesh = two_boxes(upper=(1, 1, 1), order=order, bend=0.3)
+    errors = [linear_boundary_error(mesh, rounds) for rounds in (1, 2, 3)]
+    assert errors[0] > 1e-4, "the cells are not curved"
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (rates > 0.9).all(), f"rates {rates}"
+
+
+def test_displacement_is_a_function_on_the_leaf_mesh():
+    """`u` has the values of the conforming displacement at the vertices of dolfinx's own coordinates."""
+    scene = pressed(two_boxes())
+    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 2))
+    elasticity = discrete(scene, forest)
+    position, _ = conforming_positions(forest, elasticity.prolongation)
+    elasticity.set_displacement(position @ GRADIENT.T)
+    other = Function(elasticity.space)
+    other.interpolate(lambda x: GRADIENT @ x)
+    everywhere(np.abs(other.x.array - elasticity.u.x.array).max() < 1e-14, "displacements sit at other vertices")
