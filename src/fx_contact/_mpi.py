@@ -99,8 +99,9 @@ def _alltoall(comm, rows, sent, received):
 
 
 def _home(keys, size):
-    """Home rank of each key: a multiplicative hash, so that neighbouring keys spread evenly.  Local."""
-    mixed = keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    """Home rank of each key: all bits are folded and multiplied, so that neighbouring keys spread evenly.  Local."""
+    keys = keys.astype(np.uint64)
+    mixed = (keys ^ keys >> np.uint64(32)) * np.uint64(0x9E3779B97F4A7C15)
     return ((mixed >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
 
 

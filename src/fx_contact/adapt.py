@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import partition
-from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import SceneError
@@ -125,13 +125,13 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         matrix = elasticity.stiffness(pairs)
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
-        forces = load(scene, forest, cells, elasticity)
+        forces = load(scene, forest, elasticity)
         start = _start(forest, prolongation, carried)
     contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages)
     matrix.destroy()
     with stages("estimate"):
         elasticity.set_displacement(contact.displacement)
-        error = estimate(elasticity, stages)
+        error = estimate(elasticity, shear_free_components(scene, forest, prolongation), stages)
     record = {
         "scene": scene.name,
         "step": number,

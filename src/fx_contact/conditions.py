@@ -7,6 +7,7 @@ from dolfinx import fem
 from fx_contact import reference
 from fx_contact.elasticity import QUADRATURE_DEGREE
 from fx_contact.lattice import SIDE
+from fx_contact.scene import outward_normals
 
 
 def prescribed_displacements(scene, forest, prolongation):
@@ -37,6 +38,31 @@ def prescribed_displacements(scene, forest, prolongation):
         return np.where(total[:, 3:] > 0, total[:, :3] / total[:, 3:], np.nan)
 
 
+def shear_free_components(scene, forest, prolongation):
+    """Where a plane across an axis is held in that direction only: no shear stress acts there, as by symmetry.
+
+    Collective on forest.comm.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        prolongation: Prolongation of the forest.
+
+    Returns:
+        (owned, 3) bool, for each conforming vertex the directions in which it lies on such a plane.
+    """
+    on = np.zeros((len(forest.vertices), 3))
+    loaded = {traction.surface for traction in scene.tractions}
+    for condition in scene.dirichlet:
+        held = np.flatnonzero(~np.isnan(condition.values))
+        if len(held) == 1 and condition.where in forest.mesh.surfaces and condition.where not in loaded:
+            normals = outward_normals(forest.mesh, forest.mesh.surfaces[condition.where])
+            if np.allclose(np.abs(normals[:, held[0]]), 1):
+                on[_vertices_at(scene, forest, condition.where), held[0]] = 1
+    on[prolongation.hanging] = 0
+    return prolongation.restrict(on) > 0
+
+
 def _vertices_at(scene, forest, name):
     """This rank's vertices on a named surface, or at a named vertex, of the root mesh."""
     mesh = forest.mesh
@@ -49,7 +75,7 @@ def _vertices_at(scene, forest, name):
     return place[place >= 0]
 
 
-def load(scene, forest, leaf_mesh, elasticity):
+def load(scene, forest, elasticity):
     """Generalised external forces of the tractions on the conforming vertices.
 
     Collective on forest.comm.
@@ -57,18 +83,17 @@ def load(scene, forest, leaf_mesh, elasticity):
     Args:
         scene: Scene.
         forest: Forest.
-        leaf_mesh: LeafMesh of the forest.
-        elasticity: Elasticity on that mesh.
+        elasticity: Elasticity on the forest's mesh.
 
     Returns:
         (owned, 3) float64 [N].
     """
     forces = np.zeros((len(forest.vertices), 3))
     if scene.tractions:
-        mesh, test = leaf_mesh.mesh, ufl.TestFunction(elasticity.space)
+        mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.space)
         mesh.topology.create_connectivity(2, 3)
         data = [
-            (i, leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel())
+            (i, elasticity.leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel())
             for i, t in enumerate(scene.tractions)
         ]
         ds = ufl.Measure("ds", mesh, subdomain_data=data, metadata={"quadrature_degree": QUADRATURE_DEGREE})

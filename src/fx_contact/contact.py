@@ -1,8 +1,9 @@
 """Node-to-node contact B, assembled facet pair by facet pair: gaps, stiffnesses, forces and pressures.
 
-Each pair of facing leaf facets is a super-element of four node pairs with a quarter of its area each.  What would fall
-to a hanging node pair goes to its masters, so that the contact status belongs to conforming pairs only and the total
-area is kept.  A pair lives on the rank that owns both its vertices: B^T B needs no message (section 3 of the paper).
+Each pair of facing leaf facets is a super-element of four node pairs that share its area as a uniform pressure would be
+shared.  What would fall to a hanging node pair goes to its masters, so that the contact status belongs to conforming
+pairs only and the total area is kept.  A pair lives on the rank that owns both its vertices: B^T B needs no message
+(section 3 of the paper).
 """
 
 from dataclasses import dataclass
@@ -112,13 +113,12 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
     there = _evaluate(forest, cell, opposite)
     keys = forest.lattice.keys(cell, opposite)
 
-    normal = 0.5 * np.cross(here[:, 1] - here[:, 2], here[:, 3] - here[:, 0])
-    normal *= reference.FACE_ORIENTATION[face][:, None]
-    area = np.linalg.norm(normal, axis=1)
+    area, vector_area = _facet_shares(here, face)
+    size = np.sqrt(area.sum(axis=1))
     modulus = _contact_modulus(scene, forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell])
-    shares = np.concatenate([[area], [penalty.factor * modulus * np.sqrt(area)], normal.T]) / 4
+    stiffness = (penalty.factor * modulus / size)[:, None] * area
     sums = np.zeros((len(vertices), 5))
-    np.add.at(sums, vertex, shares.T[:, None])
+    np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], vector_area], axis=2))
 
     # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
     distinct, example = np.unique(vertex, return_index=True)
@@ -137,6 +137,20 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
     gap = np.einsum("ni,ni->n", normal, there - here)
     return first, prolongation.find(keys.ravel()[example]), normal, gap, area, stiffness, here
+
+
+def _facet_shares(corners, face):
+    """Integrals of the four bilinear functions over straight-sided facets, so that a uniform pressure is exact.
+
+    Returns (n, 4) areas and (n, 4, 3) areas times the outward normals.
+    """
+    gauss = 0.5 + np.array([-1, 1]) / np.sqrt(12)
+    v, u = (g.ravel() for g in np.meshgrid(gauss, gauss, indexing="ij"))
+    value = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+    along_u = np.stack([v - 1, 1 - v, -v, v], axis=1) @ corners
+    along_v = np.stack([u - 1, -u, 1 - u, u], axis=1) @ corners
+    normal = np.cross(along_u, along_v) * reference.FACE_ORIENTATION[face][:, None, None]
+    return np.linalg.norm(normal, axis=2) @ value / 4, value.T @ normal / 4
 
 
 def _evaluate(forest, cell, points):

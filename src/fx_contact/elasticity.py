@@ -25,7 +25,8 @@ class Elasticity:
         stages: Stages, for the times.
 
     Attributes:
-        mesh: the dolfinx mesh.
+        leaf_mesh: as given.
+        mesh: its dolfinx mesh.
         prolongation: as given.
         space: displacement space, a block of 3 a vertex.
         u: displacement, a Function [m].
@@ -40,7 +41,7 @@ class Elasticity:
             self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
             constant = fem.functionspace(mesh, ("DG", 0))
         self.u = fem.Function(self.space, name="displacement")
-        self._leaf_mesh, self._stages = leaf_mesh, stages
+        self.leaf_mesh, self._stages = leaf_mesh, stages
         blocks = self.space.dofmap.list
         imap = self.space.dofmap.index_map
         self.vertex_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
@@ -92,7 +93,7 @@ class Elasticity:
     def _row_lengths(self, pairs):
         """Entries of each owned row in columns of this rank and of others, at most: two (3 owned,) int32 arrays."""
         imap = self.prolongation.index_map
-        cells, size = self._leaf_mesh.vertices, imap.size_local + imap.num_ghosts
+        cells, size = self.leaf_mesh.vertices, imap.size_local + imap.num_ghosts
         corners = csr_matrix(
             (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
             shape=(len(cells), len(self.prolongation.vertices)),

@@ -48,7 +48,7 @@ class Estimate:
         return self.error > tolerance * self.energy_norm / np.sqrt(self.cells)
 
 
-def estimate(elasticity, stages):
+def estimate(elasticity, shear_free, stages):
     """Recover the stress of `elasticity.u` and estimate its error.
 
     Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so
@@ -56,6 +56,8 @@ def estimate(elasticity, stages):
 
     Args:
         elasticity: Elasticity, its `u` set.
+        shear_free: (owned, 3) bool, where the recovered shear stress on planes across an axis is zero: at a symmetry
+            plane it would cancel with that of the mirrored cells.
         stages: Stages, for the times.
 
     Returns:
@@ -78,6 +80,9 @@ def estimate(elasticity, stages):
     vertex = elasticity.vertex_of_block
     local[vertex] = fem.assemble_vector(moment_form).array.reshape(-1, 7)
     sums = prolongation.restrict(local)
+    for component, (i, j) in enumerate(VOIGT):
+        if i != j:
+            sums[shear_free[:, i] | shear_free[:, j], component] = 0
     values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
     recovered.x.array[:] = values[vertex].ravel()
 

@@ -101,8 +101,8 @@ def repartition(forest, values, kind="contact-sfc"):
         fewest = forest.comm.allreduce(len(forest), op=MPI.MIN)
         if fewest == 0:
             raise PartitionError(
-                f"{forest.size_global} leaves cannot be spread over {forest.comm.size} ranks: run on fewer ranks, or "
-                "start from a finer root mesh"
+                f"{forest.size_global} leaves cannot be spread over {forest.comm.size} ranks, facing leaves together: "
+                "run on fewer ranks, or start from a finer root mesh"
             )
     order = np.argsort(keys, kind="stable")
     return forest.ordered(order), None if values is None else values[order]

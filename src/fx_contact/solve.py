@@ -296,9 +296,11 @@ def _first_guess(pairs, u):
 
 def _fingerprint(pairs, active):
     """A number that tells active sets apart, the same on all ranks."""
-    first = pairs.prolongation.index_map.local_to_global(pairs.first[active].astype(np.int32)).astype(np.uint64)
+    both = np.concatenate([pairs.first[active], pairs.second[active]]).astype(np.int32)
+    first, second = pairs.prolongation.index_map.local_to_global(both).astype(np.uint64).reshape(2, -1)
     with np.errstate(over="ignore"):
-        mixed = (first + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed = (first << np.uint64(32)) + second + np.uint64(1)
+        mixed = mixed * np.uint64(0x9E3779B97F4A7C15)
         mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
         mine = int((mixed ^ mixed >> np.uint64(32)).sum() & np.uint64((1 << 48) - 1))
     return pairs.prolongation.comm.allreduce(mine)
