@@ -64,11 +64,14 @@ def shear_free_components(scene, forest, prolongation):
 
 
 def _vertices_at(scene, forest, name):
-    """This rank's vertices on a named surface, or at a named vertex, of the root mesh."""
+    """This rank's vertices on a named surface or curve, or at a named vertex, of the root mesh."""
     mesh = forest.mesh
     if name in mesh.surfaces:
         leaf, face = forest.boundary_faces(mesh.surfaces[name])
         return forest.vertices.cells[leaf[:, None], reference.FACE_CORNERS[face]]
+    if name in mesh.curves:
+        leaf, edge = forest.boundary_edges(mesh.curves[name])
+        return forest.vertices.cells[leaf[:, None], reference.EDGE_CORNERS[edge]]
     cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(name)))
     points = (SIDE * reference.CORNERS[corner])[:, None]
     place = forest.vertices.find(forest.lattice.keys(cell, points)[:, 0])

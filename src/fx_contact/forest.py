@@ -112,6 +112,25 @@ class Forest:
         on = np.stack([at[s][:, a] for a, s in zip(reference.FACE_AXIS, reference.FACE_SIDE)], axis=1)
         return np.nonzero(on & wanted[self.cell])
 
+    def boundary_edges(self, edges):
+        """Edges of this rank's leaves that lie on given root edges.
+
+        Local.
+
+        Args:
+            edges: (k, 2) int rows (root cell, local edge).
+
+        Returns:
+            (m,) int64 leaf indices, (m,) int64 local edges.
+        """
+        wanted = np.zeros((len(self.mesh.cells), 12), dtype=bool)
+        wanted[edges[:, 0], edges[:, 1]] = True
+        on = wanted[self.cell]
+        for edge, (axis, corner) in enumerate(zip(reference.EDGE_AXIS, reference.EDGE_CORNERS[:, 0])):
+            for across in set(range(3)) - {int(axis)}:
+                on[:, edge] &= self.corners[:, corner, across] == SIDE * reference.CORNERS[corner, across]
+        return np.nonzero(on)
+
     def refined(self, marked):
         """Refine marked leaves, their partners, and as many more as the balance of the forest demands.
 

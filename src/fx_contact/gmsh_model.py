@@ -1,7 +1,7 @@
 """Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
 
-Physical groups name things: volumes are bodies, surfaces are surfaces, points are vertices.  The order of Gmsh's nodes
-is read from Gmsh itself, so that all orders work alike.
+Physical groups name things: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
+order of Gmsh's nodes is read from Gmsh itself, so that all orders work alike.
 """
 
 from pathlib import Path
@@ -106,6 +106,7 @@ def _read_model(model):
         "bodies": tuple(bodies),
         "body": body,
         "surfaces": _surfaces(model, order, used, cells),
+        "curves": _curves(model, order, used, cells),
         "vertices": _vertices(model, used),
     }
 
@@ -161,36 +162,52 @@ def _elements(model, element_type, dimension, entity):
 
 def _surfaces(model, order, used, cells):
     """Name -> rows (cell, local face) of the physical surfaces."""
-    corners = used[cells[:, reference.corner_nodes(order)]]
-    faces = np.sort(corners[:, reference.FACE_CORNERS], axis=2).reshape(-1, 4)
-    distinct, inverse = np.unique(faces, axis=0, return_inverse=True)
-    example = np.empty(len(distinct), dtype=np.int64)
-    example[inverse.ravel()] = np.arange(len(faces))
-    surfaces = {}
-    for name, entities in _groups(model, 2).items():
-        quads = np.concatenate([_quadrangles(model, name, entity) for entity in entities])
-        if not len(quads):
+    return _facing(model, 2, 4, "quadrangles", used[cells[:, reference.corner_nodes(order)]], reference.FACE_CORNERS)
+
+
+def _curves(model, order, used, cells):
+    """Name -> rows (cell, local edge) of the physical curves."""
+    return _facing(model, 1, 2, "lines", used[cells[:, reference.corner_nodes(order)]], reference.EDGE_CORNERS)
+
+
+def _facing(model, dimension, ncorners, kind, corners, local):
+    """Name -> rows (cell, local entity) of the physical groups of a dimension.
+
+    Args:
+        model: Gmsh model.
+        dimension, ncorners, kind: of the elements of the groups: 2, 4 or 1, 2, and what to call them.
+        corners: (ncells, 8) int64, Gmsh nodes at the cell corners.
+        local: (k, ncorners) int, corners of the local faces or edges.
+    """
+    k = len(local)
+    distinct, example = np.unique(np.sort(corners[:, local], axis=2).reshape(-1, ncorners), axis=0, return_index=True)
+    groups = {}
+    for name, entities in _groups(model, dimension).items():
+        wanted = np.concatenate([_corner_tags(model, name, dimension, e, ncorners, kind) for e in entities])
+        if not len(wanted):
             continue
-        both, where = np.unique(np.concatenate([distinct, np.sort(quads, axis=1)]), axis=0, return_inverse=True)
+        both, where = np.unique(np.concatenate([distinct, np.sort(wanted, axis=1)]), axis=0, return_inverse=True)
         where = where.ravel()
         place = np.full(len(both), -1, dtype=np.int64)
         place[where[: len(distinct)]] = example
         found = place[where[len(distinct) :]]
         if (found < 0).any():
-            raise SceneError(f"surface {name!r} has quadrangles that are no face of a cell of any body")
-        surfaces[name] = np.stack(np.divmod(np.sort(found), 6), axis=1).astype(np.int32)
-    return surfaces
+            raise SceneError(f"group {name!r} has {kind} that belong to no cell of any body")
+        groups[name] = np.stack(np.divmod(np.unique(found), k), axis=1).astype(np.int32)
+    return groups
 
 
-def _quadrangles(model, name, entity):
-    """Corner nodes of the quadrangles of a surface: (n, 4)."""
-    types, _, nodes = model.mesh.getElements(2, entity)
-    rows = [np.empty((0, 4), np.int64)]
+def _corner_tags(model, name, dimension, entity, ncorners, kind):
+    """Corner nodes of the elements of an entity: (n, ncorners)."""
+    types, _, nodes = model.mesh.getElements(dimension, entity)
+    rows = [np.empty((0, ncorners), np.int64)]
     for element_type, tags in zip(types, nodes):
-        kind, _, _, count, _, corners = model.mesh.getElementProperties(element_type)
-        if corners != 4:
-            raise GeometryError(f"surface {name!r} has elements of type {kind!r}; recombine it into quadrangles")
-        rows.append(tags.reshape(-1, count)[:, :4].astype(np.int64))
+        what, _, _, count, _, corners = model.mesh.getElementProperties(element_type)
+        if corners != ncorners:
+            raise GeometryError(
+                f"group {name!r} has elements of type {what!r}; recombine the surface into quadrangles"
+            )
+        rows.append(tags.reshape(-1, count)[:, :ncorners].astype(np.int64))
     return np.concatenate(rows)
 
 

@@ -27,6 +27,7 @@ class RootMesh:
         bodies: names of the bodies.
         body: (ncells,) int32, index into `bodies`.
         surfaces: name -> (n, 2) int32, exterior facets as (root cell, local face).
+        curves: name -> (n, 2) int32, edges as (root cell, local edge), for conditions along lines.
         vertices: name -> (n,) int64, nodes at cell corners, for conditions at points.
 
     Raises:
@@ -39,6 +40,7 @@ class RootMesh:
     bodies: tuple[str, ...]
     body: np.ndarray
     surfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    curves: dict[str, np.ndarray] = field(default_factory=dict)
     vertices: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):

@@ -46,10 +46,10 @@ class Material:
 
 @dataclass(frozen=True)
 class Dirichlet:
-    """Prescribed displacement components on a surface or at a named vertex.
+    """Prescribed displacement components on a surface, along a curve or at a vertex.
 
     Attributes:
-        where: name of a surface or vertex of the root mesh.
+        where: name of a surface, curve or vertex of the root mesh.
         x, y, z: displacement [m], None where the component is free.
 
     Raises:
@@ -168,10 +168,10 @@ class Scene:
         return Pairing(self.mesh, self.contact)
 
     def place(self, name):
-        """Corner nodes of a named surface or vertex of the root mesh.
+        """Corner nodes of a named surface, curve or vertex of the root mesh.
 
         Args:
-            name: of a surface or a vertex.
+            name: of a surface, a curve or a vertex.
 
         Returns:
             (n,) int64 nodes.
@@ -183,10 +183,13 @@ class Scene:
         if name in mesh.surfaces:
             cell, face = mesh.surfaces[name].T
             return np.unique(mesh.corners[cell[:, None], reference.FACE_CORNERS[face]])
+        if name in mesh.curves:
+            cell, edge = mesh.curves[name].T
+            return np.unique(mesh.corners[cell[:, None], reference.EDGE_CORNERS[edge]])
         if name in mesh.vertices:
             return mesh.vertices[name]
-        places = ", ".join(map(repr, [*mesh.surfaces, *mesh.vertices])) or "none"
-        raise SceneError(f"unknown surface or vertex {name!r}; the root mesh has {places}")
+        places = ", ".join(map(repr, [*mesh.surfaces, *mesh.curves, *mesh.vertices])) or "none"
+        raise SceneError(f"unknown surface, curve or vertex {name!r}; the root mesh has {places}")
 
     def contact_directions(self, facets):
         """Direction in which gaps are measured at facets of first surfaces: as given, or the mean normal.

@@ -47,8 +47,9 @@ def hertz(
     if symmetry == "quarter":
         conditions += [Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)]
     else:
-        for body in ("top", "bottom"):
-            conditions += [Dirichlet(f"{body} centre", x=0.0, y=0.0), Dirichlet(f"{body} rim", y=0.0)]
+        for body in ("lower", "upper"):
+            # By symmetry; two vertices would do, but hold so softly that PCG needs twice the iterations.
+            conditions += [Dirichlet(f"{body} axis", x=0.0, y=0.0), Dirichlet(f"{body} radius", y=0.0)]
     return Scene(
         name="hertz",
         mesh=mesh,
@@ -79,8 +80,11 @@ def _half_balls(radius, order, coarse, symmetry):
         for name, tags in blocks.named.items():
             surfaces.setdefault({"pole": f"{body} pole", "flat": flat}.get(name, name), []).extend(tags)
         if symmetry == "full":
-            gmsh.model.addPhysicalGroup(0, [blocks.point((0.0, 0.0, sign * radius))], name=f"{flat} centre")
-            gmsh.model.addPhysicalGroup(0, [blocks.point((radius, 0.0, sign * radius))], name=f"{flat} rim")
+            along_z = [(0.0, 0.0, sign * radius * w) for w in (1.0, 1.0 - _ON_AXIS, 0.0)]
+            along_x = [(radius * x, 0.0, sign * radius) for x in (0.0, _ON_AXIS, 1.0)]
+            for name, places in (("axis", along_z), ("radius", along_x)):
+                lines = [blocks.line(a, b) for a, b in zip(places, places[1:])]
+                gmsh.model.addPhysicalGroup(1, lines, name=f"{body} {name}")
     for name, tags in surfaces.items():
         if symmetry == "quarter" or "=" not in name:
             gmsh.model.addPhysicalGroup(2, tags, name=name)
@@ -137,6 +141,10 @@ class Blocks:
         if key not in self._points:
             self._points[key] = self._geo.addPoint(*position)
         return self._points[key]
+
+    def line(self, start, end):
+        """Gmsh tag of the edge between two positions (3,) [m] that a block has."""
+        return self._lines[frozenset((self.point(start), self.point(end)))]
 
     def add(self, corners, named, sphere=None):
         """Add a block.
