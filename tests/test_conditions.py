@@ -13,7 +13,7 @@ from fx_contact.scenes import hertz, indentation
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 @pytest.mark.parametrize(
     "scene, axis",
-    [(hertz(order=2, coarse=2, symmetry="full"), 0.0), (indentation(coarse=2, symmetry="full"), 0.0)],
+    [(hertz(order=2, coarse=2, symmetry="full"), 0.0), (indentation(coarse=4, symmetry="full"), 0.0)],
     ids=["hertz", "indentation"],
 )
 def test_curves(scene, axis, distribution):
@@ -28,5 +28,5 @@ def test_curves(scene, axis, distribution):
     on_axis = np.abs(position[:, :2] - axis).max(axis=1) < 1e-9
     everywhere(((~np.isnan(prescribed[:, 0])) == on_axis).all(), "x is not held just along the axis")
     held = WORLD.allreduce(int((~np.isnan(prescribed[:, 1])).sum()))
-    assert held > WORLD.allreduce(int(on_axis.sum())) > 8, "y is held along a side too"
+    assert held > WORLD.allreduce(int(on_axis.sum())) > 5, "y is held along a side too"
     everywhere((np.abs(position[~np.isnan(prescribed[:, 1]), 1]) < 1e-9).all(), "y is held off the plane y = 0")
