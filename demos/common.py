@@ -79,10 +79,11 @@ def main(options, make_scene, exact=None):
         exact: function of the arguments, the Material and the force that makes a Hertz to compare with, or None.
     """
     arguments, others = options.parse_known_args()
-    unknown = [word for word in others if word.startswith("--")]
-    comm = MPI.COMM_WORLD
-    if unknown:
-        options.error(f"unknown option {unknown[0]}; --help lists them")
+    comm, theirs = MPI.COMM_WORLD, petsc_options(sys.argv[1:])
+    unknown = [word for word in others if word not in theirs]
+    unknown += [word for word in theirs if f"-{word}" in options.format_help().split()]
+    if unknown or (theirs and not theirs[0][1:2].isalpha()):
+        options.error(f"unknown option {(unknown + theirs)[0]!r}; --help lists them, all with two dashes")
     try:
         _run(comm, arguments, make_scene, exact)
     except FxContactError as error:
@@ -115,7 +116,7 @@ def _run(comm, arguments, make_scene, exact):
         steps.append(step.record)
         show(table_row(step.record), flush=True)
     record = step.record
-    compared = exact and exact(arguments, material, record["force"])
+    compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     with step.stages("output"):
         write_fields(step, arguments.output / "fields.bp")
         draw_pressure(step, arguments.output / "pressure.png", compared)
@@ -123,8 +124,10 @@ def _run(comm, arguments, make_scene, exact):
     record["seconds"] = step.stages.seconds(comm)
     records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
-    if record["ratio"] > 1:
+    if not record["ratio"] <= 1:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
+    if not record["active_pairs"]:
+        show("The bodies do not touch.")
     hertz = f" (Hertz: {compared.contact_radius:.5g} m, {compared.max_pressure:.5g} Pa)" if compared else ""
     show(
         f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "

@@ -356,3 +356,19 @@ def gathered_prolongation(prolongation):
         abs(mine[here] - mean[here]).max() < 1e-15 if len(here) else True, "ranks disagree on a row of P", comm
     )
     return mean, rows, columns
+
+
+def vertex_positions(forest):
+    """Positions of this rank's vertices on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+
+    Returns:
+        (m, 3) float64 [m], in the order of `forest.vertices`.
+    """
+    leaf, corner = forest.vertices.example.T
+    points = forest.corners[leaf, corner] / SIDE
+    return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]

@@ -1,5 +1,7 @@
 """Bad input: a typed error on every rank that says what, where and what to do; no hang, whatever rank finds it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -19,6 +21,7 @@ from fx_contact.forest import Forest
 from fx_contact.gmsh_model import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.output import RecordWriter, write_fields
 from fx_contact.partition import repartition
+from fx_contact.plot import draw_pressure
 from fx_contact.rootmesh import RootMesh
 
 STEEL = Material(young=1.0, poisson=0.3)
@@ -89,7 +92,7 @@ def hanging_roots():
     return RootMesh(both[first], inverse.reshape(3, 8), ("a",), np.zeros(3, np.int32))
 
 
-def gmsh_box(recombine=True, order=1):
+def gmsh_box(recombine=True, order=1, extra=False):
     """A root mesh of a box, by Gmsh."""
 
     def build():
@@ -98,6 +101,8 @@ def gmsh_box(recombine=True, order=1):
         gmsh.clear()
         gmsh.model.add("box")
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        if extra:
+            gmsh.model.occ.addBox(2, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.model.addPhysicalGroup(3, [1], name="box")
         if recombine:
@@ -119,6 +124,19 @@ def too_many_ranks():
 
 def small_hertz():
     return scenes.hertz(order=1, coarse=1, comm=COMM)
+
+
+def unheld():
+    """Half-spheres drawn apart, the lower one held by contact alone."""
+    scene = small_hertz()
+    conditions = [c for c in scene.dirichlet if c.where not in ("bottom", "top")] + [Dirichlet("top", z=0.01)]
+    return replace(scene, dirichlet=tuple(conditions))
+
+
+def apart():
+    """Points and cells of two cubes that do not touch."""
+    points, cells = grid()
+    return np.concatenate([points, points + [3, 0, 0]]), np.concatenate([cells, cells + 8])
 
 
 def never_converges():
@@ -210,6 +228,76 @@ CASES = {
     ),
     "traction of two components": (lambda: Traction("top", (0, 1)), SceneError, "three components"),
     "contact with itself": (lambda: ContactPair("top", "top"), SceneError, "itself"),
+    "direction turned round": (
+        lambda: press(two_cubes(), contact=(ContactPair("under", "over", (0, 0, -1)),)),
+        PairingError,
+        "looks away from the other surface",
+    ),
+    "surfaces exchanged": (
+        lambda: press(two_cubes(), contact=(ContactPair("over", "under", (0, 0, 1)),)),
+        PairingError,
+        "exchange them",
+    ),
+    "contact that opens with nothing else to hold": (
+        lambda: list(adapt(unheld(), 0.5, COMM)),
+        SolveError,
+        "nothing holds body 'lower' once the contact opens",
+    ),
+    "body in two parts": (
+        lambda: RootMesh(*apart(), ("a",), np.zeros(2, np.int32)),
+        SceneError,
+        "falls into separate parts",
+    ),
+    "two bodies of one name": (
+        lambda: RootMesh(*apart(), ("a", "a"), np.array([0, 1], np.int32)),
+        SceneError,
+        "different names",
+    ),
+    "vertex that is no corner": (
+        lambda: RootMesh(*grid(order=2), ("a",), np.zeros(1, np.int32), {}, {"mid": np.array([13])}),
+        SceneError,
+        "'mid' is not a corner",
+    ),
+    "facet named twice": (
+        lambda: RootMesh(*grid(), ("a",), np.zeros(1, np.int32), {"s": np.array([[0, 1], [0, 1]])}),
+        SceneError,
+        "'s' names a face twice",
+    ),
+    "empty surface": (
+        lambda: RootMesh(*grid(), ("a",), np.zeros(1, np.int32), {"s": np.zeros((0, 2), int)}),
+        SceneError,
+        "at least one row",
+    ),
+    "face 6": (
+        lambda: RootMesh(*grid(), ("a",), np.zeros(1, np.int32), {"s": np.array([[0, 6]])}),
+        SceneError,
+        "does not have",
+    ),
+    "symmetry 0": (lambda: press(two_cubes(), symmetry=0), SceneError, "positive whole number of copies"),
+    "contact centre NaN": (lambda: press(two_cubes(), contact_centre=(np.nan, 0, 0)), SceneError, "contact_centre"),
+    "a condition, not a tuple": (
+        lambda: press(two_cubes(), dirichlet=Dirichlet("base", x=0.0)),
+        SceneError,
+        "tuple of Dirichlet",
+    ),
+    "tolerance as text": (lambda: next(adapt(press(two_cubes()), "0.1", COMM)), SceneError, "'0.1'"),
+    "half a step": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, max_steps=2.5)), SceneError, "2.5"),
+    "penalty as a number": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, penalty=100.0)), SceneError, "Penalty"),
+    "solver as text": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, solver="ilu")), SceneError, "Solver"),
+    "penalty None": (lambda: Penalty(None), SceneError, "penalty factor"),
+    "no Krylov iterations": (lambda: Solver(max_krylov=0), SceneError, "max_krylov"),
+    "loose tolerance too tight": (lambda: Solver(tolerance=0.1, loose_tolerance=1e-8), SceneError, "tighter"),
+    "unknown PETSc type": (
+        lambda: next(adapt(small_hertz(), 0.5, COMM, solver=Solver(options={"pc_type": "nonsense"}))),
+        SolveError,
+        "does not take",
+    ),
+    "volume without name": (lambda: gmsh_box(extra=True), SceneError, "in no physical group"),
+    "picture that cannot be written": (
+        lambda: draw_pressure(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null/pressure.png"),
+        OutputError,
+        "cannot draw",
+    ),
     "zero direction": (lambda: ContactPair("a", "b", (0, 0, 0)), SceneError, "zero"),
     "surfaces out of line": (lambda: press(two_cubes(shift=0.1)), PairingError, "face 5 of root cell 0"),
     "surfaces paired twice": (

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, roots
+from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, roots, vertex_positions
 
 from fx_contact.conditions import prescribed_displacements
 from fx_contact.hanging import Prolongation
-from fx_contact.mesh import vertex_positions
+
 from fx_contact.scenes import hertz, indentation
 
 

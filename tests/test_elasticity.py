@@ -20,6 +20,7 @@ from conftest import (
     roots,
     scramble,
     two_boxes,
+    vertex_positions,
 )
 from dolfinx.fem import form
 from dolfinx.fem.petsc import assemble_matrix
@@ -31,7 +32,7 @@ from fx_contact.conditions import load, prescribed_displacements
 from fx_contact.contact import Penalty, PenaltyTerm, node_pairs
 from fx_contact.elasticity import QUADRATURE_DEGREE, Elasticity
 from fx_contact.hanging import Prolongation
-from fx_contact.mesh import leaf_mesh, vertex_positions
+from fx_contact.mesh import leaf_mesh
 from fx_contact.report import Stages
 from fx_contact.scene import ContactPair, Scene, Traction
 

@@ -16,13 +16,13 @@ from conftest import (
     split,
     two_boxes,
     whole,
+    vertex_positions,
 )
 from scipy.sparse import coo_matrix
 
 from fx_contact import reference
 from fx_contact.hanging import Prolongation
 from fx_contact.lattice import edge_midpoints, face_centres
-from fx_contact.mesh import vertex_positions
 
 MESHES = {"alike": dict(), "wider": dict(upper=(1, 2, 1), margin=1, flat_contact=False)}
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere, leaves
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
-from fx_contact import Solver, adapt
+from fx_contact import Material, Solver, adapt
 from fx_contact.conditions import shear_free_components
 from fx_contact.estimate import estimate
 from fx_contact.report import STAGES
@@ -119,6 +120,49 @@ def test_reference_values(scene):
     shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
     again = estimate(step.elasticity, shear_free, step.stages)
     assert abs(again.relative / record["estimate"] - 1) < 1e-12
+
+
+@pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
+def test_reference_values_at_4_percent(scene):
+    """HERTZ-A at 4 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
+    *_, step = adapt(scene, 0.04)
+    record = step.record
+    assert record["ratio"] <= 1
+    assert abs(record["force"] / 5.37755e-4 - 1) < 0.002
+    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.015
+    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.02
+
+
+@pytest.mark.parametrize("displacement", [0.0, -0.01])
+def test_bodies_that_do_not_touch(displacement):
+    """Without load there is no force, no error, and nothing is refined for round-off."""
+    (step,) = adapt(hertz(displacement=displacement, order=2, coarse=2), 0.1)
+    assert step.record["force"] == 0 and step.record["estimate"] == 0 and step.record["ratio"] == 0
+
+
+@pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
+def test_units_do_not_matter(radius, young):
+    """Scaled lengths and moduli give the same cells and scaled forces."""
+    settings = dict(order=2, coarse=2)
+    *_, one = adapt(hertz(**settings), 0.25)
+    scaled = hertz(radius, 0.01 * radius, Material(young, 0.3), **settings)
+    *_, other = adapt(scaled, 0.25)
+    assert one.record["cells"] == other.record["cells"]
+    assert abs(other.record["force"] / (one.record["force"] * young * radius**2) - 1) < 1e-7
+    assert abs(other.record["estimate"] / one.record["estimate"] - 1) < 1e-6
+
+
+def test_root_mesh_is_a_ball():
+    """The half-balls' polar surface leaves the sphere by an error of the order of the mesh, and is symmetric."""
+    off = []
+    for order in (2, 3, 6):
+        mesh = hertz(order=order).mesh
+        points = mesh.facet_points(mesh.surfaces["lower pole"], order=9).reshape(-1, 3)
+        off.append(np.abs(np.linalg.norm(points - [0, 0, -1], axis=1) - 1).max())
+        nodes = mesh.points
+        mirrored = nodes[:, [1, 0, 2]]
+        assert cKDTree(nodes).query(mirrored)[0].max() < 1e-9
+    assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
 
 
 def test_full_and_quarter_model():

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 import ufl
-from conftest import DISTRIBUTIONS, WORLD, everywhere, gathered, grown, pressed, roots, two_boxes, whole
+from conftest import (
+    DISTRIBUTIONS,
+    WORLD,
+    everywhere,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    two_boxes,
+    whole,
+    vertex_positions,
+)
 from dolfinx.fem import Constant, assemble_scalar, form
 from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
@@ -11,7 +22,7 @@ from mpi4py import MPI
 from fx_contact import reference
 from fx_contact.hanging import Prolongation
 from fx_contact.lattice import SIDE
-from fx_contact.mesh import leaf_mesh, sufficient_order, vertex_positions
+from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.scenes import hertz
 
 ORDERS = [1, 2, 3, 4, 6]

@@ -13,7 +13,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from conftest import DISTRIBUTIONS, RUBBER, STEEL, WORLD, everywhere, grown, pressed, roots, two_boxes
+from conftest import (
+    DISTRIBUTIONS,
+    RUBBER,
+    STEEL,
+    WORLD,
+    everywhere,
+    grown,
+    pressed,
+    roots,
+    two_boxes,
+    vertex_positions,
+)
 from dolfinx.fem import Function, assemble_scalar, form
 from mpi4py import MPI
 from test_elasticity import discrete
@@ -22,7 +33,7 @@ from fx_contact import reference
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.estimate import estimate
-from fx_contact.mesh import vertex_positions
+
 from fx_contact.report import Stages
 from fx_contact.scene import ContactPair, Dirichlet, Scene
 from fx_contact.solve import Solver, solve_contact

@@ -121,18 +121,6 @@ class Directory:
         self._exchange = Exchange(comm, _home(self.keys, comm.size))
         self._distinct, self._slot = np.unique(self._exchange.forward(self.keys), return_inverse=True)
 
-    def contains(self, queries):
-        """Whether any rank registered each of the keys asked for.
-
-        Args:
-            queries: (m,) int64 keys, repetition allowed.
-
-        Returns:
-            (m,) bool.
-        """
-        _, found, exchange = self._visit(queries)
-        return exchange.backward(found)
-
     def asked(self, queries):
         """Which of this rank's registered keys any rank asks for.
 

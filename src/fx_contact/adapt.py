@@ -1,6 +1,7 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from mpi4py import MPI
@@ -15,11 +16,14 @@ from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.report import Stages, peak_memory, versions
+from fx_contact.scene import Scene
 from fx_contact.solve import Solver, solve_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
 GEOMETRY_SHARE = 0.1
+#: Energy norms up to so many times the linear solver's error are noise: nothing is refined for them.
+NOISE = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +86,9 @@ def adapt(
         SceneError: a tolerance that is not positive, an order above that of the root mesh.
         SolveError: a solve fails; what was yielded before stays valid.
     """
-    _check_arguments(scene, tolerance, max_steps, geometry_order)
-    penalty, solver = penalty or Penalty(), solver or Solver()
+    penalty = Penalty() if penalty is None else penalty
+    solver = Solver() if solver is None else solver
+    _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver)
     forest, carried, stages = Forest.of_roots(comm, scene.mesh, scene.pairing), None, Stages()
     for number in range(max_steps):
         with stages("partition"):
@@ -99,12 +104,18 @@ def adapt(
         del step
 
 
-def _check_arguments(scene, tolerance, max_steps, geometry_order):
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise SceneError(f"the tolerance must be a positive number, got {tolerance}")
-    if max_steps < 1:
-        raise SceneError(f"max_steps must be at least 1, got {max_steps}")
-    if geometry_order is not None and not 1 <= geometry_order <= scene.mesh.order:
+def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver):
+    if not isinstance(scene, Scene):
+        raise SceneError(f"adapt needs a Scene, got {scene!r}")
+    if not isinstance(tolerance, Real) or not (np.isfinite(tolerance) and tolerance > 0):
+        raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
+    if not isinstance(max_steps, int) or max_steps < 1:
+        raise SceneError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
+    for name, value, kind in (("penalty", penalty, Penalty), ("solver", solver, Solver)):
+        if not isinstance(value, kind):
+            raise SceneError(f"{name} must be a {kind.__name__}, got {value!r}")
+    orders = range(1, scene.mesh.order + 1)
+    if geometry_order is not None and not (isinstance(geometry_order, int) and geometry_order in orders):
         raise SceneError(
             f"the geometry order must be 1 to {scene.mesh.order}, that of the root mesh, got {geometry_order}"
         )
@@ -127,11 +138,12 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
         start = _start(forest, prolongation, carried)
-    contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages)
+    contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages, scene)
     matrix.destroy()
     with stages("estimate"):
         elasticity.set_displacement(contact.displacement)
-        error = estimate(elasticity, shear_free_components(scene, forest, prolongation), stages)
+        shear_free = shear_free_components(scene, forest, prolongation)
+        error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
     record = {
         "scene": scene.name,
         "step": number,

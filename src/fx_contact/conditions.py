@@ -7,7 +7,6 @@ from dolfinx import fem
 from fx_contact import reference
 from fx_contact.elasticity import QUADRATURE_DEGREE
 from fx_contact.lattice import SIDE
-from fx_contact.scene import outward_normals
 
 
 def prescribed_displacements(scene, forest, prolongation):
@@ -56,7 +55,7 @@ def shear_free_components(scene, forest, prolongation):
     for condition in scene.dirichlet:
         held = np.flatnonzero(~np.isnan(condition.values))
         if len(held) == 1 and condition.where in forest.mesh.surfaces and condition.where not in loaded:
-            normals = outward_normals(forest.mesh, forest.mesh.surfaces[condition.where])
+            normals = forest.mesh.outward_normals(forest.mesh.surfaces[condition.where])
             if np.allclose(np.abs(normals[:, held[0]]), 1):
                 on[_vertices_at(scene, forest, condition.where), held[0]] = 1
     on[prolongation.hanging] = 0

@@ -7,9 +7,11 @@ pairs only and the total area is kept.  A pair lives on the rank that owns both 
 """
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact import reference
@@ -36,8 +38,10 @@ class Penalty:
     def __post_init__(self):
         for name in ("factor", "node_stiffness"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise SceneError(f"the penalty {name} must be a positive number, got {value}")
+            if name == "node_stiffness" and value is None:
+                continue
+            if not isinstance(value, Real) or not (np.isfinite(value) and value > 0):
+                raise SceneError(f"the penalty {name} must be a positive number, got {value!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,7 @@ class NodePairs:
         area: (n,) float64, tributary area [m^2].
         stiffness: (n,) float64, k_N [N/m].
         position: (n, 3) float64, undeformed position on the first surface [m].
+        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
     """
 
     prolongation: object
@@ -62,6 +67,7 @@ class NodePairs:
     area: np.ndarray
     stiffness: np.ndarray
     position: np.ndarray
+    bodies: np.ndarray
 
     def __len__(self):
         return len(self.first)
@@ -99,8 +105,31 @@ def node_pairs(scene, forest, prolongation, penalty):
     return NodePairs(prolongation, *(np.concatenate(column) for column in zip(*blocks)))
 
 
+def loose_bodies(scene, pairs, active):
+    """Bodies that neither the displacement conditions nor the active pairs hold.
+
+    Collective.
+
+    Args:
+        scene: Scene.
+        pairs: NodePairs.
+        active: (n,) bool.
+
+    Returns:
+        list of str, names of the bodies; the same on all ranks.
+    """
+    if not len(scene.free_motions):
+        return []
+    first, second = (
+        scene.motion(pairs.position[active], pairs.bodies[active, i], pairs.normal[active]) for i in (0, 1)
+    )
+    resistance = (first - second).T @ (first - second)
+    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, resistance)
+    return scene.unresisted(resistance)
+
+
 def _pairs_of(index, scene, forest, prolongation, penalty):
-    """Columns of NodePairs for one contact pair of the scene."""
+    """Columns of NodePairs, after the prolongation, for one contact pair of the scene."""
     vertices, pairing = forest.vertices, forest.pairing
     leaf, face = forest.contact_faces()
     ours = pairing.first[forest.cell[leaf], face] & (pairing.pair[forest.cell[leaf], face] == index)
@@ -136,7 +165,8 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
         stiffness = np.full(len(first), float(penalty.node_stiffness))
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
     gap = np.einsum("ni,ni->n", normal, there - here)
-    return first, prolongation.find(keys.ravel()[example]), normal, gap, area, stiffness, here
+    bodies = forest.mesh.body[np.stack([forest.cell[leaf], cell], axis=1)][example // 4]
+    return first, prolongation.find(keys.ravel()[example]), normal, gap, area, stiffness, here, bodies
 
 
 def _facet_shares(corners, face):

@@ -8,6 +8,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.elasticity import QUADRATURE_DEGREE
+from fx_contact.errors import SolveError
 
 #: Rows and columns of the six components of a symmetric stress in recovered fields.
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -48,7 +49,7 @@ class Estimate:
         return self.error > tolerance * self.energy_norm / np.sqrt(self.cells)
 
 
-def estimate(elasticity, shear_free, stages):
+def estimate(elasticity, shear_free, stages, noise=0.0):
     """Recover the stress of `elasticity.u` and estimate its error.
 
     Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so
@@ -59,9 +60,13 @@ def estimate(elasticity, shear_free, stages):
         shear_free: (owned, 3) bool, where the recovered shear stress on planes across an axis is zero: at a symmetry
             plane it would cancel with that of the mirrored cells.
         stages: Stages, for the times.
+        noise: energy norm below which a displacement field is taken for a rigid motion, without error [J^(1/2)].
 
     Returns:
         Estimate.
+
+    Raises:
+        SolveError: the energy is not a finite number.
     """
     mesh, prolongation = elasticity.mesh, elasticity.prolongation
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
@@ -89,6 +94,10 @@ def estimate(elasticity, shear_free, stages):
     energies = fem.assemble_vector(energy_form).array.reshape(-1, 2)
     error2, energy2 = np.maximum(energies, 0).T
     total = mesh.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
+    if not np.isfinite(total).all():
+        raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
+    if total[0] + total[1] <= noise**2:
+        error2, total[:2] = np.zeros_like(error2), 0.0
     return Estimate(recovered, np.sqrt(error2), np.sqrt(total[0]), np.sqrt(total[0] + total[1]), int(total[2]))
 
 

@@ -90,6 +90,12 @@ def _read_model(model):
     order, element_type = _hexahedron(model)
     tags, points = _nodes(model)
     bodies, groups = _groups(model, 3), []
+    nameless = {tag for _, tag in model.getEntities(3)} - {tag for tags in bodies.values() for tag in tags}
+    if nameless:
+        raise SceneError(
+            f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
+            "with a name, or remove the volumes"
+        )
     for name, entities in bodies.items():
         nodes = [_elements(model, element_type, 3, entity) for entity in entities]
         groups.append(np.concatenate([n.reshape(-1, (order + 1) ** 3) for n in nodes]))
@@ -218,4 +224,6 @@ def _vertices(model, used):
         tags = np.concatenate([model.mesh.getNodes(0, entity)[0] for entity in entities]).astype(np.int64)
         place = np.minimum(np.searchsorted(used, tags), len(used) - 1)
         vertices[name] = place[used[place] == tags]
+        if len(vertices[name]) < len(tags) or not len(tags):
+            raise SceneError(f"point {name!r} of the Gmsh model is not a corner of the mesh of any body")
     return vertices

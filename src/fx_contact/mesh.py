@@ -116,22 +116,6 @@ def _positions(forest, leaves, order):
     return forest.mesh.evaluate(forest.cell[leaves], coordinates)
 
 
-def vertex_positions(forest):
-    """Positions of this rank's vertices on the true curved geometry.
-
-    Local.
-
-    Args:
-        forest: Forest.
-
-    Returns:
-        (m, 3) float64 [m], in the order of `forest.vertices`.
-    """
-    leaf, corner = forest.vertices.example.T
-    points = forest.corners[leaf, corner] / SIDE
-    return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]
-
-
 def _geometry_nodes(forest, order):
     """Global nodes of each leaf in tensor order, (n, (q+1)^3) int64, and the positions of those this rank numbers.
 

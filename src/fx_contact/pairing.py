@@ -183,6 +183,7 @@ def _match(mesh, pair, first, second):
         raise PairingError(
             f"{label}: {len(first)} facets face {len(second)}; node-to-node contact needs matching surface meshes"
         )
+    _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]
     if pair.direction is not None:
         direction = np.asarray(pair.direction) / np.linalg.norm(pair.direction)
@@ -213,6 +214,22 @@ def _match(mesh, pair, first, second):
         )
     _check_one_to_one(mesh, label, first, second[match], symmetry)
     return match, symmetry
+
+
+def _check_facing(mesh, label, pair, first, second):
+    """A given direction must lead out of the first body and into the second."""
+    if pair.direction is None:
+        return
+    direction = np.asarray(pair.direction, dtype=float)
+    for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
+        away = sign * mesh.outward_normals(facets) @ direction <= 0
+        if away.any():
+            cell, face = facets[away][0]
+            raise PairingError(
+                f"{label}: face {face} of root cell {cell} of {name!r} looks away from the other surface; the "
+                f"direction {tuple(pair.direction)} must lead from the first surface to the second: exchange them, or "
+                "turn it round"
+            )
 
 
 def _along_normal(mesh, facets, vectors):

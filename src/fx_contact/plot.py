@@ -9,6 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import reference
+from fx_contact._mpi import together
+from fx_contact.errors import OutputError
 from fx_contact.lattice import SIDE
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
@@ -35,24 +37,30 @@ def draw_pressure(step, path, exact=None):
         step: Step with contact.
         path: of the PNG.
         exact: Hertz, or None for no curve.
+
+    Raises:
+        OutputError: the picture cannot be written.
     """
     pairs, comm = step.pairs, step.forest.comm
     arm = pairs.position - step.scene.contact_centre
     along = np.einsum("ni,ni->n", arm, pairs.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
-    near = radius < 1.6 * step.record["contact_radius"]
+    near = radius <= 1.6 * step.record["contact_radius"]
     rows = np.stack([radius, step.contact.force / pairs.area], axis=1)[near]
     rows = comm.gather(rows, root=0)
-    if comm.rank != 0:
-        return
+    with together(comm):
+        if comm.rank == 0:
+            _writing(path, lambda: _draw_pressure(np.concatenate(rows), step.record, path, exact))
+
+
+def _draw_pressure(rows, record, path, exact):
     plt = _matplotlib()
-    rows, record = np.concatenate(rows), step.record
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
     scale = exact.contact_radius if exact else 1.0
     axes.plot(rows[:, 0] / scale, rows[:, 1], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
     if exact:
         r = np.linspace(0, 1.6 * record["contact_radius"], 400)
-        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
+        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g} N")
     axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
     axes.set_ylabel("contact pressure [Pa]")
     axes.set_ylim(bottom=0)
@@ -73,16 +81,28 @@ def draw_mesh(step, path, zoom=3.0):
         step: Step with contact.
         path: of the PNG.
         zoom: half width of the picture, in contact radii.
+
+    Raises:
+        OutputError: the picture cannot be written.
     """
     comm, centre = step.forest.comm, np.asarray(step.scene.contact_centre)
-    size = float(np.sqrt(step.pairs.area[step.contact.active].max(initial=0.0)))
+    shown = step.contact.active if step.record["active_pairs"] else np.ones(len(step.pairs), dtype=bool)
+    size = float(np.sqrt(step.pairs.area[shown].max(initial=0.0)))
     reach = zoom * max(step.record["contact_radius"], comm.allreduce(size, op=MPI.MAX))
     faces = _visible_faces(step.forest, centre, reach)
     faces = comm.gather(faces, root=0)
-    if comm.rank != 0:
-        return
-    with _display():
-        _draw_faces(faces, centre, reach, path, step.record)
+    with together(comm):
+        if comm.rank == 0:
+            with _display():
+                _writing(path, lambda: _draw_faces(faces, centre, reach, path, step.record))
+
+
+def _writing(path, draw):
+    """Draw, and say what is wrong if the picture cannot be written."""
+    try:
+        draw()
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot draw {str(path)!r}: {error}; name another output folder") from error
 
 
 def _visible_faces(forest, centre, reach):

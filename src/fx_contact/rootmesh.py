@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact import reference
@@ -27,8 +29,8 @@ class RootMesh:
         bodies: names of the bodies.
         body: (ncells,) int32, index into `bodies`.
         surfaces: name -> (n, 2) int32, exterior facets as (root cell, local face).
-        curves: name -> (n, 2) int32, edges as (root cell, local edge), for conditions along lines.
         vertices: name -> (n,) int64, nodes at cell corners, for conditions at points.
+        curves: name -> (n, 2) int32, edges as (root cell, local edge), for conditions along lines.
 
     Raises:
         GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
@@ -40,8 +42,8 @@ class RootMesh:
     bodies: tuple[str, ...]
     body: np.ndarray
     surfaces: dict[str, np.ndarray] = field(default_factory=dict)
-    curves: dict[str, np.ndarray] = field(default_factory=dict)
     vertices: dict[str, np.ndarray] = field(default_factory=dict)
+    curves: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
         _check_shapes(self)
@@ -102,6 +104,20 @@ class RootMesh:
         functions = reference.lagrange(self.order, np.linspace(0, 1, order + 1))
         values = reference.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
         return np.take_along_axis(values, reference.face_nodes(order)[facets[:, 1]][:, :, None], axis=1)
+
+    def outward_normals(self, facets):
+        """Mean unit normals of facets, out of their cells.
+
+        Args:
+            facets: (n, 2) int (root cell, local face).
+
+        Returns:
+            (n, 3) float64.
+        """
+        corners = self.facet_points(facets, order=1)
+        normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])
+        normal *= reference.FACE_ORIENTATION[facets[:, 1]][:, None]
+        return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     def evaluate(self, cells, coordinates):
         """Positions of tensor lattices of points inside root cells.
@@ -213,6 +229,32 @@ def _face_corners(facets):
 
 
 def _check_tags(mesh):
+    _check_bodies(mesh)
+    names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
+    if len(set(names)) < len(names):
+        raise SceneError(f"two surfaces, curves or vertices have one name, among {_names(names)}")
+    for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
+        for name, rows in groups.items():
+            rows = np.asarray(rows)
+            if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows) or not np.issubdtype(rows.dtype, np.integer):
+                raise SceneError(f"{name!r} must have at least one row (root cell, local {kind} 0..{count - 1})")
+            if (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
+                raise SceneError(f"{name!r} names a root cell or local {kind} that the mesh does not have")
+            if len(np.unique(rows, axis=0)) < len(rows):
+                raise SceneError(f"{name!r} names a {kind} twice")
+    for name, facets in mesh.surfaces.items():
+        inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1
+        if inner.any():
+            cell, face = facets[inner][0]
+            raise SceneError(f"surface {name!r} has face {face} of root cell {cell}, which is inside a body")
+    for name, nodes in mesh.vertices.items():
+        if not len(nodes) or not np.isin(nodes, mesh.corners).all():
+            raise SceneError(f"vertex {name!r} is not a corner of root cells")
+
+
+def _check_bodies(mesh):
+    if isinstance(mesh.bodies, str) or len(set(mesh.bodies)) < len(mesh.bodies):
+        raise SceneError(f"bodies must be different names, got {mesh.bodies!r}")
     if mesh.body.shape != (len(mesh.cells),):
         raise SceneError(f"body must have one entry a cell, got shape {mesh.body.shape}")
     if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
@@ -227,16 +269,12 @@ def _check_tags(mesh):
             f"body {mesh.bodies[mesh.body[cell]]!r} shares nodes with another body, near root cell {cell}: give each "
             "body nodes of its own (bodies meet by contact only), or make them one body"
         )
-    for name, facets in mesh.surfaces.items():
-        if (
-            facets.ndim != 2
-            or facets.shape[1] != 2
-            or facets.min() < 0
-            or facets[:, 1].max() > 5
-            or (facets[:, 0].max() >= len(mesh.cells))
-        ):
-            raise SceneError(f"surface {name!r} must have rows (root cell, local face 0..5)")
-        inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1
-        if inner.any():
-            cell, face = facets[inner][0]
-            raise SceneError(f"surface {name!r} has face {face} of root cell {cell}, which is inside a body")
+    rows = np.repeat(np.arange(len(mesh.cells)), 8)
+    touches = coo_matrix(
+        (np.ones(len(rows)), (rows, mesh.corners.ravel())), (len(mesh.cells), len(mesh.points))
+    ).tocsr()
+    count, part = connected_components(touches @ touches.T, directed=False)
+    if count > len(np.unique(mesh.body)):
+        first = np.unique(part, return_index=True)[1]
+        body = np.flatnonzero(np.bincount(mesh.body[first], minlength=len(mesh.bodies)) > 1)[0]
+        raise SceneError(f"body {mesh.bodies[body]!r} falls into separate parts: give each part a name of its own")

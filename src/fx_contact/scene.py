@@ -150,6 +150,13 @@ class Scene:
 
     def __post_init__(self):
         mesh = self.mesh
+        for name, kind in (("dirichlet", Dirichlet), ("contact", ContactPair), ("tractions", Traction)):
+            items = getattr(self, name)
+            if not isinstance(items, (tuple, list)) or not all(isinstance(item, kind) for item in items):
+                raise SceneError(f"{name} must be a tuple of {kind.__name__}, got {items!r}")
+        if not isinstance(self.symmetry, int) or self.symmetry < 1:
+            raise SceneError(f"symmetry must be a positive whole number of copies, got {self.symmetry!r}")
+        _check_vector("contact_centre", self.contact_centre)
         for body in self.materials:
             if body not in mesh.bodies:
                 raise SceneError(f"unknown body {body!r}; the root mesh has {', '.join(map(repr, mesh.bodies))}")
@@ -166,6 +173,59 @@ class Scene:
     def pairing(self):
         """Which root facets face each other (`Pairing`)."""
         return Pairing(self.mesh, self.contact)
+
+    @cached_property
+    def free_motions(self):
+        """Rigid motions of the bodies that no displacement condition stops: (k, nbodies, 6) float64.
+
+        Three translations and three rotations about the middle of the mesh, in units of its size.
+        """
+        mesh = self.mesh
+        body = np.zeros(len(mesh.points), dtype=np.int64)
+        body[mesh.corners] = mesh.body[:, None]
+        prescribed = self.prescribed(mesh.points)
+        rows = [np.zeros((1, 6 * len(mesh.bodies)))]
+        for component, direction in enumerate(np.eye(3)):
+            nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
+            rows.append(_rigid_motions(self._scaled(mesh.points[nodes]), body[nodes], len(mesh.bodies), direction))
+        held = np.concatenate(rows)
+        _, strength, motions = np.linalg.svd(held.T @ held)
+        return motions[strength <= 1e-10 * max(strength[0], 1e-300)].reshape(-1, len(mesh.bodies), 6)
+
+    def _scaled(self, points):
+        low, high = self.mesh.points.min(axis=0), self.mesh.points.max(axis=0)
+        return (points - (low + high) / 2) / max((high - low).max(), np.finfo(float).tiny)
+
+    def motion(self, points, bodies, direction):
+        """What the free motions move at points along a direction.
+
+        Args:
+            points: (n, 3) float64 [m].
+            bodies: (n,) int, the body of each.
+            direction: (3,) or (n, 3) float64 unit vectors.
+
+        Returns:
+            (n, k) float64, a column for each of `free_motions`.
+        """
+        rigid = _rigid_motions(self._scaled(points), bodies, len(self.mesh.bodies), direction)
+        return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
+
+    def unresisted(self, resistance):
+        """Names of the bodies that move freely under a resistance to the free motions.
+
+        Args:
+            resistance: (k, k) float64, sum of r^T r over the rows r of `motion` that contact resists.
+
+        Returns:
+            list of str.
+        """
+        if not len(self.free_motions):
+            return []
+        strength, vectors = np.linalg.eigh(resistance)
+        loose = vectors.T[strength <= 1e-10 * max(strength[-1], 1e-12)]
+        moves = np.abs(loose @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies))) > 1e-6
+        bodies = moves.reshape(-1, len(self.mesh.bodies), 6).any(axis=(0, 2))
+        return [name for name, free in zip(self.mesh.bodies, bodies) if free]
 
     def place(self, name):
         """Corner nodes of a named surface, curve or vertex of the root mesh.
@@ -200,7 +260,7 @@ class Scene:
         Returns:
             (n, 3) float64 unit vectors, out of the first body.
         """
-        result = outward_normals(self.mesh, facets)
+        result = self.mesh.outward_normals(facets)
         pair = self.pairing.pair[facets[:, 0], facets[:, 1]]
         for index, contact in enumerate(self.contact):
             if contact.direction is not None:
@@ -234,19 +294,6 @@ class Scene:
         return result
 
 
-def outward_normals(mesh, facets):
-    """Unit normals of root facets, out of their cells: (n, 3) float64.
-
-    Args:
-        mesh: RootMesh.
-        facets: (n, 2) int rows (root cell, local face).
-    """
-    corners = mesh.facet_points(facets, order=1)
-    normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])
-    normal *= reference.FACE_ORIENTATION[facets[:, 1]][:, None]
-    return normal / np.linalg.norm(normal, axis=1)[:, None]
-
-
 def _check_number(what, value):
     if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(value):
         raise SceneError(f"{what} must be a finite number, got {value!r}")
@@ -261,36 +308,20 @@ def _check_vector(what, value):
 
 def _check_held(scene):
     """The rigid motions of all bodies that neither a condition nor contact resists must be none."""
-    mesh = scene.mesh
-    size = max(np.ptp(mesh.points, axis=0).max(), np.finfo(float).tiny)
-    points = (mesh.points - mesh.points.mean(axis=0)) / size
-    body = np.zeros(len(points), dtype=np.int64)
-    body[mesh.corners] = mesh.body[:, None]
-    prescribed = scene.prescribed(mesh.points)
-    rows = [np.zeros((1, 6 * len(mesh.bodies)))]
-    for component, direction in enumerate(np.eye(3)):
-        nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
-        rows.append(_rigid_motions(points[nodes], body[nodes], len(mesh.bodies), direction))
+    mesh, motions = scene.mesh, scene.free_motions
     cell, face = np.nonzero(scene.pairing.first)
-    first = np.stack([cell, face], axis=1)
-    second = scene.pairing.partner[cell, face]
+    first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
     direction = scene.contact_directions(first)
-    here, there = (
-        (mesh.facet_points(f, order=1).mean(axis=1) - mesh.points.mean(axis=0)) / size for f in (first, second)
+    here, there = (mesh.facet_points(facets, order=1).mean(axis=1) for facets in (first, second))
+    resisted = scene.motion(here, mesh.body[first[:, 0]], direction) - scene.motion(
+        there, mesh.body[second[:, 0]], direction
     )
-    rows.append(
-        _rigid_motions(here, mesh.body[first[:, 0]], len(mesh.bodies), direction)
-        - _rigid_motions(there, mesh.body[second[:, 0]], len(mesh.bodies), direction)
-    )
-    held = np.concatenate(rows)
-    _, strength, motions = np.linalg.svd(held.T @ held)
-    free = motions[strength <= 1e-10 * max(strength[0], 1e-300)]
-    if len(free):
-        loose = np.linalg.norm(free.reshape(-1, len(mesh.bodies), 6), axis=(0, 2)) > 1e-6
-        names = ", ".join(repr(name) for name, moves in zip(mesh.bodies, loose) if moves)
+    loose = scene.unresisted(resisted.T @ resisted)
+    if loose:
         raise SceneError(
-            f"nothing holds body {names}: {len(free)} rigid motions meet neither a displacement condition nor a "
-            "contact surface; prescribe displacements that stop them (a vertex is enough where no force acts)"
+            f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions)} rigid motions that no displacement "
+            "condition stops, some meet no contact surface either; prescribe displacements that stop them (a vertex is "
+            "enough where no force acts)"
         )
 
 

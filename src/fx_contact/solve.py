@@ -2,15 +2,16 @@
 
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.contact import PenaltyTerm
+from fx_contact.contact import PenaltyTerm, loose_bodies
 from fx_contact.errors import SceneError, SolveError
 
-#: PETSc options of the preconditioners, by name; measured on Hertz systems (see demos/).
+#: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
 PRECONDITIONERS = {
     "boomeramg": {
         "pc_type": "hypre",
@@ -64,8 +65,15 @@ class Solver:
             names = ", ".join(map(repr, PRECONDITIONERS))
             raise SceneError(f"unknown preconditioner {self.preconditioner!r}; there are {names}")
         for name in ("tolerance", "loose_tolerance"):
-            if not 0 < getattr(self, name) < 1:
-                raise SceneError(f"the solver's {name} must lie between 0 and 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if not isinstance(value, Real) or not 0 < value < 1:
+                raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
+        if self.loose_tolerance < self.tolerance:
+            raise SceneError(f"loose_tolerance {self.loose_tolerance} is tighter than the tolerance {self.tolerance}")
+        for name in ("max_krylov", "max_contact"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise SceneError(f"the solver's {name} must be a positive whole number, got {value!r}")
 
 
 class ConjugateGradients:
@@ -79,6 +87,7 @@ class ConjugateGradients:
 
     Attributes:
         iterations: list of int, of each solve.
+        energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
 
     PREFIX = "fx_"
@@ -91,7 +100,12 @@ class ConjugateGradients:
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
         ksp.setInitialGuessNonzero(True)
         with _defaults(self.PREFIX, PRECONDITIONERS[solver.preconditioner] | solver.options):
-            ksp.setFromOptions()
+            try:
+                ksp.setFromOptions()
+            except PETSc.Error as error:
+                raise SolveError(
+                    f"PETSc does not take the solver's options, under the prefix fx_: {error}"
+                ) from error
         self._x, self._b = matrix.createVecs()
         self._best = None
         self.iterations = []
@@ -126,8 +140,9 @@ class ConjugateGradients:
         # The norm of the solution, from the start where that is a good one, else from the preconditioned load.
         energy = max(_energy(self._matrix, x), self._load_norm(b))
         count = 0
-        for _ in range(2):
-            ksp.setTolerances(rtol=1e-30, atol=tolerance * energy, max_it=self._solver.max_krylov)
+        for _ in range(3):
+            self.energy_error = tolerance * energy
+            self._set_tolerances(rtol=1e-30, atol=self.energy_error, max_it=self._solver.max_krylov)
             ksp.solve(b, x)
             count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
@@ -143,6 +158,11 @@ class ConjugateGradients:
         self.iterations.append(count)
         self._best = count if self._best is None else self._best
         return x.array.reshape(-1, 3).copy()
+
+    def _set_tolerances(self, **tolerances):
+        """Set what the user's command line does not."""
+        given = PETSc.Options(self.PREFIX)
+        self._ksp.setTolerances(**{k: v for k, v in tolerances.items() if not given.hasName(f"ksp_{k}")})
 
     def _load_norm(self, b):
         """Energy norm of the preconditioner's answer to the load."""
@@ -186,6 +206,7 @@ class ContactSolution:
         penetration: (n,) float64, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried.
         krylov_iterations: of each linear solve.
+        energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
     """
 
     displacement: np.ndarray
@@ -194,6 +215,7 @@ class ContactSolution:
     penetration: np.ndarray
     contact_iterations: int
     krylov_iterations: list[int]
+    energy_error: float
 
 
 #: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that costs a
@@ -201,7 +223,7 @@ class ContactSolution:
 _OUTLIERS = 3
 
 
-def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
+def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=None):
     """Solve (K + k_N B^T B) u = L + k_N B^T D (1), updating the active set until it repeats itself.
 
     Collective on matrix.comm.
@@ -214,12 +236,14 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
         start: (owned, 3) float64 first guess [m]; its penetrations are the first guess of the active set.
         solver: Solver.
         stages: Stages, for the times.
+        scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
 
     Returns:
         ContactSolution.
 
     Raises:
-        SolveError: a linear solve fails, the active sets cycle, or there are too many of them.
+        SolveError: a linear solve fails, the active sets cycle, there are too many of them, or nothing holds a body
+            once the contact opens.
     """
     with stages("system"):
         term = PenaltyTerm(pairs, prescribed) if pairs is not None else None
@@ -245,6 +269,12 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
     tolerance = solver.tolerance if pairs is None else solver.loose_tolerance
     seen, updates = set(), 1
     while True:
+        loose = loose_bodies(scene, pairs, active) if scene is not None and pairs is not None else []
+        if loose:
+            raise SolveError(
+                f"nothing holds body {', '.join(map(repr, loose))} once the contact opens: only contact stops some of "
+                "its rigid motions; prescribe displacements that stop them, or load it towards the contact"
+            )
         if (
             known is None
             or cg.stops_paying()
@@ -283,10 +313,10 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages):
             term.change(matrix, active, after)
             active = after
             right_hand_side = base + term.right_hand_side(active)
-    iterations = cg.iterations
+    iterations, energy_error = cg.iterations, cg.energy_error
     cg.destroy()
     force = np.where(active, pairs.stiffness * penetration, 0.0) if pairs is not None else np.zeros(0)
-    return ContactSolution(u, active, force, penetration, updates, iterations)
+    return ContactSolution(u, active, force, penetration, updates, iterations, energy_error)
 
 
 def _impose(matrix, load, prescribed):

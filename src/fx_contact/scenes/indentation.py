@@ -114,7 +114,7 @@ def _join(lower, upper, side, quarter):
             "block side": _vertical_edges(high, body == 0, (1.5, 0.0)),
             "cube side": _vertical_edges(high, body == 1, (0.5, 0.0)),
         }
-    return RootMesh(side * points, cells, ("block", "cube"), body, surfaces, curves)
+    return RootMesh(side * points, cells, ("block", "cube"), body, surfaces, curves=curves)
 
 
 def _vertical_edges(high, cells_with_it, place):
