@@ -190,9 +190,11 @@ def _defaults(prefix, options):
     ours = [name for name in options if not database.hasName(name)]
     for name in ours:
         database[name] = options[name]
-    yield
-    for name in ours:
-        database.delValue(name)
+    try:
+        yield
+    finally:
+        for name in ours:
+            database.delValue(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +291,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=
             penetration = np.zeros(0)
             break
         penetration = pairs.penetration(u)
-        after = penetration > 0
+        # Overlaps within the linear solver's error are none: bodies that just touch without force are apart.
+        after = penetration * np.sqrt(pairs.stiffness) > cg.energy_error * solver.tolerance / tolerance
         if not changes(active, after):
             if tolerance <= solver.tolerance:
                 break
