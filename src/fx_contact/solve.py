@@ -291,8 +291,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=
             penetration = np.zeros(0)
             break
         penetration = pairs.penetration(u)
-        # Overlaps within the linear solver's error are none: bodies that just touch without force are apart.
-        after = penetration * np.sqrt(pairs.stiffness) > cg.energy_error * solver.tolerance / tolerance
+        after = _next_status(pairs, penetration, active, cg.energy_error * solver.tolerance / tolerance)
         if not changes(active, after):
             if tolerance <= solver.tolerance:
                 break
@@ -338,6 +337,17 @@ def _first_guess(pairs, u):
     comm = pairs.prolongation.comm
     deepest = comm.allreduce(float(penetration.max(initial=-np.inf)), op=MPI.MAX)
     return penetration > 0 if deepest > 0 else penetration >= deepest
+
+
+def _next_status(pairs, penetration, active, noise):
+    """Pairs that overlap.
+
+    Within the linear solver's error, `noise` [J^(1/2)], a pair keeps its status; if no pair is pressed harder than
+    that, the bodies at most touch without force, and all are open.
+    """
+    overlap = penetration * np.sqrt(pairs.stiffness)
+    hardest = pairs.prolongation.comm.allreduce(float(overlap.max(initial=-np.inf)), op=MPI.MAX)
+    return overlap > (np.where(active, -noise, noise) if hardest > noise else hardest)
 
 
 def _fingerprint(pairs, active):

@@ -1,0 +1,40 @@
+"""The README's table: force, largest pressure and contact radius against an independent reference, in Markdown.
+
+The reference is an axisymmetric P2 computation of the same half-spheres (R = 1, E = 1, nu = 0.3, approach 0.01) with
+exact non-penetration, converged to the digits given. Seconds are without compilation.
+
+    mpirun -n 2 python3 demos/hertz_table.py
+"""
+
+from mpi4py import MPI
+
+from fx_contact import adapt
+from fx_contact.scenes import hertz
+
+REFERENCE = {"force": 5.37755e-4, "max_pressure": 0.0499817, "contact_radius": 0.0716222}
+CASES = {
+    "--tolerance 0.16": dict(tolerance=0.16),
+    "--tolerance 0.08": dict(tolerance=0.08),
+    "--tolerance 0.04": dict(tolerance=0.04),
+    "--order 6": dict(tolerance=0.08, order=6),
+    "--symmetry full": dict(tolerance=0.08, symmetry="full"),
+}
+
+
+def row(options, tolerance, **scene):
+    """One row: the last step of a run, and the seconds of all its steps."""
+    records = [step.record for step in adapt(hertz(**scene), tolerance)]
+    last = records[-1]
+    seconds = sum(r["seconds"]["total"] - r["seconds"]["compile"] for r in records)
+    errors = (f"{100 * (last[name] / value - 1):+.3f} %" for name, value in REFERENCE.items())
+    size = f"{last['cells']:,} | {last['dofs']:,}"
+    return f"| `demos/hertz.py {options}` | {size} | {' | '.join(errors)} | {seconds:.1f} |"
+
+
+if __name__ == "__main__":
+    show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
+    show(
+        "| command | cells | dofs | force | largest pressure | contact radius | seconds |\n|---|---|---|---|---|---|---|"
+    )
+    for name, case in CASES.items():
+        show(row(name, **case), flush=True)
