@@ -33,8 +33,7 @@ def row(options, tolerance, **scene):
 
 if __name__ == "__main__":
     show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
-    show(
-        "| command | cells | dofs | force | largest pressure | contact radius | seconds |\n|---|---|---|---|---|---|---|"
-    )
+    show("| command | cells | dofs | force | largest pressure | contact radius | seconds |")
+    show("|---|---|---|---|---|---|---|")
     for name, case in CASES.items():
         show(row(name, **case), flush=True)

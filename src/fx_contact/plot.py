@@ -139,13 +139,11 @@ def _draw_faces(faces, centre, reach, path, record):
             line_width=1,
             ambient=0.65,
             diffuse=0.4,
-            label=f"rank {rank}",
         )
-    if len(faces) > 1:
-        plotter.add_legend(
-            bcolor="white", border=True, face="rectangle", size=(0.15, 0.04 * len(faces) + 0.02), loc="upper right"
-        )
-    plotter.add_text(f"{record['cells']:,} cells, level {record['max_level']}", font_size=12, color="black")
+    title = f"{record['cells']:,} cells, undeformed"
+    labels = [[title, "white"], *([f"rank {r}", RANK_COLOURS[r % len(RANK_COLOURS)]] for r in range(len(faces)))]
+    size = (0.26, 0.035 * len(labels) + 0.02)
+    plotter.add_legend(labels, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
     plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
     plotter.camera.parallel_scale = 0.7 * reach
     plotter.screenshot(path)
