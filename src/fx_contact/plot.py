@@ -73,7 +73,7 @@ def _draw_pressure(rows, record, path, exact):
 
 
 def draw_mesh(step, path, zoom=3.0):
-    """The leaves around the contact, cut open along y = 0 and coloured by rank.
+    """The undeformed leaves around the contact, cut open along y = 0 and coloured by rank.
 
     Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
 
@@ -94,7 +94,7 @@ def draw_mesh(step, path, zoom=3.0):
     with together(comm):
         if comm.rank == 0:
             with _display():
-                _writing(path, lambda: _draw_faces(faces, centre, reach, path, step.record))
+                _writing(path, lambda: _draw_faces(faces, centre, reach, path))
 
 
 def _writing(path, draw):
@@ -120,7 +120,7 @@ def _visible_faces(forest, centre, reach):
     return corners[in_plane | outer[near]]
 
 
-def _draw_faces(faces, centre, reach, path, record):
+def _draw_faces(faces, centre, reach, path):
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 840))
@@ -140,9 +140,8 @@ def _draw_faces(faces, centre, reach, path, record):
             ambient=0.65,
             diffuse=0.4,
         )
-    title = f"{record['cells']:,} cells, undeformed"
-    labels = [[title, "white"], *([f"rank {r}", RANK_COLOURS[r % len(RANK_COLOURS)]] for r in range(len(faces)))]
-    size = (0.26, 0.035 * len(labels) + 0.02)
+    labels = [[f"rank {r}", RANK_COLOURS[r % len(RANK_COLOURS)]] for r in range(len(faces))]
+    size = (0.15, 0.04 * len(labels) + 0.02)
     plotter.add_legend(labels, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
     plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
     plotter.camera.parallel_scale = 0.7 * reach

@@ -54,7 +54,7 @@ class Solver:
     """
 
     preconditioner: str = "boomeramg"
-    tolerance: float = 1e-9
+    tolerance: float = 2e-10
     loose_tolerance: float = 1e-4
     max_krylov: int = 1000
     max_contact: int = 50
