@@ -29,7 +29,7 @@ from fx_contact.output import RecordWriter, write_fields  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure  # noqa: E402
 from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
-from fx_contact.solve import PRECONDITIONERS  # noqa: E402
+from fx_contact.krylov import PRECONDITIONERS  # noqa: E402
 
 
 class RankZeroParser(argparse.ArgumentParser):

@@ -15,6 +15,7 @@ ORDER = """
     reference rootmesh gmsh_model lattice pairing curve analytic
     scene scenes
     forest partition hanging mesh
+    matrix krylov
     elasticity conditions contact
     estimate solve
     adapt
@@ -85,6 +86,15 @@ def test_imports_point_downward(path):
     below = ORDER[: ORDER.index(place)] + [place] * (path.parent != FOLDER)
     above = sorted(name for name in own_imports(tree_of(path)) if place_of(name) not in below)
     assert not above, f"{name_of(path)} imports {', '.join(above)}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_no_collective_on_a_communicator_of_dolfinx(path):
+    """`_mpi` says why: no call like `mesh.comm.allreduce(...)` or on a communicator that PETSc hands out."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            owner = ast.unparse(node.func.value)
+            assert not owner.endswith(("mesh.comm", "tompi4py()")), f"{owner}.{node.func.attr} in line {node.lineno}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

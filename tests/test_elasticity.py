@@ -98,7 +98,7 @@ def test_stiffness_is_the_product(scene, distribution):
     total, _, columns = gathered_prolongation(elasticity.prolongation)
     total = kron(total, identity(3))
     expected = total.T @ full_stiffness(elasticity) @ total
-    matrix = elasticity.stiffness()
+    matrix = elasticity.stiffness().mat
     matrix.assemble()
     found = gathered_matrix(matrix, numbered(elasticity.prolongation), columns)
     assert largest(found - expected) < 1e-12 * largest(expected)
@@ -126,10 +126,10 @@ def test_contact_term_is_the_product(distribution, contact):
     active = scramble(names[first], 4) % np.uint64(2) == 0
     assert 5 < WORLD.allreduce(int(active.sum())) < WORLD.allreduce(len(pairs)) - 5
 
-    plain = elasticity.stiffness()
+    plain = elasticity.stiffness().mat
     plain.assemble()
     stiff = gathered_matrix(plain, names, keys)
-    matrix = elasticity.stiffness(pairs)
+    matrix = elasticity.stiffness(pairs).mat
     term = PenaltyTerm(pairs, prescribed)
     term.reserve(matrix)
     matrix.assemble()
@@ -171,7 +171,7 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     everywhere((pairs.first < prolongation.owned).all(), "a first vertex belongs to another rank")
     everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")
     active, none = np.ones(len(pairs), dtype=bool), np.zeros(len(pairs), dtype=bool)
-    matrix = elasticity.stiffness(pairs)
+    matrix = elasticity.stiffness(pairs).mat
     term = PenaltyTerm(pairs, np.full((prolongation.owned, 3), np.nan))
     term.reserve(matrix)
     matrix.assemble()
@@ -181,6 +181,38 @@ def test_pairs_are_local_on_the_contact_partition(scene):
         term.change(one, none, active)
     assert matrix.norm() > 2 * before
     assert (matrix - silent).norm() == 0
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_hypre_copy_follows_the_blocks(distribution):
+    """Every row is as long as foreseen; the copy in hypre's format is the same matrix, after a change of status too."""
+    scene = pressed(two_boxes(margin=1))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    term = PenaltyTerm(pairs, np.full((prolongation.owned, 3), np.nan))
+    blocks = elasticity.stiffness(pairs)
+    term.reserve(blocks.mat)
+    blocks.mat.assemble()
+    info = blocks.mat.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+    foreseen = WORLD.allreduce(sum(int(lengths.sum()) for lengths in blocks.row_lengths))
+    assert info["nz_used"] == info["nz_allocated"] == 9 * foreseen
+
+    copy = blocks.in_hypre_format()
+    assert copy.type == "hypre"
+    x, expected = blocks.mat.createVecs()
+    found = expected.duplicate()
+    x.array[:] = np.sin(scramble(np.arange(*blocks.mat.getOwnershipRange()), 5).astype(float))
+    active = scramble(prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    none = np.zeros(len(pairs), dtype=bool)
+    for before, after in ((none, none), (none, active), (active, ~active)):
+        reference = expected.copy()
+        for matrix, y in ((blocks.mat, expected), (copy, found)):
+            term.change(matrix, before, after)
+            matrix.mult(x, y)
+        assert (expected - found).norm() < 1e-14 * expected.norm()
+        assert before is after or (expected - reference).norm() > 0.1 * expected.norm()
 
 
 def test_strewn_pairs_are_not_local():
@@ -264,7 +296,7 @@ def test_rigid_motions_have_no_energy(distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    matrix = elasticity.stiffness()
+    matrix = elasticity.stiffness().mat
     matrix.assemble()
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     place = prolongation.conforming[own]

@@ -36,7 +36,8 @@ from fx_contact.estimate import estimate
 
 from fx_contact.report import Stages
 from fx_contact.scene import ContactPair, Dirichlet, Scene
-from fx_contact.solve import Solver, solve_contact
+from fx_contact.krylov import Solver
+from fx_contact.solve import solve_contact
 
 EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)
 PRESSURE = 0.01

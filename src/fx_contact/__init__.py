@@ -3,6 +3,6 @@
 from fx_contact.adapt import adapt
 from fx_contact.contact import Penalty
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.solve import Solver
+from fx_contact.krylov import Solver
 
 __all__ = ["ContactPair", "Dirichlet", "Material", "Penalty", "Scene", "Solver", "Traction", "adapt"]

@@ -3,6 +3,10 @@
 A lattice point is named by an int64 key that every rank computes alike. What ranks know of a key is brought
 together on its *home*, the rank that a hash of the key names: one all-to-all there, one back. No rank ever holds
 more than its share of the keys.
+
+mpi4py's collectives of Python objects leave a lock on the communicator, which it takes away again when the communicator
+is freed.  dolfinx frees the communicators of its objects whenever Python drops them, even while an error is under way;
+the lock's removal can then hang for ever.  So collectives go to the user's communicator, never to one of dolfinx.
 """
 
 from contextlib import contextmanager

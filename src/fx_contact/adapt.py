@@ -17,7 +17,8 @@ from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.report import Stages, peak_memory, versions
 from fx_contact.scene import Scene
-from fx_contact.solve import Solver, solve_contact
+from fx_contact.krylov import Solver
+from fx_contact.solve import solve_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
@@ -139,7 +140,6 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         forces = load(scene, forest, elasticity)
         start = _start(forest, prolongation, carried)
     contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages, scene)
-    matrix.destroy()
     with stages("estimate"):
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)

@@ -245,6 +245,34 @@ class PenaltyTerm:
             indptr, columns, np.ascontiguousarray(blocks), addv=PETSc.InsertMode.ADD, rowmap=nodes.ravel()
         )
 
+    def difference(self, before, after):
+        """The product with what one active set has and another has not, for few pairs.
+
+        Local; the function it returns is collective.
+
+        Args:
+            before, after: (n,) bool, active pairs.
+
+        Returns:
+            function (x, y) of (owned, 3) float64 that adds (B^T k_N B of after - that of before) x to y.
+        """
+        prolongation, changed = self.pairs.prolongation, np.flatnonzero(before != after)
+        stiffness = np.where(after[changed], 1.0, -1.0) * self.pairs.stiffness[changed]
+        places = self.pairs.first[changed], self.pairs.second[changed]
+        rows = [row[changed] for row in self._rows]
+
+        def add(x, y):
+            x = prolongation.ghosted(x)
+            force = stiffness * sum(np.einsum("ni,ni->n", row, x[place]) for row, place in zip(rows, places))
+            result = vector(prolongation.index_map, 3)
+            values = result.array.reshape(-1, 3)
+            for row, place in zip(rows, places):
+                np.add.at(values, place, force[:, None] * row)
+            result.scatter_reverse(InsertMode.add)
+            y += values[: prolongation.owned]
+
+        return add
+
     def right_hand_side(self, active):
         """k_N B^T D of the active pairs.
 

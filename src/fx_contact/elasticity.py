@@ -4,9 +4,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix_mat
-from dolfinx.la import InsertMode, vector
 from petsc4py import PETSc
-from scipy.sparse import bsr_matrix, csr_matrix, identity, kron
+from scipy.sparse import bsr_matrix, identity, kron
+
+from fx_contact.matrix import create_matrix
 
 #: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
 QUADRATURE_DEGREE = 3
@@ -72,48 +73,20 @@ class Elasticity:
             pairs: NodePairs, or None without contact.
 
         Returns:
-            PETSc AIJ matrix with blocks of 3, not yet assembled: `Mat.assemble` ends it.
+            BlockMatrix, not yet assembled: `mat.assemble` ends it.
         """
         imap = self.prolongation.index_map
         conforming = self.prolongation.conforming[self.vertex_of_block]
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
-        matrix = PETSc.Mat().create(self.mesh.comm)
-        matrix.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setPreallocationNNZ(self._row_lengths(pairs))
+        matrix = create_matrix(self.prolongation, self.leaf_mesh.vertices, pairs)
         lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
-        matrix.setLGMap(lgmap, lgmap)
+        matrix.mat.setLGMap(lgmap, lgmap)
 
         irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
-        assemble_matrix_mat(matrix, self._form(np.flatnonzero(~irregular)))
-        self._add_irregular(matrix, np.flatnonzero(irregular), number)
+        assemble_matrix_mat(matrix.mat, self._form(np.flatnonzero(~irregular)))
+        self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
         return matrix
-
-    def _row_lengths(self, pairs):
-        """Entries of each owned row in columns of this rank and of others, at most: two (3 owned,) int32 arrays."""
-        imap = self.prolongation.index_map
-        cells, size = self.leaf_mesh.vertices, imap.size_local + imap.num_ghosts
-        corners = csr_matrix(
-            (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
-            shape=(len(cells), len(self.prolongation.vertices)),
-        )
-        touches = corners @ self.prolongation.matrix.astype(bool)
-        graph = touches.T @ touches
-        rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
-        if pairs is not None:
-            rows = np.concatenate([rows, pairs.first, pairs.second])
-            columns = np.concatenate([columns, pairs.second, pairs.first])
-        owner = np.concatenate([np.full(imap.size_local, self.mesh.comm.rank, dtype=np.int32), imap.owners])
-        same = owner[rows] == owner[columns]
-        lengths = vector(imap, 2, dtype=np.int32)
-        lengths.array[:] = np.stack([np.bincount(rows[s], minlength=size) for s in (same, ~same)], axis=1).ravel()
-        lengths.scatter_reverse(InsertMode.add)
-        limits = np.array([imap.size_local, imap.size_global - imap.size_local])
-        return tuple(
-            np.repeat(3 * np.minimum(length, limit), 3).astype(np.int32)
-            for length, limit in zip(lengths.array.reshape(-1, 2)[: imap.size_local].T, limits)
-        )
 
     def _form(self, cells):
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)

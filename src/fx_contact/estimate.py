@@ -93,7 +93,7 @@ def estimate(elasticity, shear_free, stages, noise=0.0):
 
     energies = fem.assemble_vector(energy_form).array.reshape(-1, 2)
     error2, energy2 = np.maximum(energies, 0).T
-    total = mesh.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
+    total = prolongation.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
     if not np.isfinite(total).all():
         raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
     if total[0] + total[1] <= noise**2:

@@ -1,0 +1,114 @@
+"""The conforming matrix: blocks of 3 x 3 while it is assembled, hypre's own format where hypre preconditions it.
+
+PETSc's own conversion to hypre's format passes through coordinates and keeps them: it needs three times the memory of
+the matrix on top of it.  Copied row by row into exactly allocated rows, the matrix exists twice for a moment, and once
+while it is solved with.
+"""
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx.utils import get_petsc_lib
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from fx_contact._mpi import Exchange
+from fx_contact.errors import SolveError
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMatrix:
+    """A square matrix on the conforming unknowns.
+
+    Attributes:
+        mat: PETSc BAIJ matrix with blocks of 3.
+        row_lengths: two (owned,) int32, blocks of each owned row in columns of this rank and of others.
+    """
+
+    mat: PETSc.Mat
+    row_lengths: tuple[np.ndarray, np.ndarray]
+
+    def in_hypre_format(self):
+        """A copy with the rows in hypre's format; the blocks may be destroyed then.
+
+        Collective on mat.comm.  Entries that are there can be changed later, new ones cannot be added.
+
+        Returns:
+            PETSc Mat of type hypre.
+
+        Raises:
+            SolveError: PETSc has no memory for it, or no hypre.
+        """
+        result = PETSc.Mat().create(self.mat.comm)
+        result.setSizes(self.mat.getSizes(), bsize=3)
+        result.setType(PETSc.Mat.Type.HYPRE)
+        result.setOption(PETSc.Mat.Option.SORTED_FULL, True)
+        near, far = (np.repeat(3 * lengths, 3).astype(PETSc.IntType) for lengths in self.row_lengths)
+        preallocate = ctypes.CDLL(str(get_petsc_lib())).MatHYPRESetPreallocation  # petsc4py lacks it
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (near, far))
+        integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
+        first, second = pointers
+        if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
+            raise SolveError("PETSc cannot allocate a matrix in hypre's format")
+        self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return result
+
+
+def create_matrix(prolongation, cells, pairs):
+    """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
+
+    Collective on prolongation.comm.
+
+    Args:
+        prolongation: Prolongation.
+        cells: (ncells, 8) int32, position in the forest's vertices of each local cell's corners.
+        pairs: NodePairs or None.
+
+    Returns:
+        BlockMatrix.
+    """
+    imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, pairs)
+    mat = PETSc.Mat().create(prolongation.comm)
+    mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
+    mat.setType(PETSc.Mat.Type.BAIJ)
+    mat.setPreallocationNNZ(lengths)
+    return BlockMatrix(mat, lengths)
+
+
+def _row_lengths(prolongation, cells, pairs):
+    """Blocks of each owned row in columns of this rank and of others, exactly: two (owned,) int32."""
+    imap, comm = prolongation.index_map, prolongation.comm
+    size, owned = imap.size_local + imap.num_ghosts, imap.size_local
+    corners = csr_matrix(
+        (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
+        shape=(len(cells), len(prolongation.vertices)),
+    )
+    touches = corners @ prolongation.matrix.astype(bool)
+    graph = touches.T @ touches
+    if pairs is not None:
+        facing = csr_matrix((np.ones(len(pairs), dtype=bool), (pairs.first, pairs.second)), shape=(size, size))
+        graph = graph + facing + facing.T
+    rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
+    near = np.bincount(rows[columns < owned], minlength=size)[:owned]
+    far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
+    if comm.size == 1:
+        return near.astype(np.int32), far.astype(np.int32)
+
+    # Rows of which other ranks have a share: their columns are brought together, by global numbers.
+    number = imap.local_to_global(np.arange(size, dtype=np.int32))
+    theirs = rows >= owned
+    exchange = Exchange(comm, imap.owners[rows[theirs] - owned])
+    first = imap.local_range[0]
+    place = exchange.forward(number[rows[theirs]]) - first
+    shared = np.zeros(size, dtype=bool)
+    shared[place] = True
+    ours = shared[rows]
+    place = np.concatenate([place, rows[ours]])
+    column = np.concatenate([exchange.forward(number[columns[theirs]]), number[columns[ours]]])
+    place, column = np.divmod(np.unique(place * imap.size_global + column), imap.size_global)
+    here = (column >= first) & (column < first + owned)
+    shared = shared[:owned]
+    near[shared] = np.bincount(place[here], minlength=owned)[shared]
+    far[shared] = np.bincount(place[~here], minlength=owned)[shared]
+    return near.astype(np.int32), far.astype(np.int32)
