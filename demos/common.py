@@ -121,7 +121,7 @@ def _run(comm, arguments, make_scene, exact):
         write_fields(step, arguments.output / "fields.bp")
         draw_pressure(step, arguments.output / "pressure.png", compared)
         draw_mesh(step, arguments.output / "mesh.png")
-    record["seconds"] = step.stages.seconds(comm)
+    record |= step.stages.costs(comm)
     records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
     if not record["ratio"] <= 1:

@@ -33,7 +33,7 @@ from fx_contact.contact import Penalty, PenaltyTerm, node_pairs
 from fx_contact.elasticity import QUADRATURE_DEGREE, Elasticity
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh
-from fx_contact.report import Stages
+from fx_contact.stages import Stages
 from fx_contact.scene import ContactPair, Scene, Traction
 
 

@@ -34,7 +34,7 @@ from fx_contact.conditions import load, prescribed_displacements, shear_free_com
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.estimate import estimate
 
-from fx_contact.report import Stages
+from fx_contact.stages import Stages
 from fx_contact.scene import ContactPair, Dirichlet, Scene
 from fx_contact.krylov import Solver
 from fx_contact.solve import solve_contact

@@ -15,7 +15,8 @@ from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh, sufficient_order
-from fx_contact.report import Stages, peak_memory, versions
+from fx_contact.report import versions
+from fx_contact.stages import Stages
 from fx_contact.scene import Scene
 from fx_contact.krylov import Solver
 from fx_contact.solve import solve_contact
@@ -160,8 +161,7 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         "tolerance": tolerance,
         "ratio": error.relative / tolerance,
         "partition": quality,
-        "seconds": stages.seconds(comm),
-        "peak_memory_bytes": peak_memory(comm),
+        **stages.costs(comm),
         "versions": versions(),
     }
     return Step(record, scene, forest, cells, elasticity, pairs, contact, error, stages)

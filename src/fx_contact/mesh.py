@@ -16,6 +16,9 @@ from fx_contact import reference
 from fx_contact.lattice import SIDE
 from fx_contact.partition import partitioner
 
+#: Leaves whose positions are computed at once: few enough for the processor's cache.
+_CHUNK = 1 << 12
+
 
 @dataclass(frozen=True, eq=False)
 class LeafMesh:
@@ -88,24 +91,22 @@ def sufficient_order(forest, tolerance):
     Returns:
         int, 1 to the order of the root mesh.
     """
-    p = forest.mesh.order
-    for order in range(1, p):
-        if forest.comm.allreduce(_interpolation_error(forest, order), op=MPI.MAX) <= tolerance:
-            return order
-    return p
-
-
-def _interpolation_error(forest, order):
-    """Largest relative distance between leaf maps of an order and the exact ones, at a lattice between the nodes."""
-    p, worst = forest.mesh.order, 0.0
-    to_exact = reference.lagrange(order, np.linspace(0, 1, p + 1))
-    for start in range(0, len(forest), 1 << 15):
-        part = slice(start, start + (1 << 15))
-        exact = _positions(forest, part, p)
-        coarse = reference.tensor_evaluate((to_exact,) * 3, _positions(forest, part, order))
+    p, order = forest.mesh.order, 1
+    for start in range(0, len(forest) if p > 1 else 0, _CHUNK):
+        exact = _positions(forest, slice(start, start + _CHUNK), p)
         size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
-        worst = max(worst, float((np.linalg.norm(coarse - exact, axis=2).max(axis=1) / size).max(initial=0)))
-    return worst
+        while order < p and (_interpolation_error(exact, p, order) > tolerance * size).any():
+            order += 1
+        if order == p:
+            break
+    return forest.comm.allreduce(order, op=MPI.MAX)
+
+
+def _interpolation_error(exact, p, order):
+    """Largest distance of maps of order p from their interpolants of a lower order, at the nodes of order p: (n,)."""
+    to_nodes = reference.lagrange(p, np.linspace(0, 1, order + 1))
+    there_and_back = reference.lagrange(order, np.linspace(0, 1, p + 1)) @ to_nodes
+    return np.linalg.norm(reference.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
 
 
 def _positions(forest, leaves, order):
@@ -153,8 +154,8 @@ def _geometry_nodes(forest, order):
         nodes[:, inside] = base[cells][:, :, None] + place
     low = start[comm.rank, 0]
     x = np.empty((int(width[comm.rank].sum()), 3))
-    for begin in range(0, len(forest), 1 << 15):
-        part = slice(begin, begin + (1 << 15))
+    for begin in range(0, len(forest), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
         mine = (nodes[part] >= low) & (nodes[part] < low + len(x))
         x[nodes[part][mine] - low] = _positions(forest, part, order)[mine]
     return nodes, x

@@ -1,71 +1,13 @@
-"""Stage times, peak memory, versions, and the table rows of a run."""
+"""Versions, and the lines that tell how a run goes."""
 
 import ctypes
-import resource
-import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
-#: Stages of an adaptive step, as they stand in the records.
-STAGES = (
-    "compile",
-    "partition",
-    "mesh",
-    "hanging",
-    "assemble",
-    "system",
-    "setup",
-    "solve",
-    "estimate",
-    "refine",
-    "output",
-)
-
-
-class Stages:
-    """Wall seconds by stage; a stage inside another is taken out of the outer one.  Local.
-
-    Use: `with stages("mesh"): ...`.
-    """
-
-    def __init__(self):
-        self._seconds = dict.fromkeys(STAGES, 0.0)
-        self._inner = []
-        self._start = time.perf_counter()
-
-    @contextmanager
-    def __call__(self, name):
-        start = time.perf_counter()
-        self._inner.append(0.0)
-        try:
-            yield
-        finally:
-            elapsed = time.perf_counter() - start
-            self._seconds[name] += elapsed - self._inner.pop()
-            if self._inner:
-                self._inner[-1] += elapsed
-
-    def seconds(self, comm):
-        """Largest seconds over the ranks, by stage and `total` since the start.
-
-        Collective on comm.
-
-        Args:
-            comm: MPI communicator.
-        """
-        mine = [*self._seconds.values(), time.perf_counter() - self._start]
-        return dict(zip([*STAGES, "total"], (comm.allreduce(s, op=MPI.MAX) for s in mine)))
-
-
-def peak_memory(comm):
-    """Peak resident memory of all ranks together [bytes].  Collective on comm."""
-    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
-
+from fx_contact.stages import STAGES
 
 def versions():
     """Versions of the libraries that the numbers depend on: dict of str.  Local."""

@@ -133,8 +133,8 @@ class RootMesh:
         """
         m = coordinates.shape[2]
         result = np.empty((len(cells), m**3, 3))
-        for start in range(0, len(cells), 1 << 15):
-            part = slice(start, start + (1 << 15))
+        for start in range(0, len(cells), 1 << 12):
+            part = slice(start, start + (1 << 12))
             functions = [reference.lagrange(self.order, coordinates[part, axis]) for axis in range(3)]
             result[part] = reference.tensor_evaluate(functions, self.points[self.cells[cells[part]]])
         return result

@@ -1,0 +1,99 @@
+"""What each stage of an adaptive step costs: wall and CPU seconds, memory."""
+
+import resource
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+#: Stages of an adaptive step, as they stand in the records; `other` is what none of them explains.
+STAGES = (
+    "compile",
+    "partition",
+    "mesh",
+    "hanging",
+    "assemble",
+    "system",
+    "setup",
+    "solve",
+    "estimate",
+    "refine",
+    "output",
+    "other",
+)
+_STATM = Path("/proc/self/statm")
+
+
+class Stages:
+    """Costs by stage; a stage inside another is taken out of the outer one.  Local but for `costs`.
+
+    Use: `with stages("mesh"): ...`.
+    """
+
+    def __init__(self):
+        self._spent = dict.fromkeys(STAGES, np.zeros(2))
+        self._memory = dict.fromkeys(STAGES, 0)
+        self._inner = []
+        self._start = _clocks()
+
+    @contextmanager
+    def __call__(self, name):
+        start = _clocks()
+        self._inner.append(np.zeros(2))
+        try:
+            yield
+        finally:
+            elapsed = _clocks() - start
+            self._spent[name] = self._spent[name] + elapsed - self._inner.pop()
+            if self._inner:
+                self._inner[-1] += elapsed
+            self._memory[name] = max(self._memory[name], _resident())
+
+    def costs(self, comm):
+        """The costs so far, as they stand in the records.
+
+        Collective on comm.
+
+        Args:
+            comm: MPI communicator.
+
+        Returns:
+            dict of `seconds` (by stage and `total`, wall, largest of the ranks), `cpu_seconds` (by stage and `total`,
+            sum of the ranks), `memory_bytes` (by stage, resident at its end on all ranks together; 0 for a stage that
+            was not entered) and `peak_memory_bytes` (of all ranks together, since the program began).
+        """
+        total = _clocks() - self._start
+        spent = np.array([*self._spent.values(), total])
+        spent[STAGES.index("other")] = total - spent[:-1].sum(axis=0)
+        wall, cpu = spent.T.copy()
+        comm.Allreduce(MPI.IN_PLACE, wall, op=MPI.MAX)
+        comm.Allreduce(MPI.IN_PLACE, cpu, op=MPI.SUM)
+        memory = [*(self._memory | {"other": _resident()}).values()]
+        memory = np.array([*memory, max(_peak(), *memory)])  # the system's own peak lags a little
+        comm.Allreduce(MPI.IN_PLACE, memory, op=MPI.SUM)
+        names = [*STAGES, "total"]
+        return {
+            "seconds": dict(zip(names, wall.tolist())),
+            "cpu_seconds": dict(zip(names, cpu.tolist())),
+            "memory_bytes": dict(zip(STAGES, memory.tolist())),
+            "peak_memory_bytes": int(memory[-1]),
+        }
+
+
+def _clocks():
+    """Wall and CPU seconds of this process."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+def _resident():
+    """Resident memory of this process [bytes]; where the system does not tell, the largest so far."""
+    if _STATM.exists():
+        return int(_STATM.read_text().split()[1]) * resource.getpagesize()
+    return _peak()
+
+
+def _peak():
+    """Largest resident memory of this process so far [bytes]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

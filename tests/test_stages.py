@@ -1,0 +1,40 @@
+"""The stage profile adds up."""
+
+import time
+
+import numpy as np
+from conftest import WORLD, everywhere
+
+from fx_contact.stages import STAGES, Stages
+
+
+def test_nested_stages_add_up():
+    """An inner stage is taken out of the outer one, and what no stage explains is `other`."""
+    stages = Stages()
+    with stages("assemble"):
+        time.sleep(0.02)
+        with stages("compile"):
+            time.sleep(0.05)
+    time.sleep(0.03)
+    costs = stages.costs(WORLD)
+    seconds = costs["seconds"]
+    assert seconds["compile"] >= 0.05 and seconds["assemble"] >= 0.02 and seconds["other"] >= 0.03
+    assert seconds["assemble"] < seconds["total"] - 0.08 + 1e-9, "the inner stage was counted twice"
+    for clock in ("seconds", "cpu_seconds"):
+        assert list(costs[clock]) == [*STAGES, "total"]
+    cpu = costs["cpu_seconds"]
+    assert abs(sum(cpu[name] for name in STAGES) - cpu["total"]) < 1e-9
+    everywhere(costs == WORLD.bcast(costs), "the ranks have different costs")
+
+
+def test_memory_by_stage():
+    """A stage that keeps memory ends with more of it than the one before; a stage not entered has none."""
+    stages = Stages()
+    with stages("refine"):
+        pass
+    with stages("mesh"):
+        kept = np.ones(1 << 24)
+    costs = stages.costs(WORLD)
+    memory = costs["memory_bytes"]
+    assert memory["mesh"] - memory["refine"] > 0.9 * WORLD.size * kept.nbytes
+    assert memory["solve"] == 0 and memory["mesh"] <= costs["peak_memory_bytes"]
