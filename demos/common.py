@@ -118,7 +118,7 @@ def _run(comm, arguments, make_scene, exact):
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     with step.stages("output"):
-        write_fields(step, arguments.output / "fields.bp")
+        write_fields(step, arguments.output)
         draw_pressure(step, arguments.output / "pressure.png", compared)
         draw_mesh(step, arguments.output / "mesh.png")
     record |= step.stages.costs(comm)
@@ -133,4 +133,4 @@ def _run(comm, arguments, make_scene, exact):
         f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "
         f"{record['max_pressure']:.5g} Pa{hertz}"
     )
-    show(f"results in {arguments.output}: steps.jsonl, fields.bp (for ParaView), pressure.png, mesh.png")
+    show(f"results in {arguments.output}: steps.jsonl, fields.bp and cells.bp (for ParaView), pressure.png, mesh.png")

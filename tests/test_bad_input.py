@@ -144,7 +144,7 @@ def never_converges():
 
 
 def unwritable_fields():
-    write_fields(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null/fields.bp")
+    write_fields(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null")
 
 
 CASES = {

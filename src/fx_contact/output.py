@@ -80,20 +80,39 @@ class RecordWriter:
             ) from None
 
 
-def write_fields(step, path):
-    """Write a step's fields for ParaView, on cells of the mesh's own order, so that curved shapes are kept.
+def write_fields(step, folder):
+    """Write a step's fields for ParaView, in two ADIOS2 files (VTX); both keep the curved shape of the cells.
 
-    Collective.  Point fields: displacement [m], stress [Pa]; cell fields, constant on each cell: indicator
-    [J^(1/2)], level, rank.
+    Collective.  `fields.bp` has point fields, continuous of the mesh's order: displacement [m], stress [Pa];
+    `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank.
 
     Args:
         step: Step.
-        path: of the ADIOS2 file (VTX), ending in .bp; replaced if it is there.
+        folder: for the files, which are replaced if they are there.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: a file cannot be written.
     """
-    comm, path = step.forest.comm, Path(path)
+    leaf, mesh = step.leaf_mesh.leaf, step.leaf_mesh.mesh
+    cells = {
+        "indicator": step.estimate.error,
+        "level": step.forest.level[leaf],
+        "rank": np.full(len(leaf), step.forest.comm.rank),
+    }
+    tensor = [VOIGT.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
+    _write(
+        step,
+        Path(folder) / "fields.bp",
+        lambda: [
+            _nodal(mesh, "displacement", (3,), _corner_values(step.elasticity.u)),
+            _nodal(mesh, "stress", (3, 3), _corner_values(step.estimate.stress)[:, :, tensor]),
+        ],
+    )
+    _write(step, Path(folder) / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
+
+
+def _write(step, path, fields):
+    comm = step.forest.comm
     with together(comm):
         if comm.rank == 0:
             try:
@@ -104,41 +123,32 @@ def write_fields(step, path):
                 raise OutputError(
                     f"cannot write {str(path)!r}: {error.strerror}; name another output folder"
                 ) from None
-    with VTXWriter(comm, path, _fields(step), engine="BP4") as writer:
+    with VTXWriter(comm, path, fields(), engine="BP4") as writer:
         writer.write(float(step.record["step"]))
 
 
-def _fields(step):
-    """The fields as functions that are discontinuous between cells, all of the mesh's order, as VTX wants them."""
-    mesh, order = step.leaf_mesh.mesh, step.leaf_mesh.order
-    kind = dict(lagrange_variant=basix.LagrangeVariant.equispaced, discontinuous=True)
-    points = basix.ufl.element("Lagrange", "hexahedron", order, **kind).basix_element.points
-    along = reference.lagrange(1, points)
-    shape = np.prod([along[:, axis, reference.CORNERS[:, axis]] for axis in range(3)], axis=0)
+def _corner_values(function):
+    """Values of a Q1 function at the corners of each local cell: (ncells, 8, k)."""
+    values = function.x.array.reshape(-1, function.function_space.dofmap.index_map_bs)
+    return values[function.function_space.dofmap.list]
 
-    def nodal(name, function):
-        """A Q1 field, from its values at the cells' corners."""
-        values = function.x.array.reshape(-1, function.function_space.dofmap.index_map_bs)
-        return name, np.einsum("pi,nik->npk", shape, values[function.function_space.dofmap.list])
 
-    def constant(name, values):
-        return name, np.broadcast_to(values[:, None, None], (len(values), len(points), 1))
-
-    name, voigt = nodal("stress", step.estimate.stress)
-    tensor = voigt[:, :, [VOIGT.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]]
-    leaf = step.leaf_mesh.leaf
-    fields = (
-        nodal("displacement", step.elasticity.u),
-        (name, tensor),
-        constant("indicator", step.estimate.error),
-        constant("level", step.forest.level[leaf]),
-        constant("rank", np.full(len(leaf), mesh.comm.rank)),
+def _nodal(mesh, name, shape, values):
+    """A function of the geometry's order, whose nodes VTX takes for the shape of the cells, from (ncells, 8, k)."""
+    order = mesh.geometry.cmap.degree
+    element = basix.ufl.element(
+        "Lagrange", "hexahedron", order, lagrange_variant=basix.LagrangeVariant.equispaced, shape=shape
     )
-    functions = []
-    for name, values in fields:
-        size = {1: (), 3: (3,), 9: (3, 3)}[values.shape[2]]
-        space = fem.functionspace(mesh, basix.ufl.element("Lagrange", "hexahedron", order, shape=size, **kind))
-        function = fem.Function(space, name=name)
-        function.x.array.reshape(-1, values.shape[2])[space.dofmap.list] = values
-        functions.append(function)
-    return functions
+    space = fem.functionspace(mesh, element)
+    along = reference.lagrange(1, space.element.basix_element.points)
+    corners = np.prod([along[:, axis, reference.CORNERS[:, axis]] for axis in range(3)], axis=0)
+    function = fem.Function(space, name=name)
+    function.x.array.reshape(-1, values.shape[2])[space.dofmap.list] = np.matmul(corners, values)
+    return function
+
+
+def _cellwise(mesh, name, values):
+    """A function with one value on each local cell."""
+    function = fem.Function(fem.functionspace(mesh, ("DG", 0)), name=name)
+    function.x.array[function.function_space.dofmap.list[:, 0]] = values
+    return function

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from fx_contact.stages import STAGES
 
+
 def versions():
     """Versions of the libraries that the numbers depend on: dict of str.  Local."""
     return {
