@@ -27,7 +27,7 @@ from fx_contact import Material, Penalty, Solver, adapt  # noqa: E402
 from fx_contact.errors import FxContactError  # noqa: E402
 from fx_contact.output import RecordWriter, write_fields  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
-from fx_contact.plot import draw_mesh, draw_pressure  # noqa: E402
+from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
 from fx_contact.krylov import PRECONDITIONERS  # noqa: E402
 
@@ -66,6 +66,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
+    add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
 
@@ -117,20 +118,30 @@ def _run(comm, arguments, make_scene, exact):
         show(table_row(step.record), flush=True)
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
-    with step.stages("output"):
-        write_fields(step, arguments.output)
-        draw_pressure(step, arguments.output / "pressure.png", compared)
-        draw_mesh(step, arguments.output / "mesh.png")
-    record |= step.stages.costs(comm)
-    records.amend(record)
+    results = "steps.jsonl"
+    if not arguments.records_only:
+        results += ", fields.bp and cells.bp (for ParaView), " + _show(step, arguments.output, bool(exact), compared)
+        record |= step.stages.costs(comm)
+        records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
     if not record["ratio"] <= 1:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
     if not record["active_pairs"]:
         show("The bodies do not touch.")
-    hertz = f" (Hertz: {compared.contact_radius:.5g} m, {compared.max_pressure:.5g} Pa)" if compared else ""
-    show(
-        f"force {record['force']:.6g} N, contact radius {record['contact_radius']:.5g} m, largest pressure "
-        f"{record['max_pressure']:.5g} Pa{hertz}"
-    )
-    show(f"results in {arguments.output}: steps.jsonl, fields.bp and cells.bp (for ParaView), pressure.png, mesh.png")
+    show(f"force {record['force']:.6g} N, largest pressure {record['max_pressure']:.5g} Pa")
+    if compared:
+        show(f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m, ", end="")
+        show(f"{compared.max_pressure:.5g} Pa")
+    show(f"results in {arguments.output}: {results}")
+
+
+def _show(step, folder, round_contact, compared):
+    """Write fields and pictures; the names of the pictures."""
+    with step.stages("output"):
+        write_fields(step, folder)
+        draw_mesh(step, folder / "mesh.png")
+        if round_contact:
+            draw_pressure(step, folder / "pressure.png", compared)
+            return "mesh.png, pressure.png"
+        draw_stress(step, folder / "stress.png")
+        return "mesh.png, stress.png"

@@ -39,6 +39,7 @@ class Step:
         leaf_mesh: LeafMesh.
         elasticity: Elasticity; its `u` is the displacement.
         pairs: NodePairs or None.
+        start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         contact: ContactSolution.
         estimate: Estimate.
         stages: Stages of this step, from the refinement that led to it.
@@ -50,6 +51,7 @@ class Step:
     leaf_mesh: object
     elasticity: Elasticity
     pairs: object
+    start: np.ndarray
     contact: object
     estimate: object
     stages: Stages
@@ -164,7 +166,7 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
         **stages.costs(comm),
         "versions": versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, contact, error, stages)
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages)
 
 
 def _start(forest, prolongation, carried):

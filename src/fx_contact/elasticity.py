@@ -4,6 +4,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix_mat
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, identity, kron
 
@@ -11,6 +12,8 @@ from fx_contact.matrix import create_matrix
 
 #: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
 QUADRATURE_DEGREE = 3
+#: Cells of which P^T K P is taken at once.
+_CHUNK = 1 << 13
 
 
 class Elasticity:
@@ -96,21 +99,26 @@ class Elasticity:
             return fem.form(ufl.inner(self.stress(trial), ufl.sym(ufl.grad(test))) * dx(1))
 
     def _add_irregular(self, matrix, cells, number):
-        form = self._form(cells)
-        local = fem.create_matrix(form)
-        fem.assemble_matrix(local, form)
-        # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
-        columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
-        indptr = np.pad(local.indptr, (0, columns + 1 - len(local.indptr)), mode="edge")
-        stiffness = bsr_matrix(
-            (local.data.reshape(-1, 3, 3), local.indices, indptr), shape=(3 * columns, 3 * columns)
-        )
-        interpolation = self.prolongation.matrix[self.vertex_of_block]
-        interpolation.resize(columns, interpolation.shape[1])
-        interpolation = kron(interpolation, identity(3), format="bsr")
-        product = (interpolation.T @ stiffness @ interpolation).tobsr((3, 3))
-        rows = np.flatnonzero(np.diff(product.indptr))
-        indptr = np.concatenate([[0], np.cumsum(np.diff(product.indptr)[rows])]).astype(np.int32)
-        matrix.setValuesBlockedIJV(
-            indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
-        )
+        """Add P^T K P of some cells, few at a time: the product needs much more room than its result."""
+        comm = self.prolongation.comm
+        for part in range(comm.allreduce(-(-len(cells) // _CHUNK), op=MPI.MAX)):
+            form = self._form(cells[part * _CHUNK : (part + 1) * _CHUNK])
+            local = fem.create_matrix(form)
+            fem.assemble_matrix(local, form)
+            # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
+            columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
+            rows = np.flatnonzero(np.diff(local.indptr))
+            stiffness = bsr_matrix(
+                (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
+                shape=(3 * len(rows), 3 * columns),
+            )
+            interpolation = self.prolongation.matrix[self.vertex_of_block]
+            to_rows = kron(interpolation[rows], identity(3), format="bsr")
+            interpolation.resize(columns, interpolation.shape[1])
+            interpolation = kron(interpolation, identity(3), format="bsr")
+            product = (to_rows.T @ (stiffness @ interpolation)).tobsr((3, 3))
+            rows = np.flatnonzero(np.diff(product.indptr))
+            indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
+            matrix.setValuesBlockedIJV(
+                indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+            )

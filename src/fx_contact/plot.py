@@ -97,6 +97,93 @@ def draw_mesh(step, path, zoom=3.0):
                 _writing(path, lambda: _draw_faces(faces, centre, reach, path))
 
 
+def draw_stress(step, path):
+    """Von Mises stress, recovered at the vertices, and the leaves in the plane across y through the contact's centre.
+
+    Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
+
+    Args:
+        step: Step with contact.
+        path: of the PNG.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
+    leaf, stress = step.leaf_mesh.leaf, step.estimate.stress
+    corners = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)[leaf]
+    size = np.ptp(corners[:, :, 1], axis=1)
+    # Beside the plane by little, so that a plane between leaves cuts those of one side.
+    y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
+    cut = (corners[:, :, 1].min(axis=1) <= y) & (corners[:, :, 1].max(axis=1) >= y)
+    values = stress.x.array.reshape(-1, 6)[stress.function_space.dofmap.list[cut]]
+    parts = comm.gather((corners[cut], _von_mises(values)), root=0)
+    with together(comm):
+        if comm.rank == 0:
+            corners, values = (np.concatenate(column) for column in zip(*parts))
+            with _display():
+                _writing(path, lambda: _draw_cut(corners, values, y, path))
+
+
+def _von_mises(stress):
+    """Of stresses (..., 6) in the order of `estimate.VOIGT`."""
+    x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
+    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
+
+
+def _draw_cut(corners, values, y, path):
+    import pyvista
+
+    cells = 8 * np.arange(len(corners))[:, None] + [0, 1, 3, 2, 4, 5, 7, 6]
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, corners.reshape(-1, 3))
+    grid["stress"] = values.ravel()
+    grid["leaf"] = np.arange(len(corners))
+    section = grid.slice(normal=(0, 1, 0), origin=(0, y, 0))
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1500, 1000))
+    plotter.set_background("white")
+    plotter.enable_parallel_projection()
+    plotter.add_mesh(
+        section,
+        scalars="stress",
+        cmap="viridis",
+        clim=(0, np.percentile(section["stress"], 99)),
+        lighting=False,
+        scalar_bar_args={
+            "title": "von Mises stress [Pa]; the highest 1 % are above the scale",
+            "color": "black",
+            "vertical": False,
+            "n_labels": 2,
+            "width": 0.5,
+            "height": 0.12,
+            "position_x": 0.25,
+            "position_y": 0.01,
+            "title_font_size": 22,
+            "label_font_size": 20,
+            "fmt": "%.2g",
+        },
+    )
+    plotter.add_mesh(_outlines(corners, y), color="#202020", line_width=1, lighting=False)
+    plotter.view_xz()
+    x, z = np.ptp(corners[:, :, [0, 2]], axis=(0, 1))
+    plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
+    lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
+    plotter.camera.focal_point, plotter.camera.position = (
+        np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
+    )
+    plotter.screenshot(path)
+    plotter.close()
+
+
+def _outlines(corners, y):
+    """The lines in which a plane across y cuts the faces of leaves."""
+    import pyvista
+
+    quads = corners[:, reference.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
+    quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
+    faces = np.hstack([np.full((len(quads), 1), 4), np.arange(4 * len(quads)).reshape(-1, 4)])
+    return pyvista.PolyData(quads.reshape(-1, 3), faces=faces.ravel()).slice(normal=(0, 1, 0), origin=(0, y, 0))
+
+
 def _writing(path, draw):
     """Draw, and say what is wrong if the picture cannot be written."""
     try:

@@ -1,0 +1,233 @@
+"""Where the time goes, and how it grows: the README's performance table, and the paper's figure 5 and beyond.
+
+Runs the demos as anyone would, one command after the other, and reads their records.  What has run before is not run
+again, so that an interrupted study goes on where it stopped.  CPU seconds are those of all ranks and all steps, without
+compilation; memory is the largest resident size of all ranks together.
+
+    python3 demos/cost_study.py                  # the README's table, without the large runs
+    python3 demos/cost_study.py --large          # with them: half an hour, 20 GB
+    python3 demos/cost_study.py --study orders growth ranks contact
+
+Tables and pictures go to results/cost.
+"""
+
+import argparse
+import json
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+DEMOS = Path(__file__).parent
+STAGES = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine", "other")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run of a demo.
+
+    Attributes:
+        demo: name of its script.
+        options: of its command line.
+        ranks: MPI ranks.
+    """
+
+    demo: str
+    options: str
+    ranks: int = 2
+
+    @property
+    def command(self):
+        """As a user would type it."""
+        return f"mpirun -n {self.ranks} python3 demos/{self.demo}.py {self.options}"
+
+
+#: The README's table: targets in CPU seconds and kB a dof, where there are some.
+STANDARD = {
+    Case("indentation", "--symmetry full --tolerance 0.06"): (87, 3.0),
+    Case("hertz", "--symmetry full --tolerance 0.08"): (25, 3.2),
+    Case("hertz", "--symmetry full --tolerance 0.04"): (230, 3.2),
+    Case("hertz", "--tolerance 0.08"): (25 / 4, None),
+    Case("hertz", "--tolerance 0.04"): (230 / 4, None),
+}
+LARGE = {
+    Case("indentation", "--symmetry full --tolerance 0.04"): (None, None),
+    Case("hertz", "--tolerance 0.02"): (None, None),
+}
+ORDERS = [
+    Case("hertz", f"--order 6 --geometry-order {order} --preconditioner {name} --tolerance 0.08", ranks)
+    for order in (1, 2, 3, 6)
+    for name in ("boomeramg", "ilu")
+    for ranks in (1, 2)
+]
+CHOSEN = Case("hertz", "--order 6 --tolerance 0.08")
+RANKS = [
+    Case(demo, options, ranks)
+    for demo, options in (("indentation", "--symmetry full --tolerance 0.06"), ("hertz", "--tolerance 0.04"))
+    for ranks in (1, 2)
+]
+GROWTH = [Case("indentation", "--symmetry full --tolerance 0.06"), Case("hertz", "--tolerance 0.04")]
+
+
+def records(case, folder):
+    """Step records of a case, run now if they are not there; None if it failed."""
+    place = folder / re.sub(r"[^\w.]+", "-", f"{case.demo} {case.options} on {case.ranks}")
+    steps, done = place / "steps.jsonl", place / "done"
+    if not done.exists():
+        words = [*shlex.split(case.command), "--records-only", "--output", str(place)]
+        words[words.index(f"demos/{case.demo}.py")] = str(DEMOS / f"{case.demo}.py")
+        run = subprocess.run(words, capture_output=True, text=True)
+        if run.returncode:
+            print(f"failed: {case.command}\n{run.stderr[-2000:]}", file=sys.stderr)
+            return None
+        done.touch()
+    return [json.loads(line) for line in steps.read_text().splitlines()]
+
+
+def cpu(steps, stages=STAGES):
+    """CPU seconds of all ranks in some stages of all steps; those of a demo without output, compilation apart."""
+    return sum(step["cpu_seconds"][name] for step in steps for name in stages)
+
+
+def wall(steps):
+    """Wall seconds of all steps, compilation apart."""
+    return sum(step["seconds"]["total"] - step["seconds"]["compile"] for step in steps)
+
+
+def kilobytes(steps):
+    """Peak memory of all ranks for each unknown of the last mesh."""
+    return steps[-1]["peak_memory_bytes"] / steps[-1]["dofs"] / 1e3
+
+
+def against(value, target, unit):
+    """A figure, and its target where there is one."""
+    return f"{value:.3g} {unit}" if target is None else f"{value:.3g} {unit} (target {target:.3g})"
+
+
+def standard(folder, large):
+    """The README's table."""
+    yield "| command | dofs | steps | CPU | wall | CPU for a million dofs | peak memory for a dof |"
+    yield "|---|---|---|---|---|---|---|"
+    for case, (seconds, memory) in (STANDARD | (LARGE if large else {})).items():
+        steps = records(case, folder)
+        if steps is None:
+            yield f"| `{case.command}` | failed | | | | | |"
+            continue
+        dofs = steps[-1]["dofs"]
+        yield (
+            f"| `{case.command}` | {dofs:,} | {len(steps)} | {against(cpu(steps), seconds, 's')} | {wall(steps):.1f} s "
+            f"| {cpu(steps) / dofs * 1e6:.0f} s | {against(kilobytes(steps), memory, 'kB')} |"
+        )
+
+
+def orders(folder):
+    """Geometry order, preconditioner and ranks: time by stage and memory, for one root mesh of order 6."""
+    yield "| geometry order | preconditioner | ranks | dofs | CPU | mesh | assemble | setup | solve | Krylov | memory |"
+    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    for case in [*ORDERS, CHOSEN]:
+        steps = records(case, folder)
+        if steps is None:
+            yield f"| `{case.command}` failed | | | | | | | | | | |"
+            continue
+        last, words = steps[-1], case.options.split()
+        given = dict(zip(words[::2], words[1::2]))
+        order = given.get("--geometry-order", f"chosen: {last['geometry_order']}")
+        columns = [order, given.get("--preconditioner", "boomeramg"), case.ranks, f"{last['dofs']:,}"]
+        columns += [f"{cpu(steps):.1f} s"]
+        columns += [f"{cpu(steps, [name]):.1f} s" for name in ("mesh", "assemble", "setup", "solve")]
+        columns += [sum(last["krylov_iterations"]), f"{last['peak_memory_bytes'] / 1e9:.2f} GB"]
+        yield f"| {' | '.join(map(str, columns))} |"
+
+
+def ranks(folder):
+    """Two ranks against one, in every stage that takes over a tenth of the time."""
+    yield "| command | stage | share | wall on 1 | wall on 2 | speed-up |"
+    yield "|---|---|---|---|---|---|"
+    for one, two in zip(RANKS[::2], RANKS[1::2]):
+        both = [records(case, folder) for case in (one, two)]
+        if None in both:
+            yield f"| `{one.command}` or 2 ranks failed | | | | | |"
+            continue
+        seconds = [{n: sum(step["seconds"][n] for step in steps) for n in STAGES} for steps in both]
+        for name in STAGES:
+            share = seconds[0][name] / wall(both[0])
+            if share > 0.1:
+                first, second = (s[name] for s in seconds)
+                row = f"{share:.0%} | {first:.1f} s | {second:.1f} s | {first / second:.2f}"
+                yield f"| `demos/{one.demo}.py {one.options}` | {name} | {row} |"
+        first, second = map(wall, both)
+        row = f"100% | {first:.1f} s | {second:.1f} s | {first / second:.2f}"
+        yield f"| `demos/{one.demo}.py {one.options}` | all | {row} |"
+
+
+def growth(folder, large):
+    """CPU seconds and memory against the number of unknowns, step by step; the slope in the logarithms."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    yield "| command | dofs | CPU for a step and a million dofs | slope of time | largest over 1e5 |"
+    yield "|---|---|---|---|---|"
+    for case, marker in zip([*GROWTH, *(LARGE if large else {})], "os^D"):
+        steps = records(case, folder)
+        if steps is None:
+            yield f"| `{case.command}` failed | | | | |"
+            continue
+        dofs = np.array([step["dofs"] for step in steps])
+        seconds = np.array([cpu([step]) for step in steps])
+        memory = np.array([step["peak_memory_bytes"] for step in steps])
+        big = dofs >= 1e4
+        slope = np.polyfit(np.log(dofs[big]), np.log(seconds[big]), 1)[0] if big.sum() > 1 else np.nan
+        rate = np.interp(np.log([1e5, dofs[-1]]), np.log(dofs), seconds / dofs)
+        each = ", ".join(f"{s / d * 1e6:.0f} s" for s, d in zip(seconds[big], dofs[big]))
+        yield f"| `{case.command}` | {dofs[-1]:,} | {each} | {slope:.2f} | {rate[1] / rate[0]:.2f} |"
+        label = f"{case.demo} {case.options}"
+        axes[0].loglog(dofs, seconds, marker=marker, label=label)
+        axes[1].loglog(dofs, memory / 1e9, marker=marker, label=label)
+    axes[0].set(xlabel="conforming dofs", ylabel="CPU seconds of a step, all ranks")
+    axes[1].set(xlabel="conforming dofs", ylabel="peak memory of all ranks [GB]")
+    for one in axes:
+        one.grid(which="both", alpha=0.3)
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.savefig(folder / "growth.png", dpi=150)
+
+
+def contact(folder):
+    """What contact costs, as `demos/glued.py` prints it."""
+    for scene in ("hertz", "indentation"):
+        words = ["mpirun", "-n", "2", "python3", "demos/glued.py", "--scene", scene]
+        yield f"`{' '.join(words)}`\n\n```"
+        words[words.index("demos/glued.py")] = str(DEMOS / "glued.py")
+        yield subprocess.run(words, capture_output=True, text=True, check=True).stdout + "```\n"
+
+
+def main():
+    """Run what is asked for; print it and keep it in the folder."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    studies = {
+        "standard": lambda: standard(arguments.output, arguments.large),
+        "orders": lambda: orders(arguments.output),
+        "growth": lambda: growth(arguments.output, arguments.large),
+        "ranks": lambda: ranks(arguments.output),
+        "contact": lambda: contact(arguments.output),
+    }
+    parser.add_argument("--study", choices=studies, nargs="+", default=["standard"], help="(%(default)s)")
+    parser.add_argument("--large", action="store_true", help="include the runs that take minutes and up to 20 GB")
+    parser.add_argument("--output", type=Path, default=Path("results/cost"), help="folder (%(default)s)")
+    arguments = parser.parse_args()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    for name in arguments.study:
+        with (arguments.output / f"{name}.md").open("w") as file:
+            for line in studies[name]():
+                print(line, flush=True)
+                print(line, file=file)
+
+
+if __name__ == "__main__":
+    main()
