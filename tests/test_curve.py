@@ -8,8 +8,10 @@ from mpi4py import MPI
 from fx_contact import curve
 from fx_contact.lattice import BITS, face_centres
 from fx_contact.pairing import leaf_code
-from fx_contact.partition import curve_keys, quality, repartition
+from fx_contact.partition import repartition
+from fx_contact.quality import brief
 from fx_contact.reference import FACE_CORNERS
+from fx_contact.units import curve_keys
 
 
 def cube(bits):
@@ -137,12 +139,12 @@ def test_contact_partition():
     )
     everywhere((np.diff(curve_keys(moved)) >= 0).all(), "leaves are not in curve order")
     everywhere(abs(len(moved) - forest.size_global / WORLD.size) <= 2, "not balanced")
-    found = quality(moved, "contact-sfc")
+    found = brief(moved, "contact-sfc")
     assert found["split_pairs"] == 0 and found["kind"] == "contact-sfc"
     assert abs(found["imbalance"] - WORLD.allreduce(len(moved), MPI.MAX) * WORLD.size / forest.size_global) < 1e-15
     strewn, _ = forest.moved(scramble(leaf_code(forest.cell, forest.anchor)) % np.uint64(WORLD.size))
     if WORLD.size > 1:
-        worse = quality(strewn, "random")
+        worse = brief(strewn, "random")
         assert worse["split_pairs"] > 10 and worse["cut_facets"] > 4 * found["cut_facets"] > 0
         for one, says in ((moved, found), (strewn, worse)):
             assert says["cut_facets"] == cut_facets(one)

@@ -6,7 +6,6 @@ from numbers import Real
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import partition
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.elasticity import Elasticity
@@ -15,6 +14,8 @@ from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.partition import repartition
+from fx_contact.quality import brief
 from fx_contact.report import Stages, peak_memory, versions
 from fx_contact.scene import Scene
 from fx_contact.solve import Solver, solve_contact
@@ -92,8 +93,8 @@ def adapt(
     forest, carried, stages = Forest.of_roots(comm, scene.mesh, scene.pairing), None, Stages()
     for number in range(max_steps):
         with stages("partition"):
-            forest, carried = partition.repartition(forest, carried, partition_kind)
-            quality = partition.quality(forest, partition_kind)
+            forest, carried = repartition(forest, carried, partition_kind)
+            quality = brief(forest, partition_kind)
         step = _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality)
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
