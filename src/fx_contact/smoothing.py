@@ -18,11 +18,11 @@ from fx_contact._mpi import Exchange
 #: Boxes of the coarse graph in a part of mean weight; parts that are lighter than `WORTHWHILE` are not worth it.
 BOXES, WORTHWHILE = 32, 1000
 #: Diffusion steps between two decisions, and the most decisions.
-STEPS, DECISIONS = 8, 10
+STEPS, DECISIONS = 16, 10
 #: How much heavier than the mean a part may become while the interfaces flow.
 SLACK = 1.05
-#: Most rounds in which single vertices change sides.
-ROUNDS = 16
+#: Rounds in which single vertices change sides, and most rounds while a part is still too heavy.
+ROUNDS, PATIENCE = 16, 64
 _ONE = 1 << 20
 """The indicator of a part, where it is certain, as an integer."""
 
@@ -43,18 +43,25 @@ def smoothed(graph, keys, weights, part, parts, limit):
     Returns:
         (n,) int32 parts, as given if they cannot be improved within the limit.
     """
+    starts, shortest = [part], graph.cut(part)
+    if graph.comm.allreduce(int(weights.sum())) >= WORTHWHILE * parts:
+        starts.insert(0, _straight(graph, keys, weights, part, parts))
+    for start in starts:
+        result = _exchanged(graph, keys, weights, start, parts, limit)
+        if _loads(graph.comm, result, weights, parts).max() <= limit and graph.cut(result) < shortest:
+            return result
+    return part
+
+
+def _straight(graph, keys, weights, part, parts):
+    """The parts after the flow of their interfaces on the graph of boxes; some may be too heavy, by `SLACK`."""
     mean = graph.comm.allreduce(int(weights.sum())) / parts
-    result = part
-    if mean >= WORTHWHILE:
-        group, first = _boxes(keys, weights, part, mean / BOXES)
-        coarse = graph.contracted(group, len(first))
-        heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
-        slack = max(SLACK * mean, mean + graph.comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
-        straight = _flow(coarse, heavy, part[first], parts, slack)
-        result = _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
-    result = _exchanged(graph, keys, weights, result, parts, limit)
-    better = _loads(graph.comm, result, weights, parts).max() <= limit and graph.cut(result) < graph.cut(part)
-    return result if better else part
+    group, first = _boxes(keys, weights, part, mean / BOXES)
+    coarse = graph.contracted(group, len(first))
+    heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
+    slack = max(SLACK * mean, mean + graph.comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
+    straight = _flow(coarse, heavy, part[first], parts, slack)
+    return _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
 
 
 def _loads(comm, part, weights, parts):
@@ -140,15 +147,18 @@ def _exchanged(graph, keys, weights, part, parts, limit):
     """
     part = part.copy()
     loads = _loads(graph.comm, part, weights, parts)
+    mean = loads.sum() / parts
     heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
     quiet = 0
-    for number in range(ROUNDS):
-        vertex, target, gain = _offers(graph, weights, part, loads, limit, upward=number % 2 == 0)
+    for number in range(PATIENCE):
+        # Where all parts around a heavy one are full, those above the mean make room.
+        most = limit if number < ROUNDS else mean
+        vertex, target, gain = _offers(graph, weights, part, loads, most, upward=number % 2 == 0)
         source = part[vertex]
-        # A part that is too heavy gives away vertices at a loss, but no more than needed.
+        # A part that is too heavy gives vertices away at a loss, but no more than needed.
         willing = gain >= 0
         forced = np.flatnonzero(~willing)
-        spare = np.maximum(loads - np.int64(limit), 0) + heaviest
+        spare = np.maximum(loads - np.int64(most), 0) + heaviest
         willing[forced] = _admitted(
             graph.comm, source[forced], gain[forced], keys[vertex[forced]], weights[vertex[forced]], spare
         )
@@ -160,7 +170,7 @@ def _exchanged(graph, keys, weights, part, parts, limit):
         change = np.bincount(target, weights[vertex], parts) - np.bincount(source, weights[vertex], parts)
         loads += _summed(graph.comm, change.astype(np.int64))
         quiet = 0 if graph.comm.allreduce(len(vertex)) else quiet + 1
-        if quiet == 2:
+        if quiet == 2 or (number + 1 >= ROUNDS and loads.max() <= limit):
             break
     return part
 
@@ -170,7 +180,7 @@ def _summed(comm, values):
     return values
 
 
-def _offers(graph, weights, part, loads, limit, upward):
+def _offers(graph, weights, part, loads, most, upward):
     """The best change of side of each vertex on an interface, where it helps: vertices, targets, facets gained."""
     parts, data = len(loads), graph.matrix.data
     there, here = graph.ghosted(part)[graph.matrix.indices], part[graph.rows]
@@ -182,7 +192,7 @@ def _offers(graph, weights, part, loads, limit, upward):
     gain = np.bincount(slot, weights=data[across], minlength=len(pairs)).astype(np.int64) - kept[vertex]
     own = loads[part[vertex]]
     evens_out = loads[target] + weights[vertex] < own
-    helps = (gain > 0) | evens_out & ((gain == 0) | (own > limit))
+    helps = (gain > 0) | evens_out & ((gain == 0) | (own > most))
     vertex, target, gain = vertex[helps], target[helps], gain[helps]
     order = np.lexsort((target, -gain, vertex))
     best = order[np.diff(vertex[order], prepend=-1) != 0]
