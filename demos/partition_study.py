@@ -129,23 +129,25 @@ def partitions(forests, lineage, parts, pieces):
         yield kind, part, time.perf_counter() - start
 
 
+def draw_in_32(name, forests, lineage, folder):
+    """Pictures of each kind in 32 parts, as the paper's figure 3, of the first forest of 20,000 leaves or more."""
+    make, *_, reach = BENCHMARKS[name]
+    chosen = next((i for i, forest in enumerate(forests) if len(forest) >= 20_000), len(forests) - 1)
+    forest = forests[chosen]
+    pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
+    for kind, part, _ in partitions(forests[: chosen + 1], lineage, 32, pieces):
+        if kind in KINDS:
+            draw_parts(forest, part, make().contact_centre, reach, folder / f"{name}_{kind}_32.png")
+
+
 def scored(name, quick, most, folder):
     """All scores of one benchmark, and its cost in seconds.  Local."""
-    make, tolerance, easy, _, reach = BENCHMARKS[name]
+    make, tolerance, easy, _, _ = BENCHMARKS[name]
     forests = history(make, easy if quick else tolerance)
     lineage = [None, *(parents(a, b) for a, b in zip(forests, forests[1:]))]
-    forest, cost = forests[-1], {}
-    for kind in KINDS:
-        draw = next(f for f in forests if len(f) >= 20_000 or f is forest)
-        past = forests[: 1 + next(i for i, f in enumerate(forests) if f is draw)]
-        units = Units(draw, KINDS[kind].pairs)
-        part = (
-            dealt_out_again(past, lineage, 32)
-            if kind == "equidistributed"
-            else assign(draw, 32, kind)[1][units.of_leaf]
-        )
-        draw_parts(draw, part, make().contact_centre, reach, folder / f"{name}_{kind}_32.png")
+    draw_in_32(name, forests, lineage, folder)
 
+    forest, cost = forests[-1], {}
     pieces = {}
     for title, step in {
         "keys": lambda: curve_keys(forest),
@@ -219,9 +221,11 @@ def main():
     """Score, measure, predict, write."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--quick", action="store_true", help="forests of 100,000 to 200,000 leaves: two minutes")
-    options.add_argument("--parts", type=int, default=8192, help="most parts (%(default)s)")
+    options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
     options.add_argument("--output", type=Path, default=Path("results/partitions"), help="folder (%(default)s)")
     arguments = options.parse_args()
+    if arguments.parts < 32:
+        options.error("--parts must be 32 or more, for the prediction")
     folder = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
 
