@@ -154,30 +154,18 @@ def _exchanged(graph, keys, weights, part, parts, limit):
         # Where all parts around a heavy one are full, those above the mean make room.
         most = limit if number < ROUNDS else mean
         vertex, target, gain = _offers(graph, weights, part, loads, most, upward=number % 2 == 0)
-        source = part[vertex]
         # A part that is too heavy gives vertices away at a loss, but no more than needed.
         willing = gain >= 0
-        forced = np.flatnonzero(~willing)
-        spare = np.maximum(loads - np.int64(most), 0) + heaviest
-        willing[forced] = _admitted(
-            graph.comm, source[forced], gain[forced], keys[vertex[forced]], weights[vertex[forced]], spare
-        )
-        vertex, target, gain, source = (column[willing] for column in (vertex, target, gain, source))
-        room = np.int64(limit) - loads
-        taken = _admitted(graph.comm, target, gain, keys[vertex], weights[vertex], room)
-        vertex, target, source = vertex[taken], target[taken], source[taken]
-        part[vertex] = target
-        change = np.bincount(target, weights[vertex], parts) - np.bincount(source, weights[vertex], parts)
-        loads += _summed(graph.comm, change.astype(np.int64))
-        quiet = 0 if graph.comm.allreduce(len(vertex)) else quiet + 1
+        loss, spare = vertex[~willing], np.maximum(loads - np.int64(most), 0) + heaviest
+        willing[~willing] = _admitted(graph.comm, part[loss], gain[~willing], keys[loss], weights[loss], spare)
+        vertex, target, gain = vertex[willing], target[willing], gain[willing]
+        taken = _admitted(graph.comm, target, gain, keys[vertex], weights[vertex], np.int64(limit) - loads)
+        part[vertex[taken]] = target[taken]
+        loads = _loads(graph.comm, part, weights, parts)
+        quiet = 0 if graph.comm.allreduce(int(taken.sum())) else quiet + 1
         if quiet == 2 or (number + 1 >= ROUNDS and loads.max() <= limit):
             break
     return part
-
-
-def _summed(comm, values):
-    comm.Allreduce(MPI.IN_PLACE, values)
-    return values
 
 
 def _offers(graph, weights, part, loads, most, upward):
