@@ -14,7 +14,7 @@ ORDER = """
     errors _mpi stages report
     reference rootmesh gmsh_model lattice pairing curve analytic
     scene scenes
-    forest partition hanging mesh
+    forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix krylov
     elasticity conditions contact
     estimate solve

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, gathered, grown, pressed, roots, scramble, two_boxes
+from conftest import WORLD, everywhere, grown, pressed, roots, scramble, two_boxes
 from mpi4py import MPI
 
 from fx_contact import curve
-from fx_contact.lattice import BITS, face_centres
+from fx_contact.lattice import BITS
 from fx_contact.pairing import leaf_code
-from fx_contact.partition import curve_keys, quality, repartition
-from fx_contact.reference import FACE_CORNERS
+from fx_contact.units import curve_keys
 
 
 def cube(bits):
@@ -125,59 +124,3 @@ def test_curve_of_a_forest():
         assert (np.diff(box) != 0).sum() + 1 == len(
             np.unique(box)
         ), "leaves of one box are not contiguous on the curve"
-
-
-def test_contact_partition():
-    """The partition is balanced to the weight of one group of facing leaves, and splits no pair; a random one does."""
-    forest = grown(roots(pressed(two_boxes(margin=1))), 3)
-    moved, values = repartition(forest, leaf_code(forest.cell, forest.anchor))
-    everywhere(np.array_equal(values, leaf_code(moved.cell, moved.anchor)), "values do not follow their leaf")
-    assert np.array_equal(
-        np.sort(gathered(WORLD, values)), np.sort(gathered(WORLD, leaf_code(forest.cell, forest.anchor)))
-    )
-    everywhere((np.diff(curve_keys(moved)) >= 0).all(), "leaves are not in curve order")
-    everywhere(abs(len(moved) - forest.size_global / WORLD.size) <= 2, "not balanced")
-    found = quality(moved, "contact-sfc")
-    assert found["split_pairs"] == 0 and found["kind"] == "contact-sfc"
-    assert abs(found["imbalance"] - WORLD.allreduce(len(moved), MPI.MAX) * WORLD.size / forest.size_global) < 1e-15
-    strewn, _ = forest.moved(scramble(leaf_code(forest.cell, forest.anchor)) % np.uint64(WORLD.size))
-    if WORLD.size > 1:
-        worse = quality(strewn, "random")
-        assert worse["split_pairs"] > 10 and worse["cut_facets"] > 4 * found["cut_facets"] > 0
-        for one, says in ((moved, found), (strewn, worse)):
-            assert says["cut_facets"] == cut_facets(one)
-
-
-def cut_facets(forest):
-    """Leaf facets between two ranks by the definition: even ones once, hanging ones by each fine facet."""
-    rank = np.full(len(forest), WORLD.rank)
-    corners, cell = gathered(WORLD, forest.corners), gathered(WORLD, forest.cell)
-    rank, level = gathered(WORLD, rank), gathered(WORLD, forest.level)
-    centre = forest.lattice.keys(cell, face_centres(corners))
-    owner = {}
-    for leaf in range(len(cell)):
-        for face in range(6):
-            owner.setdefault(centre[leaf, face], set()).add(rank[leaf])
-    even = sum(len(ranks) == 2 for ranks in owner.values())
-    # A leaf's face lies in one of its parent's if the parent's face centre is one of the corners of the leaf's face.
-    vertex = forest.lattice.keys(cell, corners)
-    hanging = 0
-    for leaf in np.flatnonzero(level > 0):
-        for face in range(6):
-            for key in vertex[leaf, FACE_CORNERS[face]]:
-                if owner.get(key, {rank[leaf]}) != {rank[leaf]} and big(forest, cell, corners, leaf, face, key):
-                    hanging += 1
-    return even + hanging
-
-
-def big(forest, cell, corners, leaf, face, key):
-    """Whether a lattice point is the centre of the parent's face that holds a face of a leaf."""
-    points = corners[leaf, FACE_CORNERS[face]]
-    side = np.ptp(points, axis=0).max()
-    low = points.min(axis=0) // (2 * side) * (2 * side)
-    axis = int(np.argmin(np.ptp(points, axis=0)))
-    centre = low + side
-    centre[axis] = points[0, axis]
-    if points[0, axis] % (2 * side):
-        return False
-    return forest.lattice.keys(cell[[leaf]], centre[None, None].astype(np.int32))[0, 0] == key

@@ -6,20 +6,21 @@ from numbers import Real
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import partition
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.elasticity import Elasticity
-from fx_contact.errors import SceneError
+from fx_contact.errors import PartitionError, SceneError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
-from fx_contact.mesh import leaf_mesh, sufficient_order
-from fx_contact.report import versions
-from fx_contact.stages import Stages
-from fx_contact.scene import Scene
 from fx_contact.krylov import Solver
+from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.partition import repartition
+from fx_contact.quality import brief
+from fx_contact.report import versions
+from fx_contact.scene import Scene
 from fx_contact.solve import solve_contact
+from fx_contact.stages import Stages
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
@@ -93,11 +94,14 @@ def adapt(
     penalty = Penalty() if penalty is None else penalty
     solver = Solver() if solver is None else solver
     _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver)
-    forest, carried, stages = Forest.of_roots(comm, scene.mesh, scene.pairing), None, Stages()
+    carried, stages = None, Stages()
+    with stages("partition"):
+        forest = _first_forest(scene, comm, partition_kind)
     for number in range(max_steps):
         with stages("partition"):
-            forest, carried = partition.repartition(forest, carried, partition_kind)
-            quality = partition.quality(forest, partition_kind)
+            if number:
+                forest, carried = repartition(forest, carried, partition_kind)
+            quality = brief(forest, partition_kind)
         step = _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality)
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
@@ -177,6 +181,18 @@ def _start(forest, prolongation, carried):
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         start[prolongation.conforming[own]] = carried[leaf[own], corner[own]]
     return start
+
+
+def _first_forest(scene, comm, kind):
+    """The root cells, refined alike until every rank can have some; on few ranks they are not refined."""
+    forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+    while True:
+        try:
+            return repartition(forest, None, kind)[0]
+        except PartitionError:
+            if forest.size_global > 64 * comm.size:
+                raise
+        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
 def _refine(step, tolerance):

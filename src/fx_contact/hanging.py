@@ -46,8 +46,9 @@ class Prolongation:
 
         foreign = (owner != self.comm.rank) | self.hanging
         needed = np.concatenate([keys, facing])
-        self._away = away = np.unique(needed[vertices.find(needed) < 0])
-        far, _ = vertices.directory.lookup(away, np.stack([number, owner.astype(np.int64)], axis=1), ~foreign)
+        away = np.unique(needed[vertices.find(needed) < 0])
+        far, conform = vertices.directory.lookup(away, np.stack([number, owner.astype(np.int64)], axis=1), ~foreign)
+        self._away, far = away[conform], far[conform]  # of the facing vertices some hang
         near = foreign & ~self.hanging
         ghosts = np.concatenate([number[near], far[:, 0]])
         owners = np.concatenate([owner[near], far[:, 1].astype(np.int32)])
@@ -66,20 +67,21 @@ class Prolongation:
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
     def find(self, keys):
-        """Positions in `index_map` of conforming vertices, ghosts included, by their keys.  Local.
+        """Positions in `index_map` of vertices, ghosts included, by their keys.  Local.
 
         Args:
             keys: (m,) int64 keys of vertices that this rank's leaves have, hang on, or face.
 
         Returns:
-            (m,) int64.
+            (m,) int64, -1 where a vertex hangs.
         """
         place = self.vertices.find(keys)
         here = place >= 0
-        result = np.empty(len(keys), dtype=np.int64)
+        result = np.full(len(keys), -1, dtype=np.int64)
         result[here] = self.conforming[place[here]]
+        away = np.flatnonzero(~here & np.isin(keys, self._away))
         size = self.index_map.size_local + self.index_map.num_ghosts
-        result[~here] = size - len(self._away) + np.searchsorted(self._away, keys[~here])
+        result[away] = size - len(self._away) + np.searchsorted(self._away, keys[away])
         return result
 
     @property

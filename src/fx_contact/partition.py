@@ -1,83 +1,134 @@
-"""Where each leaf goes: the contact-aware space-filling curve, its quality, and the door to `create_mesh`.
+"""Where each leaf goes: four kinds of partition behind one door, repeated after every refinement.
 
-A paired leaf takes the curve key of the leaf that stands for its group of facing leaves, and equal keys are never cut
-apart: facing leaves stay on one rank after every rebalancing, as the paper's super-elements of weight 2 do (section
-3), without a merging step.
+    contact-sfc      the Hilbert curve; facing leaves are one super-element with the weight of both (section 3 of the
+                     paper); then the interfaces between the parts are straightened
+    equidistributed  facing leaves on their own share of the ranks, all leaves dealt out by local number (the paper's
+                     former way)
+    sfc              the Hilbert curve, blind to contact: pairs may be split
+    graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
+
+Each is a chain of stages.  A stage sees `Units`, the graph, curve keys, weights and pairs, and where they lie, and says
+which part each of them goes to; a part is a number, of a rank in a run, of any partition in a study.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
-from dolfinx.cpp.graph import AdjacencyList_int32
 from mpi4py import MPI
 
-from fx_contact import curve, reference
+from fx_contact import _compat, curve
+from fx_contact._mpi import Directory
 from fx_contact.errors import PartitionError, SceneError
-from fx_contact.forest import find_leaves
-from fx_contact.lattice import MAX_LEVEL
-from fx_contact.pairing import decode_leaf
+from fx_contact.smoothing import smoothed
+from fx_contact.units import Units, curve_keys
+
+#: Largest weight of a part over the mean, unless one unit alone exceeds it.
+IMBALANCE = 1.02
 
 
-def curve_keys(forest):
-    """Hilbert key of each leaf; facing leaves have equal keys.
+def along_curve(units, parts, _home):
+    """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit.  Collective on units.comm."""
+    cuts = curve.cut(units.comm, units.keys, units.weights, parts)
+    return np.searchsorted(cuts, units.keys, side="right").astype(np.int32)
 
-    Local.  Root cells follow the Hilbert curve of their centres; inside a root cell the curve runs in axes that are
-    turned to the global ones as closely as the cell allows.  Integers only, so all ranks agree to the last bit.
+
+def straightened(units, parts, home):
+    """The present parts with shorter interfaces: (m,) int32 part of each unit.  Collective on units.comm."""
+    total, heaviest = units.comm.allreduce(int(units.weights.sum())), int(units.weights.max(initial=0))
+    heaviest = units.comm.allreduce(heaviest, op=MPI.MAX)
+    limit = max(IMBALANCE * total / parts, total / parts + heaviest)
+    return smoothed(units.graph, units.keys, units.weights, home, parts, limit)
+
+
+def by_graph(units, parts, _home):
+    """PT-SCOTCH: (m,) int32 part of each unit.  Collective on units.comm."""
+    graph = units.graph
+    number = np.concatenate([graph.offset + np.arange(graph.size), graph.ghosts])
+    return _compat.partition_graph(units.comm, parts, graph.matrix.indptr, number[graph.matrix.indices])
+
+
+def dealt_out(units, parts, home):
+    """Units with contact on some parts, the others on the rest, block by block of the units' local numbers.
+
+    Collective on units.comm: two numbers are summed, to give the contact its share of the parts.  What was on one part
+    before is cut into as many blocks as there are parts to serve, one for each of them.  Parts start at different
+    blocks, so that what does not divide evenly spreads.
+
+    Args:
+        units: Units.
+        parts: number of parts.
+        home: (m,) int32, the part on which each unit is now.
+
+    Returns:
+        (m,) int32 part of each unit.
+    """
+    mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
+    contact, total = units.comm.allreduce(mine, op=MPI.SUM)
+    share = min(max(round(parts * contact / total), int(contact > 0)), parts - int(contact < total))
+    result = np.empty(len(units), dtype=np.int32)
+    for chosen, first, count in ((units.contact, 0, share), (~units.contact, share, parts - share)):
+        rows = np.flatnonzero(chosen)
+        order = rows[np.argsort(home[rows], kind="stable")]
+        length = np.bincount(home[order], minlength=parts)
+        number = np.arange(len(order)) - (np.cumsum(length) - length)[home[order]]
+        result[order] = first + (number * count // length[home[order]] + home[order]) % max(count, 1)
+    return result
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of partition.
+
+    Attributes:
+        pairs: whether it keeps facing leaves together.
+        stages: functions of (units, parts, home) that give the part of each unit; each starts from where the one before
+            has put the units.
+    """
+
+    pairs: bool
+    stages: tuple
+
+
+KINDS = {
+    "contact-sfc": Kind(True, (along_curve, straightened)),
+    "equidistributed": Kind(True, (dealt_out,)),
+    "sfc": Kind(False, (along_curve,)),
+    "graph": Kind(True, (along_curve, by_graph)),
+}
+
+
+def assign(forest, parts, kind, home=None):
+    """A partition into any number of parts, without moving a leaf.
+
+    Collective on forest.comm; facing leaves are on one rank, and for "contact-sfc" what is on one part too.
 
     Args:
         forest: Forest.
+        parts: number of parts.
+        kind: a key of `KINDS`.
+        home: (n,) int, the part on which each leaf is before; default the first.
 
     Returns:
-        (n,) int64 keys.
+        Units of the kind, and the (m,) int32 part of each.
+
+    Raises:
+        PartitionError: more parts than units.
     """
-    cell, anchor = decode_leaf(forest.representatives)
-    position, axis, flip = _root_curve(forest.mesh)
-    local = np.take_along_axis(anchor >> 1, axis[cell], axis=1)
-    local = np.where(flip[cell], (1 << MAX_LEVEL) - 1 - local, local)
-    # Flipping an anchor gives the far corner of the leaf, which lies in the same leaf: the order is that of the leaves.
-    return position[cell] << 3 * MAX_LEVEL | curve.hilbert(local, MAX_LEVEL)
-
-
-def _root_curve(mesh):
-    """Position of each root cell on the curve, and its local axes (ncells, 3) and flips along the global ones."""
-    corners = mesh.points[mesh.corners]
-    centres = corners.mean(axis=1)
-    low = centres.min(axis=0)
-    extent = max(np.ptp(centres, axis=0).max(), np.finfo(float).tiny)
-    scaled = np.minimum((centres - low) / extent * (1 << 20), (1 << 20) - 1).astype(np.int64)
-    position = np.empty(len(centres), dtype=np.int64)
-    position[np.argsort(curve.hilbert(scaled, 20), kind="stable")] = np.arange(len(centres))
-
-    slope = np.einsum("va,nvg->nga", 2.0 * reference.CORNERS - 1, corners)
-    slope /= np.linalg.norm(slope, axis=1)[:, None]
-    permutations = np.array([[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]])
-    alignment = np.abs(slope[:, np.arange(3), permutations]).sum(axis=2)
-    axis = permutations[alignment.argmax(axis=1)]
-    flip = np.take_along_axis(slope, axis[:, :, None], axis=2)[:, :, 0] < 0
-    return position, axis, flip
-
-
-def contact_sfc(forest):
-    """Destination of each leaf on the contact-aware Hilbert curve.
-
-    Collective on forest.comm.
-
-    Args:
-        forest: Forest.
-
-    Returns:
-        (n,) int32 ranks and (n,) int64 curve keys.
-    """
-    keys = curve_keys(forest)
-    cuts = curve.cut(forest.comm, keys, np.ones(len(keys), dtype=np.int64), forest.comm.size)
-    return np.searchsorted(cuts, keys, side="right").astype(np.int32), keys
-
-
-KINDS = {"contact-sfc": contact_sfc}
+    units = Units(forest, KINDS[kind].pairs)
+    if parts > units.comm.allreduce(len(units)):
+        raise PartitionError(f"{forest.size_global} leaves cannot be spread over {parts} parts by {kind!r}")
+    part = np.zeros(len(units), dtype=np.int32)
+    if home is not None:
+        part[units.of_leaf] = home
+    for stage in KINDS[kind].stages:
+        part = stage(units, parts, part)
+    return units, part
 
 
 def repartition(forest, values, kind="contact-sfc"):
     """Move leaves, and data they carry, to the ranks that a partition of the given kind assigns.
 
-    Collective on forest.comm; on one rank nothing is moved or sorted.
+    Collective on forest.comm; on one rank nothing is moved.
 
     Args:
         forest: Forest.
@@ -93,77 +144,48 @@ def repartition(forest, values, kind="contact-sfc"):
     """
     if kind not in KINDS:
         raise SceneError(f"unknown partition {kind!r}; there are {', '.join(map(repr, KINDS))}")
-    destination, keys = KINDS[kind](forest)
-    if forest.comm.size > 1:
-        forest, exchange = forest.moved(destination)
-        keys = exchange.forward(keys)
-        values = None if values is None else exchange.forward(values)
-        fewest = forest.comm.allreduce(len(forest), op=MPI.MIN)
-        if fewest == 0:
-            raise PartitionError(
-                f"{forest.size_global} leaves cannot be spread over {forest.comm.size} ranks, facing leaves together: "
-                "run on fewer ranks, or start from a finer root mesh"
-            )
-    order = np.argsort(keys, kind="stable")
+    comm, pairs = forest.comm, KINDS[kind].pairs
+    if comm.size > 1:
+        if pairs:
+            forest, values = _moved(forest, values, _meeting_place(forest))
+        for stage in KINDS[kind].stages:
+            units = Units(forest, pairs)
+            here = np.full(len(units), comm.rank, dtype=np.int32)
+            forest, values = _moved(forest, values, stage(units, comm.size, here)[units.of_leaf])
+            if comm.allreduce(len(forest), op=MPI.MIN) == 0:
+                raise PartitionError(
+                    f"{forest.size_global} leaves cannot be spread over {comm.size} ranks by {kind!r}"
+                    f"{', facing leaves together' if pairs else ''}: "
+                    "run on fewer ranks, or start from a finer root mesh"
+                )
+    order = np.argsort(curve_keys(forest, pairs), kind="stable")
     return forest.ordered(order), None if values is None else values[order]
+
+
+def _moved(forest, values, destination):
+    """The forest and the values after a move that concerns any leaf.  Collective on forest.comm."""
+    if not forest.comm.allreduce(bool((destination != forest.comm.rank).any()), op=MPI.LOR):
+        return forest, values
+    forest, exchange = forest.moved(destination)
+    return forest, None if values is None else exchange.forward(values)
+
+
+def _meeting_place(forest):
+    """The lowest rank that has a leaf of the same group of facing leaves: (n,) int32.  Collective on forest.comm."""
+    result = np.full(len(forest), forest.comm.rank, dtype=np.int32)
+    paired = np.unique(forest.contact_faces()[0])
+    groups, group = np.unique(forest.representatives[paired], return_inverse=True)
+    result[paired] = Directory(forest.comm, groups).lowest(np.full(len(groups), forest.comm.rank))[group]
+    return result
 
 
 def partitioner(comm):
     """The partitioner to give `dolfinx.mesh.create_mesh` for leaves that are already where they belong.
 
-    Local.  The leaves were moved along the curve with sixteen bytes each; had dolfinx to move them, it would move all
-    geometry nodes, and would compute a dual graph first.
+    Local.  The leaves were moved with sixteen bytes each; had dolfinx to move them, it would move all geometry nodes,
+    and would compute a dual graph first.
 
     Args:
         comm: MPI communicator.
     """
-
-    def stay(_comm, _parts, _cell_types, cells):
-        count = sum(len(c) for c in cells) // 8
-        return AdjacencyList_int32(np.full((count, 1), comm.rank, dtype=np.int32))
-
-    return stay
-
-
-def quality(forest, kind):
-    """How good the present distribution of the leaves is.
-
-    Collective on forest.comm.
-
-    Args:
-        forest: Forest.
-        kind: name of the partition, passed on.
-
-    Returns:
-        dict with kind, imbalance (largest number of leaves over the mean), cut_facets (leaf facets between two
-        ranks, across hanging interfaces too) and split_pairs (facing leaves on different ranks).
-    """
-    comm = forest.comm
-    if comm.size == 1:
-        return {"kind": kind, "imbalance": 1.0, "cut_facets": 0, "split_pairs": 0}
-    largest = comm.allreduce(len(forest), op=MPI.MAX)
-    leaf, face = forest.contact_faces()
-    own = forest.pairing.first[forest.cell[leaf], face]
-    leaf, face = leaf[own], face[own]
-    partners = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-    split = int((find_leaves(forest, *partners) < 0).sum())
-    return {
-        "kind": kind,
-        "imbalance": largest * comm.size / forest.size_global,
-        "cut_facets": comm.allreduce(_cut_facets(forest)),
-        "split_pairs": comm.allreduce(split),
-    }
-
-
-def _cut_facets(forest):
-    """This rank's share of the leaf facets between ranks: even faces by the lower rank, hanging ones by the finer."""
-    faces, vertices = forest.faces, forest.vertices
-    rank = np.full(len(faces.directory.keys), forest.comm.rank, dtype=np.int64)
-    lowest = faces.directory.lowest(rank)
-    even = int((lowest < forest.comm.rank).sum())
-    # The corner two steps from the corner a leaf shares with its parent is the centre of a face of the parent.
-    child = (forest.anchor // (1 << (MAX_LEVEL + 1 - forest.level.astype(np.int32)))[:, None] & 1) @ [1, 2, 4]
-    centres = vertices.keys[vertices.cells[np.arange(len(forest))[:, None], child[:, None] ^ [3, 5, 6]]]
-    centres = centres[forest.level > 0].ravel()
-    coarse, found = faces.directory.lookup(centres, rank, np.ones(len(rank), dtype=bool))
-    return even + int((found & (coarse != forest.comm.rank)).sum())
+    return _compat.stay(comm.rank)

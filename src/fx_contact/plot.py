@@ -1,5 +1,6 @@
 """Pictures of a step; plotting libraries are imported only when one is drawn."""
 
+import colorsys
 import os
 import shutil
 import subprocess
@@ -89,12 +90,39 @@ def draw_mesh(step, path, zoom=3.0):
     shown = step.contact.active if step.record["active_pairs"] else np.ones(len(step.pairs), dtype=bool)
     size = float(np.sqrt(step.pairs.area[shown].max(initial=0.0)))
     reach = zoom * max(step.record["contact_radius"], comm.allreduce(size, op=MPI.MAX))
-    faces = _visible_faces(step.forest, centre, reach)
-    faces = comm.gather(faces, root=0)
+    faces = comm.gather(_visible_faces(step.forest, centre, reach)[0], root=0)
     with together(comm):
         if comm.rank == 0:
+            colours = [RANK_COLOURS[rank % len(RANK_COLOURS)] for rank in range(comm.size)]
+            legend = [[f"rank {rank}", colour] for rank, colour in enumerate(colours)]
             with _display():
-                _writing(path, lambda: _draw_faces(faces, centre, reach, path))
+                _writing(path, lambda: _draw_faces(faces, colours, legend, centre, reach, path))
+
+
+def draw_parts(forest, part, centre, reach, path):
+    """The leaves of a forest on one rank around a point, as `draw_mesh` shows them, coloured by part.
+
+    Local.
+
+    Args:
+        forest: Forest, all of it on this rank.
+        part: (n,) int, part of each leaf.
+        centre: (3,) point [m].
+        reach: half width of the picture [m].
+        path: of the PNG.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    faces, leaf = _visible_faces(forest, np.asarray(centre), reach)
+    shown, count = part[leaf], int(part.max()) + 1
+    # Golden steps round the circle of hues: parts of near numbers differ most.
+    hues = np.arange(count) * 0.618034 % 1.0
+    colours = [colorsys.hsv_to_rgb(h, 0.45 + 0.4 * (i % 2), 0.95 - 0.25 * (i // 2 % 2)) for i, h in enumerate(hues)]
+    with _display():
+        _writing(
+            path, lambda: _draw_faces([faces[shown == p] for p in range(count)], colours, [], centre, reach, path)
+        )
 
 
 def draw_stress(step, path):
@@ -193,7 +221,10 @@ def _writing(path, draw):
 
 
 def _visible_faces(forest, centre, reach):
-    """Corners of leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0."""
+    """Leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0.
+
+    Returns (m, 4, 3) corners and (m,) leaves.
+    """
     position = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)
     near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (
         position[:, :, 1].mean(axis=1) > centre[1]
@@ -204,32 +235,33 @@ def _visible_faces(forest, centre, reach):
     leaf, face = forest.boundary_faces(exterior)
     outer = np.zeros((len(forest), 6), dtype=bool)
     outer[leaf, face] = True
-    return corners[in_plane | outer[near]]
+    seen = in_plane | outer[near]
+    return corners[seen], np.flatnonzero(near)[np.nonzero(seen)[0]]
 
 
-def _draw_faces(faces, centre, reach, path):
+def _draw_faces(faces, colours, legend, centre, reach, path):
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 840))
     plotter.set_background("white")
     plotter.enable_parallel_projection()
-    for rank, corners in enumerate(faces):
+    for corners, colour in zip(faces, colours):
         if not len(corners):
             continue
         quads = np.arange(4 * len(corners)).reshape(-1, 4)[:, [0, 1, 3, 2]]
         cells = np.hstack([np.full((len(quads), 1), 4), quads])
         plotter.add_mesh(
             pyvista.PolyData(corners.reshape(-1, 3), faces=cells.ravel()),
-            color=RANK_COLOURS[rank % len(RANK_COLOURS)],
+            color=colour,
             show_edges=True,
             edge_color="#202020",
             line_width=1,
             ambient=0.65,
             diffuse=0.4,
         )
-    labels = [[f"rank {r}", RANK_COLOURS[r % len(RANK_COLOURS)]] for r in range(len(faces))]
-    size = (0.15, 0.04 * len(labels) + 0.02)
-    plotter.add_legend(labels, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
+    if legend:
+        size = (0.15, 0.04 * len(legend) + 0.02)
+        plotter.add_legend(legend, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
     plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
     plotter.camera.parallel_scale = 0.7 * reach
     plotter.screenshot(path)

@@ -1,0 +1,273 @@
+"""Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
+
+The forests are those of real adaptive runs of both benchmarks, every leaf refined once more: over a million leaves.
+Each rank scores one benchmark at a time by itself, so two ranks halve the time:
+
+    mpirun -n 2 python3 demos/partition_study.py --quick
+    mpirun -n 2 python3 demos/partition_study.py
+
+It leaves table.md, quality.csv, cost.md, prediction.md, prediction.csv and pictures in the folder of results.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from partition_figures import draw_cuts, draw_prediction
+from partition_tables import prediction, table, targets, write_csv, write_prediction
+from scaling_kernels import measure, migration
+from scaling_model import Network, predict
+
+from fx_contact import adapt
+from fx_contact.errors import PartitionError
+from fx_contact.hanging import Prolongation
+from fx_contact.lattice import MAX_LEVEL
+from fx_contact.pairing import leaf_code
+from fx_contact.partition import KINDS, along_curve, assign
+from fx_contact.plot import draw_parts
+from fx_contact.quality import Judge, Quality
+from fx_contact.scenes import hertz, indentation
+from fx_contact.units import Units, curve_keys
+
+#: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
+#: half width of the picture [m].
+BENCHMARKS = {
+    "hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.04, 0.08, 18.3e6, 0.25),
+    "indentation": (indentation, 0.05, 0.1, 295.9e6, 1.0),
+}
+COMM = MPI.COMM_WORLD
+#: What is scored beside the kinds: contact-sfc before its interfaces are straightened.
+CURVE = "contact-sfc, curve only"
+
+
+@dataclass(frozen=True)
+class Score:
+    """One row of the study.
+
+    Attributes:
+        scene: name of the benchmark.
+        leaves, dofs: of its forest.
+        kind: of the partition.
+        quality: Quality.
+        seconds: to make the partition, once keys and graph are there.
+    """
+
+    scene: str
+    leaves: int
+    dofs: int
+    kind: str
+    quality: Quality
+    seconds: float
+
+
+def show(*words):
+    """Print on rank 0."""
+    if COMM.rank == 0:
+        print(*words, flush=True)
+
+
+def in_curve_order(forest):
+    """The forest with its leaves in the order that a repartition gives them."""
+    return forest.ordered(np.argsort(curve_keys(forest), kind="stable"))
+
+
+def history(make, tolerance):
+    """Forests of a run on one rank, then the last with every leaf refined once, all in curve order."""
+    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF)]
+    finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
+    return [*forests, in_curve_order(finest)]
+
+
+def parents(coarse, fine):
+    """The leaf of a forest that each leaf of a refined one lies in: (n,) int64."""
+    keys = curve_keys(coarse, pairs=False)
+    shift = 3 * (MAX_LEVEL - coarse.level.astype(np.int64))
+    start = keys >> shift << shift
+    order = np.argsort(start)
+    return order[np.searchsorted(start[order], curve_keys(fine, pairs=False), side="right") - 1]
+
+
+def dealt_out_again(forests, lineage, parts):
+    """The equidistributed partition of the last forest, after one of each forest before it, as in a run.
+
+    The run starts where there are enough leaves for all parts, from equal blocks in the order of their numbers.
+    """
+    home = None
+    for forest, parent in zip(forests, lineage):
+        if home is None:
+            number = np.argsort(np.argsort(leaf_code(forest.cell, forest.anchor)))
+            home = number * parts // len(forest)
+        else:
+            home = home[parent]
+        try:
+            units, part = assign(forest, parts, "equidistributed", home)
+        except PartitionError:
+            home = None
+            continue
+        home = part[units.of_leaf]
+    return home
+
+
+def partitions(forests, lineage, parts, pieces):
+    """Yield (kind, part of each leaf, seconds) of one number of parts; `pieces` are Units with and without pairs."""
+    start = time.perf_counter()
+    curve = along_curve(pieces[True], parts, None)
+    yield CURVE, curve[pieces[True].of_leaf], time.perf_counter() - start
+    for kind, about in KINDS.items():
+        units, start = pieces[about.pairs], time.perf_counter()
+        if kind == "equidistributed":
+            part = dealt_out_again(forests, lineage, parts)
+        else:
+            part = np.zeros(len(units), dtype=np.int32)
+            for stage in about.stages:
+                part = stage(units, parts, part)
+            part = part[units.of_leaf]
+        yield kind, part, time.perf_counter() - start
+
+
+def draw_in_32(name, forests, lineage, folder):
+    """Pictures of each kind in 32 parts, as the paper's figure 3, of the first forest of 20,000 leaves or more."""
+    make, *_, reach = BENCHMARKS[name]
+    chosen = next((i for i, forest in enumerate(forests) if len(forest) >= 20_000), len(forests) - 1)
+    forest = forests[chosen]
+    pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
+    for kind, part, _ in partitions(forests[: chosen + 1], lineage, 32, pieces):
+        if kind in KINDS:
+            draw_parts(forest, part, make().contact_centre, reach, folder / f"{name}_{kind}_32.png")
+
+
+def scored(name, quick, most, folder):
+    """All scores of one benchmark, and its cost in seconds.  Local."""
+    make, tolerance, easy, _, _ = BENCHMARKS[name]
+    forests = history(make, easy if quick else tolerance)
+    lineage = [None, *(parents(a, b) for a, b in zip(forests, forests[1:]))]
+    draw_in_32(name, forests, lineage, folder)
+
+    forest, cost = forests[-1], {}
+    pieces = {}
+    for title, step in {
+        "keys": lambda: curve_keys(forest),
+        "keys and sort": lambda: pieces.update({True: Units(forest, True)}),
+        "graph": lambda: pieces[True].graph,
+    }.items():
+        start = time.perf_counter()
+        step()
+        cost[title] = time.perf_counter() - start
+    pieces[False] = Units(forest, False)
+    prolongation = Prolongation(forest)
+    judge, dofs = Judge(forest, prolongation), 3 * prolongation.index_map.size_global
+    rows = []
+    for parts in 2 ** np.arange(1, int(np.log2(most)) + 1):
+        for kind, part, seconds in partitions(forests, lineage, int(parts), pieces):
+            rows.append(Score(name, len(forest), dofs, kind, judge.score(part, int(parts)), seconds))
+        cuts = ", ".join(f"{row.kind} {row.quality.cut_facets:,}" for row in rows[-1 - len(KINDS) :])
+        print(f"{name}, {len(forest):,} leaves in {parts} parts, cut facets: {cuts}", flush=True)
+    return rows, cost
+
+
+def predicted(rows, kernels):
+    """Seconds by stage: benchmark -> kind -> parts -> dict, at the size that the paper's meshes have."""
+    result = {}
+    for row in rows:
+        if row.quality.parts < 32:
+            continue
+        dofs = BENCHMARKS[row.scene][3]
+        scale = dofs / row.dofs
+        seconds = predict(row.quality, scale * row.leaves, dofs, kernels, Network(), scale)
+        result.setdefault(row.scene, {}).setdefault(row.kind, {})[row.quality.parts] = seconds
+    return result
+
+
+def cost_table(costs, rows, moved):
+    """What making a partition costs, in Markdown."""
+    lines = ["| step | " + " | ".join(costs) + " |", "|---|" + "--:|" * len(costs)]
+    leaves = {row.scene: row.leaves for row in rows}
+    for title in next(iter(costs.values())):
+        values = (f"{1e6 * cost[title] / leaves[name]:.2f}" for name, cost in costs.items())
+        lines.append(f"| {title}, one rank, microseconds a leaf | " + " | ".join(values) + " |")
+    for kind in (CURVE, *KINDS):
+        for parts in sorted({row.quality.parts for row in rows} & {2, 32, 1024}):
+            found = {row.scene: row.seconds for row in rows if (row.kind, row.quality.parts) == (kind, parts)}
+            values = (f"{1e6 * found[name] / leaves[name]:.2f}" for name in costs)
+            lines.append(f"| {kind}, {parts} parts, microseconds a leaf | " + " | ".join(values) + " |")
+    seconds, size, count = moved
+    lines.append(
+        f"\nMigration of all {count:,} leaves to the next of {COMM.size} ranks: "
+        f"{1e6 * seconds * COMM.size / count:.2f} microseconds a leaf of a rank, {size} bytes a leaf."
+    )
+    return "\n".join(lines)
+
+
+def kernel_table(kernels):
+    """The measured kernels, in Markdown."""
+    names = [field.name for field in fields(kernels[0]) if field.name not in ("ranks", "levels")]
+    lines = [
+        "| kernel | " + " | ".join(f"{k.ranks} rank(s)" for k in kernels) + " |",
+        "|---|" + "--:|" * len(kernels),
+    ]
+    for name in names:
+        values = (getattr(k, name) for k in kernels)
+        lines.append(
+            f"| {name} | " + " | ".join(f"{v}" if isinstance(v, int) else f"{1e6 * v:.3g} us" for v in values) + " |"
+        )
+    return "\n".join(lines)
+
+
+def main():
+    """Score, measure, predict, write."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--quick", action="store_true", help="forests of 100,000 to 200,000 leaves: two minutes")
+    options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
+    options.add_argument("--output", type=Path, default=Path("results/partitions"), help="folder (%(default)s)")
+    arguments = options.parse_args()
+    if arguments.parts < 32:
+        options.error("--parts must be 32 or more, for the prediction")
+    folder = arguments.output
+    folder.mkdir(parents=True, exist_ok=True)
+
+    tolerance = 0.12 if arguments.quick else 0.05
+    kernels = [measure(COMM, tolerance)]
+    if COMM.rank == 0:
+        alone = measure(MPI.COMM_SELF, tolerance)
+        kernels = [alone] if COMM.size == 1 else [alone, replace(kernels[0], levels=alone.levels)]
+    COMM.Barrier()
+    *_, last = adapt(hertz(), tolerance)
+    moved = (*migration(COMM, last.forest), last.forest.size_global)
+    del last
+    show(kernel_table(kernels))
+
+    mine = {
+        name: scored(name, arguments.quick, arguments.parts, folder)
+        for name in list(BENCHMARKS)[COMM.rank :: COMM.size]
+    }
+    everything = COMM.gather(mine)
+    if COMM.rank > 0:
+        return
+    found = {name: result for part in everything for name, result in part.items()}
+    rows = [row for name in BENCHMARKS for row in found[name][0]]
+    write_csv(rows, folder / "quality.csv")
+    text = table(rows) + "\n\n" + targets(rows)
+    (folder / "table.md").write_text(text + "\n")
+    show(text)
+    text = cost_table({name: found[name][1] for name in BENCHMARKS}, rows, moved)
+    (folder / "cost.md").write_text(text + "\n")
+    show(text)
+    draw_cuts(rows, folder / "cut.png")
+    seconds = predicted(rows, kernels[-1])
+    write_prediction(seconds, folder / "prediction.csv")
+    text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
+    for name, kinds in seconds.items():
+        dofs = f"{name}, {BENCHMARKS[name][3] / 1e6:.1f} million dofs"
+        text += ["", prediction(dofs, kinds)]
+        draw_prediction(kinds, dofs, folder / f"prediction_{name}.png")
+    (folder / "prediction.md").write_text("\n".join(text) + "\n")
+    show("\n".join(text))
+    show(f"results in {folder}: table.md, quality.csv, cost.md, prediction.md, prediction.csv, pictures")
+
+
+if __name__ == "__main__":
+    main()

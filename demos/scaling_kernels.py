@@ -1,0 +1,102 @@
+"""What the model of `scaling_model` needs to know of this machine, measured with the package's own objects."""
+
+import ctypes
+import os
+import re
+import tempfile
+import time
+
+import numpy as np
+from mpi4py import MPI
+from scaling_model import Kernels
+
+from fx_contact import Solver, adapt
+from fx_contact.partition import repartition
+from fx_contact.scenes import hertz
+
+
+class Counting(MPI.Intracomm):
+    """A communicator that counts the sparse all-to-all exchanges, each of which starts with an Alltoall."""
+
+    exchanges = 0
+
+    def Alltoall(self, *buffers):  # noqa: N802
+        """As MPI's, and count."""
+        Counting.exchanges += 1
+        return super().Alltoall(*buffers)
+
+
+def measure(comm, tolerance):
+    """Run the Hertz problem and time its last step.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        tolerance: of the run.
+
+    Returns:
+        Kernels.
+    """
+    for step in adapt(hertz(comm=comm), tolerance, Counting(comm)):
+        exchanges, Counting.exchanges = Counting.exchanges, 0
+    record = step.record
+    cell, dof = (comm.size / record[name] for name in ("cells", "dofs"))
+    seconds, iterations = record["seconds"], sum(record["krylov_iterations"])
+    blocks = step.elasticity.stiffness(step.pairs)
+    blocks.mat.assemble()
+    matrix = blocks.in_hypre_format()
+    x, y = matrix.createVecs()
+    x.set(1.0)
+    product = _seconds(comm, lambda: matrix.mult(x, y), 20)
+    tree = sum(seconds[name] for name in ("partition", "hanging", "mesh", "refine"))
+    return Kernels(
+        ranks=comm.size,
+        tree=tree * cell,
+        assemble=(seconds["assemble"] + seconds["system"]) * cell,
+        estimate=seconds["estimate"] * cell,
+        setup=seconds["setup"] * dof,
+        product=product * dof,
+        cycle=(seconds["solve"] / iterations - product) * dof,
+        iterations=iterations,
+        exchanges=exchanges,
+        levels=_levels(comm, tolerance) if comm.size == 1 else None,
+    )
+
+
+def migration(comm, forest):
+    """Seconds and bytes a leaf of a move of all leaves to the next rank.  Collective on comm."""
+    forest, _ = repartition(forest, None)
+    away = np.full(len(forest), (comm.rank + 1) % comm.size)
+    seconds = _seconds(comm, lambda: forest.moved(away), 5)
+    return seconds, forest.cell.itemsize + forest.level.itemsize + 3 * forest.anchor.itemsize
+
+
+def _seconds(comm, work, times):
+    """Mean seconds of the slowest rank."""
+    comm.Barrier()
+    start = time.perf_counter()
+    for _ in range(times):
+        work()
+    return comm.allreduce(time.perf_counter() - start, op=MPI.MAX) / times
+
+
+def _levels(comm, tolerance):
+    """Unknowns relative to the finest, and entries a row, of the levels of hypre's hierarchy, as hypre prints them."""
+    options = {"pc_hypre_boomeramg_print_statistics": 1}
+    with tempfile.TemporaryFile("w+") as printed:
+        ctypes.CDLL(None).fflush(None)
+        screen = os.dup(1)
+        os.dup2(printed.fileno(), 1)
+        try:
+            for _ in adapt(hertz(comm=comm), tolerance, comm, solver=Solver(options=options)):
+                pass
+            ctypes.CDLL(None).fflush(None)
+        finally:
+            os.dup2(screen, 1)
+            os.close(screen)
+        printed.seek(0)
+        table = printed.read().split("Operator Matrix Information")[-1].split("Interpolation Matrix")[0]
+    rows = re.findall(r"^ +\d+ +(\d+) +(\d+) +[\d.]+ +\d+ +\d+ ", table, flags=re.MULTILINE)
+    unknowns, entries = np.array(rows, dtype=float).T
+    return np.stack([unknowns / unknowns[0], entries / unknowns], axis=1)

@@ -1,0 +1,48 @@
+"""What differs between releases of dolfinx, decided by what they have, not by their number.
+
+Checked against the sources of 0.9, 0.10 and 0.11, run with 0.9.  dolfinx main, after its split into graph, geometric
+and hybrid partitioners (pull request 4403), builds the dual graph before it calls the function given to `create_mesh`.
+"""
+
+import numpy as np
+from dolfinx import graph
+from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+
+
+def partition_graph(comm, parts, offsets, neighbours):
+    """Partition a distributed graph by PT-SCOTCH, or by the default of a dolfinx that was built without it.
+
+    Collective on comm.  Vertices and edges count alike: no release so far takes weights here.
+
+    Args:
+        comm: MPI communicator.
+        parts: number of parts.
+        offsets: (n + 1,) int, start of each vertex of this rank in `neighbours`.
+        neighbours: (m,) int64, global numbers of the neighbours, each edge from both its ends.
+
+    Returns:
+        (n,) int32 part of each vertex.
+    """
+    partition = getattr(graph, "partitioner_scotch", graph.partitioner)()
+    adjacency = AdjacencyList_int64(neighbours.astype(np.int64), offsets.astype(np.int32))
+    destination = partition(comm, parts, adjacency, False)
+    return destination.array[destination.offsets[:-1]]
+
+
+def stay(rank):
+    """The partitioner to give `dolfinx.mesh.create_mesh` that leaves every hexahedron where it is.
+
+    Local.
+
+    Args:
+        rank: of the calling process.
+
+    Returns:
+        A function for `create_mesh`: dolfinx 0.9 to 0.11 call it with the cells, main with their dual graph.
+    """
+
+    def destination(_comm, _parts, first, *others):
+        count = first.num_nodes if hasattr(first, "num_nodes") else sum(map(len, others[0])) // 8
+        return AdjacencyList_int32(np.full((count, 1), rank, dtype=np.int32))
+
+    return destination

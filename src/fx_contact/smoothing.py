@@ -1,0 +1,212 @@
+"""Shorter interfaces between the parts of a partition, at equal balance.
+
+A space-filling curve cuts a mesh into parts with ragged surfaces.  Two steps straighten them.  On a coarse graph, of
+some dozens of boxes a part, the interfaces flow by their mean curvature: the parts' indicators diffuse, and each box
+joins the part it sees most of, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and Osher
+under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018).  Then single vertices on
+an interface change sides where this shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
+
+Integers only, and sums that do not depend on their order: the result is the same on any number of ranks.
+"""
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from fx_contact._mpi import Exchange
+
+#: Boxes of the coarse graph in a part of mean weight; parts that are lighter than `WORTHWHILE` are not worth it.
+BOXES, WORTHWHILE = 32, 1000
+#: Diffusion steps between two decisions, and the most decisions.
+STEPS, DECISIONS = 16, 10
+#: How much heavier than the mean a part may become while the interfaces flow.
+SLACK = 1.05
+#: Rounds in which single vertices change sides, and most rounds while a part is still too heavy.
+ROUNDS, PATIENCE = 16, 64
+_ONE = 1 << 20
+"""The indicator of a part, where it is certain, as an integer."""
+
+
+def smoothed(graph, keys, weights, part, parts, limit):
+    """Move vertices between parts so that fewer edges are cut.
+
+    Collective on graph.comm.
+
+    Args:
+        graph: Graph.
+        keys: (n,) int64, position of each vertex along the space-filling curve, distinct.
+        weights: (n,) int64, positive.
+        part: (n,) int32, the parts to start from; each of them lies on one rank.
+        parts: number of parts.
+        limit: most weight of a part.
+
+    Returns:
+        (n,) int32 parts, as given if they cannot be improved within the limit.
+    """
+    starts, shortest = [part], graph.cut(part)
+    if graph.comm.allreduce(int(weights.sum())) >= WORTHWHILE * parts:
+        starts.insert(0, _straight(graph, keys, weights, part, parts))
+    for start in starts:
+        result = _exchanged(graph, keys, weights, start, parts, limit)
+        if _loads(graph.comm, result, weights, parts).max() <= limit and graph.cut(result) < shortest:
+            return result
+    return part
+
+
+def _straight(graph, keys, weights, part, parts):
+    """The parts after the flow of their interfaces on the graph of boxes; some may be too heavy, by `SLACK`."""
+    mean = graph.comm.allreduce(int(weights.sum())) / parts
+    group, first = _boxes(keys, weights, part, mean / BOXES)
+    coarse = graph.contracted(group, len(first))
+    heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
+    slack = max(SLACK * mean, mean + graph.comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
+    straight = _flow(coarse, heavy, part[first], parts, slack)
+    return _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
+
+
+def _loads(comm, part, weights, parts):
+    """Weight of every part: (parts,) int64.  Collective on comm."""
+    loads = np.bincount(part, weights=weights, minlength=parts).astype(np.int64)
+    comm.Allreduce(MPI.IN_PLACE, loads)
+    return loads
+
+
+def _boxes(keys, weights, part, most):
+    """The largest boxes of the forest, restricted to a part, that are not heavier than a limit.
+
+    Returns (n,) int64 box of each vertex, and the first vertex of each box.
+    """
+    order = np.lexsort((keys, part))
+    along, parts = keys[order], part[order]
+    box = np.arange(len(order))
+    for bits in range(3, 63, 3):
+        new = np.ones(len(order), dtype=bool)
+        new[1:] = (along[1:] >> bits != along[:-1] >> bits) | (parts[1:] != parts[:-1])
+        number = np.cumsum(new) - 1
+        fits = np.bincount(number, weights=weights[order])[number] <= most
+        if not fits.any():
+            break
+        box = np.where(fits, np.flatnonzero(new)[number], box)
+    starts, number = np.unique(box, return_inverse=True)
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = number
+    return group, order[starts]
+
+
+def _flow(graph, weights, part, parts, limit):
+    """Let the interfaces flow by their mean curvature; the parts of the shortest state within the limit."""
+    comm = graph.comm
+    degree = np.maximum(np.asarray(graph.matrix.sum(axis=1)).ravel(), 1)
+    prices = np.zeros(parts, dtype=np.int64)
+    total = comm.allreduce(graph.size)
+    best, shortest = part, graph.cut(part)
+    for _ in range(DECISIONS):
+        before = part
+        seen = csr_matrix((np.full(graph.size, _ONE), part, np.arange(graph.size + 1)), shape=(graph.size, parts))
+        for _ in range(STEPS):
+            around = graph.matrix @ graph.ghosted_rows(seen)
+            seen.data *= np.repeat(degree, np.diff(seen.indptr))
+            seen = (seen + around).tocsr()
+            seen.data //= np.repeat(2 * degree, np.diff(seen.indptr))
+            seen.eliminate_zeros()
+        part, loads = _auction(comm, seen, weights, prices, limit)
+        length = graph.cut(part)
+        if length < shortest and loads.max() <= limit:
+            best, shortest = part, length
+        if comm.allreduce(int((part != before).sum())) < 1e-3 * total:
+            break
+    return best
+
+
+def _auction(comm, seen, weights, prices, limit):
+    """Each vertex joins the part it sees most of, less its price; prices change until no part is too heavy.
+
+    Returns the parts, (n,) int32, and their weights; `prices` is changed.
+    """
+    parts = len(prices)
+    bits = int(parts).bit_length()
+    step, before = np.full(parts, _ONE / 20), np.zeros(parts)
+    for _ in range(30):
+        # One integer holds the offer, and below it the part: equal offers go to the lowest part.
+        offer = ((seen.data - prices[seen.indices]) << bits) + (parts - seen.indices)
+        part = (parts - (np.maximum.reduceat(offer, seen.indptr[:-1]) & (1 << bits) - 1)).astype(np.int32)
+        loads = _loads(comm, part, weights, parts)
+        if loads.max() <= limit:
+            break
+        excess = np.clip(loads * parts / loads.sum() - 1, -1, 1)
+        step *= np.where(excess * before < 0, 0.5, 1.2)
+        before = excess
+        prices += np.rint(2 * step * excess).astype(np.int64)
+    return part, loads
+
+
+def _exchanged(graph, keys, weights, part, parts, limit):
+    """Let vertices on an interface change sides as long as this helps.
+
+    In one round they go to parts of higher number only, in the next to lower ones: neighbours do not swap places.
+    """
+    part = part.copy()
+    loads = _loads(graph.comm, part, weights, parts)
+    mean = loads.sum() / parts
+    heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
+    quiet = 0
+    for number in range(PATIENCE):
+        # Where all parts around a heavy one are full, those above the mean make room.
+        most = limit if number < ROUNDS else mean
+        vertex, target, gain = _offers(graph, weights, part, loads, most, upward=number % 2 == 0)
+        # A part that is too heavy gives vertices away at a loss, but no more than needed.
+        willing = gain >= 0
+        loss, spare = vertex[~willing], np.maximum(loads - np.int64(most), 0) + heaviest
+        willing[~willing] = _admitted(graph.comm, part[loss], gain[~willing], keys[loss], weights[loss], spare)
+        vertex, target, gain = vertex[willing], target[willing], gain[willing]
+        taken = _admitted(graph.comm, target, gain, keys[vertex], weights[vertex], np.int64(limit) - loads)
+        part[vertex[taken]] = target[taken]
+        loads = _loads(graph.comm, part, weights, parts)
+        quiet = 0 if graph.comm.allreduce(int(taken.sum())) else quiet + 1
+        if quiet == 2 or (number + 1 >= ROUNDS and loads.max() <= limit):
+            break
+    return part
+
+
+def _offers(graph, weights, part, loads, most, upward):
+    """The best change of side of each vertex on an interface, where it helps: vertices, targets, facets gained."""
+    parts, data = len(loads), graph.matrix.data
+    there, here = graph.ghosted(part)[graph.matrix.indices], part[graph.rows]
+    across = np.flatnonzero(there > here if upward else there < here)
+    pairs, slot = np.unique(graph.rows[across] * parts + there[across], return_inverse=True)
+    vertex, target = np.divmod(pairs, parts)
+    inside = here == there
+    kept = np.bincount(graph.rows[inside], weights=data[inside], minlength=graph.size).astype(np.int64)
+    gain = np.bincount(slot, weights=data[across], minlength=len(pairs)).astype(np.int64) - kept[vertex]
+    own = loads[part[vertex]]
+    evens_out = loads[target] + weights[vertex] < own
+    helps = (gain > 0) | evens_out & ((gain == 0) | (own > most))
+    vertex, target, gain = vertex[helps], target[helps], gain[helps]
+    order = np.lexsort((target, -gain, vertex))
+    best = order[np.diff(vertex[order], prepend=-1) != 0]
+    return vertex[best], target[best].astype(part.dtype), gain[best]
+
+
+def _admitted(comm, part, gain, keys, weights, room):
+    """Which of all ranks' candidates find room in a part: the most useful first, equals in the order of the curve.
+
+    Collective on comm.  Each part is decided on by one rank.
+
+    Args:
+        comm: MPI communicator.
+        part: (n,) int, the part that each candidate asks.
+        gain, keys, weights: (n,) int64 of the candidates.
+        room: (parts,) int64, how much weight each part admits.
+
+    Returns:
+        (n,) bool.
+    """
+    exchange = Exchange(comm, part.astype(np.int64) * comm.size // len(room))
+    part, gain, keys, weights = exchange.forward(np.stack([part, gain, keys, weights], axis=1)).T
+    order = np.lexsort((keys, -gain, part))
+    weight, first = np.cumsum(weights[order]), np.flatnonzero(np.diff(part[order], prepend=-1))
+    before = (weight - weights[order])[first]
+    weight -= np.repeat(before, np.diff(np.append(first, len(order))))
+    admitted = np.empty(len(order), dtype=bool)
+    admitted[order] = weight <= room[part[order]]
+    return exchange.backward(admitted)
