@@ -102,7 +102,12 @@ def adapt(
             if number:
                 forest, carried = repartition(forest, carried, partition_kind)
             quality = brief(forest, partition_kind)
-        step = _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality)
+        with stages("hanging"):
+            prolongation = Prolongation(forest)
+            start, carried = _start(forest, prolongation, carried), None
+        step = _solve(
+            number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality
+        )
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
             return
@@ -129,11 +134,9 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solve
         )
 
 
-def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, solver, stages, quality):
+def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality):
     """One step on a given forest."""
     comm = forest.comm
-    with stages("hanging"):
-        prolongation = Prolongation(forest)
     with stages("mesh"):
         order = geometry_order or sufficient_order(forest, GEOMETRY_SHARE * tolerance)
         cells = leaf_mesh(forest, order)
@@ -145,7 +148,6 @@ def _solve(number, scene, forest, carried, tolerance, geometry_order, penalty, s
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
-        start = _start(forest, prolongation, carried)
     contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages, scene)
     with stages("estimate"):
         elasticity.set_displacement(contact.displacement)

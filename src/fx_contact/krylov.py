@@ -53,7 +53,7 @@ class Solver:
 
     preconditioner: str = "boomeramg"
     tolerance: float = 2e-10
-    loose_tolerance: float = 1e-4
+    loose_tolerance: float = 1e-6
     max_krylov: int = 1000
     max_contact: int = 50
     options: dict = field(default_factory=dict)
