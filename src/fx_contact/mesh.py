@@ -17,7 +17,7 @@ from fx_contact.lattice import SIDE
 from fx_contact.partition import partitioner
 
 #: Leaves whose positions are computed at once: few enough for the processor's cache.
-_CHUNK = 1 << 12
+_CHUNK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,22 +91,27 @@ def sufficient_order(forest, tolerance):
     Returns:
         int, 1 to the order of the root mesh.
     """
-    p, order = forest.mesh.order, 1
-    for start in range(0, len(forest) if p > 1 else 0, _CHUNK):
-        exact = _positions(forest, slice(start, start + _CHUNK), p)
-        size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
-        while order < p and (_interpolation_error(exact, p, order) > tolerance * size).any():
+    p, order, start = forest.mesh.order, 1, 0
+    while order < p and start < len(forest):
+        leaves = slice(start, start + _CHUNK // (order + 1) ** 2)
+        if (_interpolation_error(forest, leaves, order) > tolerance).any():
             order += 1
-        if order == p:
-            break
+        else:
+            start = leaves.stop
     return forest.comm.allreduce(order, op=MPI.MAX)
 
 
-def _interpolation_error(exact, p, order):
-    """Largest distance of maps of order p from their interpolants of a lower order, at the nodes of order p: (n,)."""
-    to_nodes = reference.lagrange(p, np.linspace(0, 1, order + 1))
-    there_and_back = reference.lagrange(order, np.linspace(0, 1, p + 1)) @ to_nodes
-    return np.linalg.norm(reference.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
+def _interpolation_error(forest, leaves, order):
+    """Largest distance of the exact maps of leaves from their interpolants, relative to the leaves' sizes: (n,).
+
+    Seen at the interpolation's nodes and between them, or where that is less, at the nodes of the exact map.
+    """
+    seen = min(2 * order, forest.mesh.order)
+    exact = _positions(forest, leaves, seen)
+    to_nodes = reference.lagrange(seen, np.linspace(0, 1, order + 1))
+    there_and_back = reference.lagrange(order, np.linspace(0, 1, seen + 1)) @ to_nodes
+    distance = np.linalg.norm(reference.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
+    return distance / np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) * np.sqrt(3)
 
 
 def _positions(forest, leaves, order):
