@@ -108,10 +108,9 @@ class ConjugateGradients:
                 raise SolveError(
                     f"PETSc does not take the solver's options, under the prefix fx_: {error}"
                 ) from error
-        self.matrix = matrix.mat
-        if ksp.getPC().getType() == PETSc.PC.Type.HYPRE:
-            self.matrix = matrix.in_hypre_format()
-            matrix.mat.destroy()
+        hypre = ksp.getPC().getType() == PETSc.PC.Type.HYPRE
+        self.matrix = matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        matrix.mat.destroy()
         self._product = _Product(self.matrix)
         self._operator = PETSc.Mat().createPython(self.matrix.getSizes(), self._product, self.matrix.comm)
         self._x, self._b = self.matrix.createVecs()
