@@ -57,6 +57,11 @@ class Step:
     estimate: object
     stages: Stages
 
+    def __del__(self):
+        # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
+        # of dolfinx freed then hang in mpi4py (see `_mpi`).  Inside `__del__` the error is set aside.
+        self.__dict__.clear()
+
 
 def adapt(
     scene,
