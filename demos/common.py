@@ -23,7 +23,8 @@ petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything el
 
 from mpi4py import MPI  # noqa: E402
 
-from fx_contact import Material, Penalty, Solver, adapt  # noqa: E402
+from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.errors import FxContactError  # noqa: E402
 from fx_contact.output import RecordWriter, write_fields  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
@@ -58,7 +59,8 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
-    add("--penalty", type=float, default=Penalty().factor, help="c of the surface stiffness c E*/h (%(default)s)")
+    add("--enforcement", choices=METHODS, help=f"({METHODS[0]}; penalty where one of the next two is given)")
+    add("--penalty", type=float, help=f"c of the surface stiffness c E*/h ({FACTOR:g})")
     add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
     add("--partition", choices=KINDS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", choices=PRECONDITIONERS, default="boomeramg", help="of PCG (%(default)s)")
@@ -69,6 +71,12 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
+
+
+def enforcement(arguments):
+    """The Enforcement that the arguments ask for."""
+    stiffness = arguments.penalty, arguments.node_stiffness
+    return Enforcement(arguments.enforcement or METHODS[0 if stiffness == (None, None) else -1], *stiffness)
 
 
 def main(options, make_scene, exact=None):
@@ -109,7 +117,7 @@ def _run(comm, arguments, make_scene, exact):
         comm,
         max_steps=arguments.max_steps,
         geometry_order=arguments.geometry_order,
-        penalty=Penalty(arguments.penalty, arguments.node_stiffness),
+        enforcement=enforcement(arguments),
         solver=Solver(arguments.preconditioner),
         partition_kind=arguments.partition,
     ):

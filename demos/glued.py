@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import Solver, adapt
+from fx_contact import Enforcement, Solver, adapt
 from fx_contact.conditions import load, prescribed_displacements
-from fx_contact.contact import PenaltyTerm
+from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.scenes import hertz, indentation
 from fx_contact.solve import solve_contact
 from fx_contact.stages import Stages
@@ -38,8 +38,10 @@ def glued_seconds(step, start):
         matrix = step.elasticity.stiffness(pairs)
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
-            PenaltyTerm(tie, prescribed).change(matrix.mat, none, step.contact.active)
-    solve_contact(matrix, forces, None, prescribed, start, Solver(), stages)
+            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, none, step.contact.active)
+    solve_contact(
+        matrix, forces, None, prescribed, start, step.elasticity.energy_norm, Solver(), Enforcement(), stages
+    )
     costs = stages.costs(step.forest.comm)["cpu_seconds"]
     return sum(costs[name] for name in ("assemble", "system", "setup", "solve"))
 

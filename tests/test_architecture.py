@@ -16,8 +16,8 @@ ORDER = """
     scene scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix krylov
-    elasticity conditions contact
-    estimate solve
+    elasticity conditions enforcement contact
+    activeset estimate solve
     adapt
     plot output
     __init__

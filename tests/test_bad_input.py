@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Material, Penalty, Scene, Solver, Traction, adapt, reference, scenes
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    Scene,
+    Solver,
+    Traction,
+    adapt,
+    reference,
+    scenes,
+)
 from fx_contact._mpi import together
 from fx_contact.errors import (
     FxContactError,
@@ -154,8 +165,16 @@ CASES = {
     "E is text": (lambda: Material("stiff", 0.3), SceneError, "'stiff'"),
     "nu = 0.5": (lambda: Material(1.0, 0.5), SceneError, "between -1 and 0.5"),
     "nu > 0.5": (lambda: Material(1.0, 0.7), SceneError, "0.7"),
-    "negative penalty": (lambda: Penalty(-1.0), SceneError, "penalty factor must be a positive number, got -1"),
-    "negative k_N": (lambda: Penalty(node_stiffness=-2.0), SceneError, "node_stiffness"),
+    "negative penalty": (
+        lambda: Enforcement("penalty", -1.0),
+        SceneError,
+        "penalty factor must be a positive number",
+    ),
+    "negative k_N": (lambda: Enforcement("penalty", node_stiffness=-2.0), SceneError, "node_stiffness"),
+    "unknown enforcement": (lambda: Enforcement("mortar"), SceneError, "'augmented-lagrangian'"),
+    "penalty where none is": (lambda: Enforcement(factor=10.0), SceneError, "takes no penalty factor"),
+    "two penalties": (lambda: Enforcement("penalty", 10.0, 3.0), SceneError, "not both"),
+    "gap tolerance 0": (lambda: Enforcement(gap_tolerance=0.0), SceneError, "gap_tolerance"),
     "tolerance 0": (lambda: next(adapt(press(two_cubes()), 0.0, COMM)), SceneError, "tolerance must be a positive"),
     "tolerance < 0": (lambda: next(adapt(press(two_cubes()), -0.1, COMM)), SceneError, "-0.1"),
     "no steps": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, max_steps=0)), SceneError, "max_steps"),
@@ -282,9 +301,12 @@ CASES = {
     ),
     "tolerance as text": (lambda: next(adapt(press(two_cubes()), "0.1", COMM)), SceneError, "'0.1'"),
     "half a step": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, max_steps=2.5)), SceneError, "2.5"),
-    "penalty as a number": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, penalty=100.0)), SceneError, "Penalty"),
+    "enforcement as text": (
+        lambda: next(adapt(press(two_cubes()), 0.1, COMM, enforcement="penalty")),
+        SceneError,
+        "Enforcement",
+    ),
     "solver as text": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, solver="ilu")), SceneError, "Solver"),
-    "penalty None": (lambda: Penalty(None), SceneError, "penalty factor"),
     "no Krylov iterations": (lambda: Solver(max_krylov=0), SceneError, "max_krylov"),
     "loose tolerance too tight": (lambda: Solver(tolerance=0.1, loose_tolerance=1e-8), SceneError, "tighter"),
     "unknown PETSc type": (

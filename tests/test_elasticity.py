@@ -29,7 +29,8 @@ from petsc4py import PETSc
 from scipy.sparse import coo_matrix, identity, kron
 
 from fx_contact.conditions import load, prescribed_displacements
-from fx_contact.contact import Penalty, PenaltyTerm, node_pairs
+from fx_contact.contact import node_pairs
+from fx_contact.enforcement import Enforcement, Jump, PenaltyTerm
 from fx_contact.elasticity import QUADRATURE_DEGREE, Elasticity
 from fx_contact.hanging import Prolongation
 from fx_contact.mesh import leaf_mesh
@@ -113,7 +114,7 @@ def test_contact_term_is_the_product(distribution, contact):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    pairs = node_pairs(scene, forest, prolongation, Enforcement())
     names = numbered(prolongation)
     keys = np.sort(names)
     prescribed = prescribed_displacements(scene, forest, prolongation)
@@ -130,7 +131,7 @@ def test_contact_term_is_the_product(distribution, contact):
     plain.assemble()
     stiff = gathered_matrix(plain, names, keys)
     matrix = elasticity.stiffness(pairs).mat
-    term = PenaltyTerm(pairs, prescribed)
+    term = PenaltyTerm(Jump(pairs, prescribed))
     term.reserve(matrix)
     matrix.assemble()
     assert matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["mallocs"] == 0
@@ -166,13 +167,13 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    pairs = node_pairs(scene, forest, prolongation, Enforcement())
     assert WORLD.allreduce(int(len(pairs) > 0)) > min(1, WORLD.size - 1), "one rank holds all pairs"
     everywhere((pairs.first < prolongation.owned).all(), "a first vertex belongs to another rank")
     everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")
     active, none = np.ones(len(pairs), dtype=bool), np.zeros(len(pairs), dtype=bool)
     matrix = elasticity.stiffness(pairs).mat
-    term = PenaltyTerm(pairs, np.full((prolongation.owned, 3), np.nan))
+    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
     term.reserve(matrix)
     matrix.assemble()
     silent, before = matrix.duplicate(copy=True), matrix.norm()
@@ -190,8 +191,8 @@ def test_hypre_copy_follows_the_blocks(distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = node_pairs(scene, forest, prolongation, Penalty())
-    term = PenaltyTerm(pairs, np.full((prolongation.owned, 3), np.nan))
+    pairs = node_pairs(scene, forest, prolongation, Enforcement())
+    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
     blocks = elasticity.stiffness(pairs)
     term.reserve(blocks.mat)
     blocks.mat.assemble()
@@ -222,7 +223,7 @@ def test_strewn_pairs_are_not_local():
     scene = pressed(two_boxes())
     forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
     prolongation = Prolongation(forest)
-    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    pairs = node_pairs(scene, forest, prolongation, Enforcement())
     assert WORLD.allreduce(int((pairs.second >= prolongation.owned).sum())) > 0
 
 
@@ -232,7 +233,7 @@ def test_tributary_area(distribution, rounds):
     """The tributary areas of flat contact surfaces add up to the surfaces' area, however they are refined."""
     scene = pressed(two_boxes(margin=1, flat_contact=False))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), rounds))
-    pairs = node_pairs(scene, forest, Prolongation(forest), Penalty())
+    pairs = node_pairs(scene, forest, Prolongation(forest), Enforcement())
     assert abs(WORLD.allreduce(pairs.area.sum()) - 4) < 1e-13
     everywhere((pairs.area > 0).all(), "a pair without area")
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between surfaces that touch")
@@ -243,7 +244,7 @@ def test_pairs_of_two_surfaces_in_a_corner(distribution):
     """Where two contact pairs of a scene meet, no node pair of either is lost: areas add up to both surfaces'."""
     scene = corner_scene()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = node_pairs(scene, forest, Prolongation(forest), Penalty())
+    pairs = node_pairs(scene, forest, Prolongation(forest), Enforcement())
     vertical = np.abs(pairs.normal[:, 2]) > 0.5
     for which in (vertical, ~vertical):
         area = WORLD.allreduce(pairs.area[which].sum())
@@ -261,7 +262,7 @@ def test_pairs_of_two_surfaces_side_by_side(distribution):
     contact = tuple(ContactPair(f"lower {side}", f"upper {side}", direction=(0, 0, 1)) for side in ("left", "right"))
     scene = replace(pressed(mesh), contact=contact)
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = node_pairs(scene, forest, Prolongation(forest), Penalty())
+    pairs = node_pairs(scene, forest, Prolongation(forest), Enforcement())
     on_seam = np.abs(pairs.position[:, 0] - 1) < 1e-9
     assert WORLD.allreduce(int(on_seam.sum())) >= 4
     area = WORLD.allreduce(pairs.area.sum())
@@ -275,7 +276,7 @@ def test_same_pairs_on_any_distribution():
     for comm, distribution in ((MPI.COMM_SELF, "roots"), *((WORLD, d) for d in DISTRIBUTIONS)):
         forest = DISTRIBUTIONS[distribution](grown(roots(scene, comm), 3, share=0.1))
         prolongation = Prolongation(forest)
-        pairs = node_pairs(scene, forest, prolongation, Penalty())
+        pairs = node_pairs(scene, forest, prolongation, Enforcement())
         first = prolongation.index_map.local_to_global(pairs.first.astype(np.int32))
         second = prolongation.index_map.local_to_global(pairs.second.astype(np.int32))
         keys = numbered(prolongation)

@@ -15,7 +15,7 @@ from fx_contact.scenes import hertz
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
 krylov_iterations, estimate, tolerance, ratio, force, contact_radius, max_pressure, max_penetration, partition, seconds,
-cpu_seconds, memory_bytes, peak_memory_bytes, versions"""
+cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement"""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_same_run_in_serial(scene):
         everywhere(np.abs(here[3] - alone[3]).max() < 1e-12, f"step {here[0]['step']}: other active pairs")
         for name, value in here[1].items():
             everywhere(
-                abs(value - alone[1][name]) <= 1e-7 * alone[1][name],
+                abs(value - alone[1][name]) <= 1e-7 * alone[1][name] + 1e-15,
                 f"{name} {value} in parallel, {alone[1][name]} in serial",
             )
         assert here[4]["partition"]["split_pairs"] == 0
@@ -115,7 +115,7 @@ def test_reference_values(scene):
     assert abs(record["force"] / 5.37755e-4 - 1) < 0.005
     assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.03
     assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.03
-    assert record["max_penetration"] < 0.02 * 0.01, "the penalty is hard"
+    assert record["max_penetration"] < 1e-12 * 0.01, "the default leaves no penetration"
     assert record["partition"]["split_pairs"] == 0
     shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
     again = estimate(step.elasticity, shear_free, step.stages)
@@ -201,5 +201,5 @@ def test_full_and_quarter_model():
         records.append(next(iter(adapt(scene, 0.1, max_steps=1))).record)
     quarter, full = records
     assert full["cells"] == 4 * quarter["cells"] and full["active_pairs"] > quarter["active_pairs"] > 3
-    for name in ("force", "max_penetration", "max_pressure", "contact_radius", "estimate"):
+    for name in ("force", "max_pressure", "contact_radius", "estimate"):
         assert abs(full[name] / quarter[name] - 1) < 1e-6, name

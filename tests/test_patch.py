@@ -1,11 +1,11 @@
 """Patch tests: fields that the discretisation must reproduce, through hanging nodes, contact and random partitions.
 
-Contact with a penalty k lets bodies overlap by F/k, so uniform compression leaves a jump p A/k at each node pair, which
-varies where the tributary area A and the stiffness k do, and the piecewise linear field is not a solution.  Here every
-pair starts with the gap -p A/k: pressed by the uniform pressure p its penetration is p A/k without a jump of the
-displacement, whatever the penalty, and the exact solution is linear in each body.  What is tested then is that the
-forces of the pairs, area by area, balance the uniform stress of both bodies.  On facets that are parallelograms A is
-the integral of the vertex's shape function; there the patch test is exact.
+Where penetration is prevented, uniform compression is linear in each body.  A penalty k lets bodies overlap by F/k,
+which leaves a jump p A/k at each node pair that varies where the tributary area A and the stiffness k do: the piecewise
+linear field is not a solution.  For the penalty every pair starts with the gap -p A/k: pressed by the uniform pressure
+p its penetration is p A/k without a jump of the displacement, and the exact solution is linear in each body again.
+What is tested is that the forces of the pairs, area by area, balance the uniform stress of both bodies.  On facets that
+are parallelograms A is the integral of the vertex's shape function; there the patch test is exact.
 """
 
 from dataclasses import replace
@@ -31,7 +31,8 @@ from test_elasticity import discrete
 
 from fx_contact import reference
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
-from fx_contact.contact import Penalty, node_pairs
+from fx_contact.contact import node_pairs
+from fx_contact.enforcement import METHODS, Enforcement
 from fx_contact.estimate import estimate
 
 from fx_contact.stages import Stages
@@ -53,6 +54,16 @@ def conforming_positions(forest, prolongation):
     return position, body
 
 
+def solved(elasticity, pairs, prescribed, enforcement=None, forces=None):
+    """ContactSolution from zero displacement on, as exact as rounding permits."""
+    start = np.zeros_like(prescribed)
+    forces = start if forces is None else forces
+    matrix = elasticity.stiffness(pairs)
+    return solve_contact(
+        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, enforcement, Stages()
+    )
+
+
 def compressed(materials):
     """Two blocks between frictionless plates and two symmetry planes, and the strains (lateral, axial) of each."""
     mesh = two_boxes(upper=(2, 2, 2), depth=2, distortion=0.2, flat_contact=False)
@@ -71,24 +82,25 @@ def compressed(materials):
 
 @pytest.mark.parametrize("materials", [(STEEL, STEEL), (STEEL, RUBBER)], ids=["alike", "unlike"])
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_uniform_compression(distribution, materials):
+@pytest.mark.parametrize("method", METHODS)
+def test_uniform_compression(method, distribution, materials):
     """Two pressed blocks of distorted cells, refined at random, are in uniform stress to 1e-10."""
     scene, strain = compressed(materials)
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = node_pairs(scene, forest, prolongation, Penalty())
+    enforcement = Enforcement(method, gap_tolerance=1e-12)
+    pairs = node_pairs(scene, forest, prolongation, enforcement)
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between the blocks")
     largest, smallest = WORLD.allreduce(pairs.area.max(initial=0), MPI.MAX), WORLD.allreduce(
         pairs.area.min(initial=1), MPI.MIN
     )
     assert largest > 4 * smallest, "contact is not refined unevenly"
-    pairs = replace(pairs, gap=-PRESSURE * pairs.area / pairs.stiffness)
+    if method == "penalty":
+        pairs = replace(pairs, gap=-PRESSURE * pairs.area / pairs.stiffness)
     prescribed = prescribed_displacements(scene, forest, prolongation)
     forces = load(scene, forest, elasticity)
-    contact = solve_contact(
-        elasticity.stiffness(pairs), forces, pairs, prescribed, np.zeros((prolongation.owned, 3)), EXACT, Stages()
-    )
+    contact = solved(elasticity, pairs, prescribed, enforcement, forces)
     position, body = conforming_positions(forest, prolongation)
     exact = position * strain[body]
     size = WORLD.allreduce(np.abs(exact).max(), MPI.MAX)
@@ -112,10 +124,10 @@ def test_penalty_gap():
     elasticity = discrete(scene, forest)
     short = []
     for factor in (100.0, 1000.0):
-        pairs = node_pairs(scene, forest, elasticity.prolongation, Penalty(factor))
+        enforcement = Enforcement("penalty", factor)
+        pairs = node_pairs(scene, forest, elasticity.prolongation, enforcement)
         prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-        start = np.zeros((elasticity.prolongation.owned, 3))
-        contact = solve_contact(elasticity.stiffness(pairs), start, pairs, prescribed, start, EXACT, Stages())
+        contact = solved(elasticity, pairs, prescribed, enforcement)
         short.append(1 - WORLD.allreduce(contact.force.sum()) / (4 * PRESSURE))
         everywhere((contact.penetration[contact.active] > 0).all(), "an active pair that does not overlap")
     assert 0 < short[1] < short[0] < 0.01
@@ -137,8 +149,7 @@ def test_translation(order):
     elasticity = discrete(scene, forest, order)
     assert elasticity.prolongation.hanging_global > 50
     prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-    start = np.zeros_like(prescribed)
-    contact = solve_contact(elasticity.stiffness(), start, None, prescribed, start, EXACT, Stages())
+    contact = solved(elasticity, None, prescribed)
     everywhere(np.abs(contact.displacement - list(shift.values())).max() < 1e-10, "not a translation")
     assert contact.contact_iterations == 1 and len(contact.active) == 0
 
@@ -162,8 +173,7 @@ def linear_boundary_error(mesh, rounds):
     position, _ = conforming_positions(forest, prolongation)
     prescribed = np.where(outside[:, None], position @ GRADIENT.T, np.nan)
     assert WORLD.allreduce(int((~outside).sum())) > 0
-    start = np.zeros_like(prescribed)
-    contact = solve_contact(elasticity.stiffness(), start, None, prescribed, start, EXACT, Stages())
+    contact = solved(elasticity, None, prescribed)
     elasticity.set_displacement(contact.displacement)
     strain = ufl.as_matrix(((GRADIENT + GRADIENT.T) / 2).tolist())
     energies = []

@@ -7,8 +7,9 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
-from fx_contact.contact import Penalty, node_pairs
+from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
+from fx_contact.enforcement import Enforcement
 from fx_contact.errors import PartitionError, SceneError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
@@ -70,7 +71,7 @@ def adapt(
     *,
     max_steps=20,
     geometry_order=None,
-    penalty=None,
+    enforcement=None,
     solver=None,
     partition_kind="contact-sfc",
 ):
@@ -85,7 +86,7 @@ def adapt(
         max_steps: most solves.
         geometry_order: order of the leaf maps; None: the lowest that holds the root map to
             `GEOMETRY_SHARE` times the tolerance.
-        penalty: Penalty; None: the default one.
+        enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         partition_kind: a key of `partition.KINDS`.
 
@@ -96,9 +97,9 @@ def adapt(
         SceneError: a tolerance that is not positive, an order above that of the root mesh.
         SolveError: a solve fails; what was yielded before stays valid.
     """
-    penalty = Penalty() if penalty is None else penalty
+    enforcement = Enforcement() if enforcement is None else enforcement
     solver = Solver() if solver is None else solver
-    _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver)
+    _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver)
     carried, stages = None, Stages()
     with stages("partition"):
         forest = _first_forest(scene, comm, partition_kind)
@@ -111,7 +112,17 @@ def adapt(
             prolongation = Prolongation(forest)
             start, carried = _start(forest, prolongation, carried), None
         step = _solve(
-            number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality
+            number,
+            scene,
+            forest,
+            prolongation,
+            start,
+            tolerance,
+            geometry_order,
+            enforcement,
+            solver,
+            stages,
+            quality,
         )
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
@@ -122,14 +133,14 @@ def adapt(
         del step
 
 
-def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver):
+def _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver):
     if not isinstance(scene, Scene):
         raise SceneError(f"adapt needs a Scene, got {scene!r}")
     if not isinstance(tolerance, Real) or not (np.isfinite(tolerance) and tolerance > 0):
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
     if not isinstance(max_steps, int) or max_steps < 1:
         raise SceneError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
-    for name, value, kind in (("penalty", penalty, Penalty), ("solver", solver, Solver)):
+    for name, value, kind in (("enforcement", enforcement, Enforcement), ("solver", solver, Solver)):
         if not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {value!r}")
     orders = range(1, scene.mesh.order + 1)
@@ -139,7 +150,9 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solve
         )
 
 
-def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality):
+def _solve(
+    number, scene, forest, prolongation, start, tolerance, geometry_order, enforcement, solver, stages, quality
+):
     """One step on a given forest."""
     comm = forest.comm
     with stages("mesh"):
@@ -148,12 +161,14 @@ def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order
     with stages("assemble"):
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], prolongation, stages)
-        pairs = node_pairs(scene, forest, prolongation, penalty) if scene.contact else None
+        pairs = node_pairs(scene, forest, prolongation, enforcement) if scene.contact else None
         matrix = elasticity.stiffness(pairs)
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
-    contact = solve_contact(matrix, forces, pairs, prescribed, start, solver, stages, scene)
+    contact = solve_contact(
+        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, solver, enforcement, stages, scene
+    )
     with stages("estimate"):
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
@@ -167,6 +182,7 @@ def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order
         "hanging_nodes": prolongation.hanging_global,
         "max_level": comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
         "geometry_order": order,
+        "enforcement": enforcement.method,
         **_contact_results(scene, pairs, contact, comm),
         "contact_iterations": contact.contact_iterations,
         "krylov_iterations": contact.krylov_iterations,

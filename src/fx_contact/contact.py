@@ -7,41 +7,14 @@ pairs only and the total area is kept.  A pair lives on the rank that owns both 
 """
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
-from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fx_contact import reference
 from fx_contact._mpi import Directory
-from fx_contact.errors import SceneError
+from fx_contact.enforcement import FACTOR
 from fx_contact.lattice import SIDE
-
-
-@dataclass(frozen=True)
-class Penalty:
-    """How hard a penetration is resisted.
-
-    Attributes:
-        factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet.
-        node_stiffness: k_N [N/m], the same for every node pair as in equation (1); used instead of the factor if given.
-
-    Raises:
-        SceneError: a value that is not positive.
-    """
-
-    factor: float = 100.0
-    node_stiffness: float | None = None
-
-    def __post_init__(self):
-        for name in ("factor", "node_stiffness"):
-            value = getattr(self, name)
-            if name == "node_stiffness" and value is None:
-                continue
-            if not isinstance(value, Real) or not (np.isfinite(value) and value > 0):
-                raise SceneError(f"the penalty {name} must be a positive number, got {value!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +28,7 @@ class NodePairs:
         gap: (n,) float64, initial distance D along it on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
         stiffness: (n,) float64, k_N [N/m].
+        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
         position: (n, 3) float64, undeformed position on the first surface [m].
         bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
     """
@@ -66,6 +40,7 @@ class NodePairs:
     gap: np.ndarray
     area: np.ndarray
     stiffness: np.ndarray
+    modulus: np.ndarray
     position: np.ndarray
     bodies: np.ndarray
 
@@ -87,7 +62,7 @@ class NodePairs:
         return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second]) - self.gap
 
 
-def node_pairs(scene, forest, prolongation, penalty):
+def node_pairs(scene, forest, prolongation, enforcement):
     """Find the conforming node pairs of a forest.
 
     Collective on forest.comm.
@@ -96,12 +71,12 @@ def node_pairs(scene, forest, prolongation, penalty):
         scene: Scene.
         forest: Forest.
         prolongation: Prolongation of the forest.
-        penalty: Penalty.
+        enforcement: Enforcement, for the stiffness.
 
     Returns:
         NodePairs, one block a contact pair of the scene.
     """
-    blocks = [_pairs_of(index, scene, forest, prolongation, penalty) for index in range(len(scene.contact))]
+    blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     return NodePairs(prolongation, *(np.concatenate(column) for column in zip(*blocks)))
 
 
@@ -128,7 +103,7 @@ def loose_bodies(scene, pairs, active):
     return scene.unresisted(resistance)
 
 
-def _pairs_of(index, scene, forest, prolongation, penalty):
+def _pairs_of(index, scene, forest, prolongation, enforcement):
     """Columns of NodePairs, after the prolongation, for one contact pair of the scene."""
     vertices, pairing = forest.vertices, forest.pairing
     leaf, face = forest.contact_faces()
@@ -144,8 +119,9 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
 
     area, vector_area = _facet_shares(here, face)
     size = np.sqrt(area.sum(axis=1))
-    modulus = _contact_modulus(scene, forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell])
-    stiffness = (penalty.factor * modulus / size)[:, None] * area
+    bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
+    modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
+    stiffness = ((enforcement.factor or FACTOR) / (1 / modulus).sum(axis=1) / size)[:, None] * area
     sums = np.zeros((len(vertices), 5))
     np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], vector_area], axis=2))
 
@@ -161,12 +137,13 @@ def _pairs_of(index, scene, forest, prolongation, penalty):
     if scene.contact[index].direction is not None:
         normal = np.broadcast_to(np.asarray(scene.contact[index].direction, dtype=float), normal.shape)
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-    if penalty.node_stiffness is not None:
-        stiffness = np.full(len(first), float(penalty.node_stiffness))
+    if enforcement.node_stiffness is not None:
+        stiffness = np.full(len(first), float(enforcement.node_stiffness))
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
     gap = np.einsum("ni,ni->n", normal, there - here)
-    bodies = forest.mesh.body[np.stack([forest.cell[leaf], cell], axis=1)][example // 4]
-    return first, prolongation.find(keys.ravel()[example]), normal, gap, area, stiffness, here, bodies
+    facet = example // 4
+    second = prolongation.find(keys.ravel()[example])
+    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet]
 
 
 def _facet_shares(corners, face):
@@ -187,108 +164,3 @@ def _evaluate(forest, cell, points):
     """Positions (n, 4, 3) of lattice points (n, 4, 3) of root cells."""
     flat = points.reshape(-1, 3, 1) / SIDE
     return forest.mesh.evaluate(np.repeat(cell, 4), flat).reshape(-1, 4, 3)
-
-
-def _contact_modulus(scene, first, second):
-    """E* [Pa] of two bodies: 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2."""
-    moduli = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])
-    return 1 / (1 / moduli[first] + 1 / moduli[second])
-
-
-class PenaltyTerm:
-    """k_N B^T B and k_N B^T D of the active pairs, on the components that no condition prescribes.
-
-    Args:
-        pairs: NodePairs.
-        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
-    """
-
-    def __init__(self, pairs, prescribed):
-        self.pairs = pairs
-        known = pairs.prolongation.ghosted(prescribed)
-        free, known = np.isnan(known), np.nan_to_num(known)
-        self._rows = [
-            np.where(free[place], sign * pairs.normal, 0.0)
-            for place, sign in ((pairs.first, 1.0), (pairs.second, -1.0))
-        ]
-        jump = known[pairs.first] - known[pairs.second]
-        self._gap = pairs.gap - np.einsum("ni,ni->n", pairs.normal, jump)
-
-    def reserve(self, matrix):
-        """Make room in a matrix for the blocks that couple the two vertices of every pair.  Local."""
-        self._add(matrix, np.arange(len(self.pairs)), np.zeros(len(self.pairs)))
-
-    def change(self, matrix, before, after):
-        """Turn the term of one active set into that of another.
-
-        Collective.
-
-        Args:
-            matrix: PETSc Mat that has the term of `before`.
-            before, after: (n,) bool, active pairs.
-        """
-        changed = np.flatnonzero(before != after)
-        sign = np.where(after[changed], 1.0, -1.0)
-        self._add(matrix, changed, sign * self.pairs.stiffness[changed])
-        matrix.assemble()
-
-    def _add(self, matrix, which, stiffness):
-        pairs = self.pairs
-        imap = pairs.prolongation.index_map
-        nodes = np.stack([pairs.first[which], pairs.second[which]], axis=1).astype(np.int32)
-        nodes = imap.local_to_global(nodes.ravel()).astype(np.int32).reshape(-1, 2)
-        rows = np.stack([row[which] for row in self._rows], axis=1)
-        blocks = np.einsum("n,nai,nbj->nabij", stiffness, rows, rows)
-        indptr = np.arange(0, 4 * len(which) + 1, 2, dtype=np.int32)
-        columns = np.repeat(nodes, 2, axis=0).ravel()
-        matrix.setValuesBlockedIJV(
-            indptr, columns, np.ascontiguousarray(blocks), addv=PETSc.InsertMode.ADD, rowmap=nodes.ravel()
-        )
-
-    def difference(self, before, after):
-        """The product with what one active set has and another has not, for few pairs.
-
-        Local; the function it returns is collective.
-
-        Args:
-            before, after: (n,) bool, active pairs.
-
-        Returns:
-            function (x, y) of (owned, 3) float64 that adds (B^T k_N B of after - that of before) x to y.
-        """
-        prolongation, changed = self.pairs.prolongation, np.flatnonzero(before != after)
-        stiffness = np.where(after[changed], 1.0, -1.0) * self.pairs.stiffness[changed]
-        places = self.pairs.first[changed], self.pairs.second[changed]
-        rows = [row[changed] for row in self._rows]
-
-        def add(x, y):
-            x = prolongation.ghosted(x)
-            force = stiffness * sum(np.einsum("ni,ni->n", row, x[place]) for row, place in zip(rows, places))
-            result = vector(prolongation.index_map, 3)
-            values = result.array.reshape(-1, 3)
-            for row, place in zip(rows, places):
-                np.add.at(values, place, force[:, None] * row)
-            result.scatter_reverse(InsertMode.add)
-            y += values[: prolongation.owned]
-
-        return add
-
-    def right_hand_side(self, active):
-        """k_N B^T D of the active pairs.
-
-        Collective.
-
-        Args:
-            active: (n,) bool.
-
-        Returns:
-            (owned, 3) float64 [N].
-        """
-        prolongation = self.pairs.prolongation
-        force = np.where(active, self.pairs.stiffness * self._gap, 0.0)[:, None]
-        result = vector(prolongation.index_map, 3)
-        values = result.array.reshape(-1, 3)
-        np.add.at(values, self.pairs.first, force * self._rows[0])
-        np.add.at(values, self.pairs.second, force * self._rows[1])
-        result.scatter_reverse(InsertMode.add)
-        return values[: prolongation.owned].copy()

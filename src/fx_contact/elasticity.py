@@ -45,7 +45,7 @@ class Elasticity:
             self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
             constant = fem.functionspace(mesh, ("DG", 0))
         self.u = fem.Function(self.space, name="displacement")
-        self.leaf_mesh, self._stages = leaf_mesh, stages
+        self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
         blocks = self.space.dofmap.list
         imap = self.space.dofmap.index_map
         self.vertex_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
@@ -65,6 +65,24 @@ class Elasticity:
         """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
         values = self.prolongation.prolong(conforming)
         self.u.x.array[:] = values[self.vertex_of_block].ravel()
+
+    def energy_norm(self, conforming):
+        """omega (4) of a displacement [J^(1/2)].
+
+        Collective.
+
+        Args:
+            conforming: (owned, 3) float64 [m].
+
+        Returns:
+            float, the same on all ranks.
+        """
+        self.set_displacement(conforming)
+        if self._energy is None:
+            dx = ufl.Measure("dx", self.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+            with self._stages("compile"):
+                self._energy = fem.form(ufl.inner(self.stress(self.u), ufl.sym(ufl.grad(self.u))) * dx)
+        return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(self._energy)), 0.0)))
 
     def stiffness(self, pairs=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.

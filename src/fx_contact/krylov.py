@@ -33,15 +33,19 @@ PRECONDITIONERS = {
 }
 
 
+#: Relative error of a product with the operator, by rounding, with some room.
+_ROUNDING = 1e-14
+
+
 @dataclass(frozen=True)
 class Solver:
     """How the linear systems are solved.
 
     Attributes:
         preconditioner: a key of `PRECONDITIONERS`.
-        tolerance: error of the displacement relative to the displacement, in the norm of the operator with its
-            penalty term, as the preconditioner sees it [-].  That norm weighs penetrations with k_N, so the tolerance
-            follows the penalty; the default leaves an error below 1e-7 in the contact force.
+        tolerance: error of the displacement, in the norm of the operator as the preconditioner sees it, relative to
+            the displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
+            holds for any penalty; the default leaves an error below 1e-7 in the contact force.
         loose_tolerance: the same while the active set still changes.
         max_krylov: most iterations of one linear solve.
         max_contact: most updates of the active set.
@@ -52,8 +56,8 @@ class Solver:
     """
 
     preconditioner: str = "boomeramg"
-    tolerance: float = 2e-10
-    loose_tolerance: float = 1e-6
+    tolerance: float = 1e-8
+    loose_tolerance: float = 1e-3
     max_krylov: int = 1000
     max_contact: int = 50
     options: dict = field(default_factory=dict)
@@ -75,7 +79,7 @@ class Solver:
 
 
 class ConjugateGradients:
-    """PCG on a matrix and a small correction, with a preconditioner for the matrix alone.
+    """PCG on a matrix and a small correction, projected or not, with a preconditioner for the matrix alone.
 
     hypre works on the values of the matrix itself, not on a copy.  Were they changed under it, its smoother would no
     longer fit and the preconditioner could become indefinite.  What changes after the set-up is a correction instead.
@@ -85,6 +89,7 @@ class ConjugateGradients:
     Args:
         matrix: BlockMatrix, symmetric positive definite; it is used up.
         solver: Solver.
+        energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
@@ -94,13 +99,12 @@ class ConjugateGradients:
 
     PREFIX = "fx_"
 
-    def __init__(self, matrix, solver):
-        self._solver = solver
+    def __init__(self, matrix, solver, energy_norm):
+        self._solver, self._energy_norm = solver, energy_norm
         self._ksp = ksp = PETSc.KSP().create(matrix.mat.comm)
         ksp.setOptionsPrefix(self.PREFIX)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
-        ksp.setInitialGuessNonzero(True)
         with _defaults(self.PREFIX, PRECONDITIONERS[solver.preconditioner] | solver.options):
             try:
                 ksp.setFromOptions()
@@ -132,18 +136,34 @@ class ConjugateGradients:
         self._ksp.setOperators(self._operator, self.matrix)
         self._ksp.setUp()
         self._ksp.getPC().setReusePreconditioner(True)
+        self._scale = self.matrix.getDiagonal()
+        self._scale.sqrtabs()
         self._best = None
 
     def stops_paying(self):
         """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper."""
         return bool(self.iterations) and self._best is not None and self.iterations[-1] > 2 * self._best + 20
 
-    def solve(self, right_hand_side, start, tolerance):
-        """Solve to a relative error in the norm of the operator.
+    def residual(self, right_hand_side, u):
+        """Right-hand side less the operator's product with a displacement, not projected.
+
+        Args:
+            right_hand_side, u: (owned, 3) float64 [N], [m].
+
+        Returns:
+            (owned, 3) float64 [N].
+        """
+        self._x.array[:] = u.ravel()
+        self._product.times(self._x, self._b)
+        return right_hand_side - self._b.array.reshape(-1, 3)
+
+    def solve(self, right_hand_side, start, tolerance, projection=None):
+        """Solve to an error relative to the energy norm of the solution.
 
         Args:
             right_hand_side, start: (owned, 3) float64 [N], [m].
             tolerance: of that error [-].
+            projection: Projection, of the operator and of what may be added to the start; None: no projection.
 
         Returns:
             (owned, 3) float64 [m].
@@ -151,13 +171,16 @@ class ConjugateGradients:
         Raises:
             SolveError: divergence, NaN, or too many iterations.
         """
-        x, b, ksp = self._x, self._b, self._ksp
-        x.array[:], b.array[:] = start.ravel(), right_hand_side.ravel()
-        # The norm of the solution, from the start where that is a good one, else from the preconditioned load.
-        energy = max(_energy(self._operator, x), self._load_norm(b))
-        count = 0
+        x, b, ksp, u = self._x, self._b, self._ksp, start
+        self._product.projection = projection
+        energy, count = self._energy_norm(u), 0
         for _ in range(3):
-            self.energy_error = tolerance * energy
+            residual = self.residual(right_hand_side, u)
+            if projection is not None:
+                projection.apply_transpose(residual)
+            b.array[:] = residual.ravel()
+            energy = max(energy, self._preconditioned_norm(b))
+            self.energy_error = max(tolerance * energy, self._rounding_error(u))
             self._set_tolerances(rtol=1e-30, atol=self.energy_error, max_it=self._solver.max_krylov)
             ksp.solve(b, x)
             count += ksp.getIterationNumber()
@@ -167,49 +190,62 @@ class ConjugateGradients:
                     f"PCG with {self._solver.preconditioner} failed after {count} iterations (PETSc reason {reason}); "
                     "try another preconditioner, a softer penalty, or a looser tolerance"
                 )
-            reached = _energy(self._operator, x)
+            step = x.array.reshape(-1, 3)
+            if projection is not None:
+                projection.apply(step)
+            u = u + step
+            reached = self._energy_norm(u)
             if reached >= 0.5 * energy:
                 break
             energy = reached
         self.iterations.append(count)
         self._best = count if self._best is None else self._best
-        return x.array.reshape(-1, 3).copy()
+        return u
 
     def _set_tolerances(self, **tolerances):
         """Set what the user's command line does not."""
         given = PETSc.Options(self.PREFIX)
         self._ksp.setTolerances(**{k: v for k, v in tolerances.items() if not given.hasName(f"ksp_{k}")})
 
-    def _load_norm(self, b):
-        """Energy norm of the preconditioner's answer to the load."""
-        z = b.duplicate()
-        self._ksp.getPC().apply(b, z)
-        return _energy(self._operator, z)
+    def _rounding_error(self, u):
+        """What rounding leaves of a displacement in the norm of the operator, at most [J^(1/2)]."""
+        self._x.array[:] = u.ravel()
+        self._x.pointwiseMult(self._x, self._scale)
+        return _ROUNDING * self._x.norm()
+
+    def _preconditioned_norm(self, b):
+        """Norm of what a residual leaves to be added, as the preconditioner sees it [J^(1/2)]."""
+        self._ksp.getPC().apply(b, self._x)
+        return np.sqrt(max(b.dot(self._x), 0.0))
 
     def destroy(self):
         """Free PETSc's objects."""
-        for thing in (self._ksp, self._operator, self._x, self._b, self.matrix):
+        for thing in (self._ksp, self._operator, self._x, self._b, self._scale, self.matrix):
             thing.destroy()
 
 
 class _Product:
-    """The product of a matrix and a correction, as PETSc calls it."""
+    """The product of a matrix and a correction, projected or not, as PETSc calls it."""
 
     def __init__(self, matrix):
-        self._matrix, self.correction = matrix, None
+        self._matrix, self.correction, self.projection = matrix, None, None
+        self._projected = matrix.createVecRight()
 
     def mult(self, _, x, y):
+        """y = P^T A P x."""
+        if self.projection is not None:
+            x.copy(self._projected)
+            x = self._projected
+            self.projection.apply(x.array.reshape(-1, 3))
+        self.times(x, y)
+        if self.projection is not None:
+            self.projection.apply_transpose(y.array.reshape(-1, 3))
+
+    def times(self, x, y):
         """y = A x."""
         self._matrix.mult(x, y)
         if self.correction is not None:
             self.correction(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
-
-
-def _energy(matrix, x):
-    """sqrt(x^T A x)."""
-    y = matrix.createVecLeft()
-    matrix.mult(x, y)
-    return np.sqrt(max(x.dot(y), 0.0))
 
 
 @contextmanager

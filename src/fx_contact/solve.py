@@ -6,7 +6,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.contact import PenaltyTerm, loose_bodies
+from fx_contact.activeset import ActiveSet
+from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ConjugateGradients
 
@@ -20,7 +21,7 @@ class ContactSolution:
         active: (n,) bool, status of this rank's node pairs.
         force: (n,) float64, contact force of each pair, compression positive [N].
         penetration: (n,) float64, positive where the bodies overlap [m].
-        contact_iterations: number of active sets tried.
+        contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
         energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
     """
@@ -34,15 +35,11 @@ class ContactSolution:
     energy_error: float
 
 
-#: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that costs a
-#: few iterations, and soon more than a new set-up does.
-_OUTLIERS = 3
+def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, enforcement, stages, scene=None):
+    """Solve K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0, the latter as the enforcement has it.
 
-
-def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=None):
-    """Solve (K + k_N B^T B) u = L + k_N B^T D (1), updating the active set until it repeats itself.
-
-    Collective on matrix.mat.comm.
+    Collective on matrix.mat.comm.  Active sets change until one repeats itself; the linear systems are solved loosely
+    until then.
 
     Args:
         matrix: BlockMatrix, P^T K P not yet assembled; it is used up.
@@ -50,7 +47,9 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=
         pairs: NodePairs or None; without, one linear solve.
         prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
         start: (owned, 3) float64 first guess [m]; its penetrations are the first guess of the active set.
+        energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
         solver: Solver.
+        enforcement: Enforcement, with which the pairs were made.
         stages: Stages, for the times.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
 
@@ -58,99 +57,197 @@ def solve_contact(matrix, load, pairs, prescribed, start, solver, stages, scene=
         ContactSolution.
 
     Raises:
-        SolveError: a linear solve fails, the active sets cycle, there are too many of them, or nothing holds a body
-            once the contact opens.
+        SolveError: a linear solve fails, there are too many active sets or augmentations, or nothing holds a body once
+            the contact opens.
     """
+    u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
-        term = PenaltyTerm(pairs, prescribed) if pairs is not None else None
-        if term is not None:
-            term.reserve(matrix.mat)
+        jump = None if pairs is None else Jump(pairs, prescribed)
+        if pairs is not None:
+            PenaltyTerm(jump).reserve(matrix.mat)
         matrix.mat.assemble()
         base = _impose(matrix.mat, load, prescribed)
-        u = np.where(np.isnan(prescribed), start, prescribed)
-        none = np.zeros(0 if pairs is None else len(pairs), dtype=bool)
-        active = none if pairs is None else _first_guess(pairs, u)
-        right_hand_side = base
-        if term is not None:
-            term.change(matrix.mat, none, active)
-    updates, seen = 1, set()
-    if term is not None:
-        with stages("solve"):
-            u, active, updates = _relax(matrix.mat, base, term, u, active)
-            right_hand_side = base + term.right_hand_side(active)
+    if pairs is None:
+        return _solve_linear(matrix, base, u, energy_norm, solver, stages)
+    with stages("solve"):
+        status = ActiveSet(pairs, scene, u, solver.max_contact)
+        u = _relax(matrix.mat, base, PenaltyTerm(jump), u, status)
+        status.forget()
     with stages("system"):
-        cg = ConjugateGradients(matrix, solver)
+        linear = _ClosedPairs(matrix, base, jump, status.active, energy_norm, solver, enforcement, stages)
 
-    known = None  # the active set in the matrix, which the preconditioner knows
-    tolerance = solver.tolerance if pairs is None else solver.loose_tolerance
+    tolerance, augmentations = solver.loose_tolerance, 0
     while True:
-        loose = loose_bodies(scene, pairs, active) if scene is not None and pairs is not None else []
-        if loose:
-            raise SolveError(
-                f"nothing holds body {', '.join(map(repr, loose))} once the contact opens: only contact stops some of "
-                "its rigid motions; prescribe displacements that stop them, or load it towards the contact"
-            )
-        if (
-            known is None
-            or cg.stops_paying()
-            or (tolerance <= solver.tolerance and _changes(pairs, known, active) > _OUTLIERS)
-        ):
-            with stages("setup"):
-                if known is not None:
-                    term.change(cg.matrix, known, active)
-                cg.set_up()
-            known = active
-        with stages("solve"):
-            u = cg.solve(right_hand_side, u, tolerance)
-        if pairs is None:
-            penetration = np.zeros(0)
-            break
-        penetration = pairs.penetration(u)
-        after = _next_status(pairs, penetration, active, cg.energy_error * solver.tolerance / tolerance)
-        if not _changes(pairs, active, after):
-            if tolerance <= solver.tolerance:
-                break
-            tolerance, seen = solver.tolerance, set()
-            continue
-        fingerprint = _fingerprint(pairs, after)
-        if fingerprint in seen:
-            if tolerance <= solver.tolerance:
+        u = linear.solve(status.active, u, tolerance)
+        trial = linear.trial(u)
+        wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
+        if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
+            status.update(wanted)
+        elif linear.augment(trial, u):
+            augmentations += 1
+            if augmentations > solver.max_contact:
                 raise SolveError(
-                    f"the active set cycles after {updates} updates: the same pairs open and close again and again; "
-                    "use a finer mesh or a softer penalty"
+                    f"{solver.max_contact} augmentations have not brought the penetration below the gap tolerance "
+                    f"{enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
                 )
-            tolerance, seen = solver.tolerance, set()
-        seen.add(fingerprint)
-        updates += 1
-        if updates > solver.max_contact:
-            raise SolveError(
-                f"the active set still changes after {solver.max_contact} updates: apply less load at once"
-            )
-        with stages("system"):
-            active = after
-            cg.correct(term.difference(known, active))
-            right_hand_side = base + term.right_hand_side(active)
-    iterations, energy_error = cg.iterations, cg.energy_error
+        elif tolerance > solver.tolerance:
+            tolerance = solver.tolerance
+            status.forget()
+        else:
+            status.check_held()
+            break
+    linear.destroy()
+    force = np.where(status.active, trial, 0.0)
+    penetration, updates = pairs.penetration(u), status.updates + augmentations
+    return ContactSolution(u, status.active, force, penetration, updates, linear.iterations, linear.noise)
+
+
+def _solve_linear(matrix, base, u, energy_norm, solver, stages):
+    """The solution without contact."""
+    with stages("system"):
+        cg = ConjugateGradients(matrix, solver, energy_norm)
+    with stages("setup"):
+        cg.set_up()
+    with stages("solve"):
+        u = cg.solve(base, u, solver.tolerance)
     cg.destroy()
-    force = np.where(active, pairs.stiffness * penetration, 0.0) if pairs is not None else np.zeros(0)
-    return ContactSolution(u, active, force, penetration, updates, iterations, energy_error)
+    none = np.zeros(0)
+    return ContactSolution(u, none.astype(bool), none, none, 1, cg.iterations, cg.energy_error)
+
+
+class _ClosedPairs:
+    """The linear system of closed pairs, and what is kept from one active set to the next.
+
+    Args:
+        matrix: BlockMatrix with the penalty term of `active`; it is used up.
+        base: (owned, 3) float64, right-hand side without contact [N].
+        jump: Jump.
+        active: (n,) bool, closed pairs.
+        energy_norm, solver, enforcement, stages: as in `solve_contact`.
+    """
+
+    #: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that
+    #: costs a few iterations, and soon more than a new set-up does.
+    _OUTLIERS = 3
+
+    def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages):
+        self._base, self._jump, self._active, self._stages = base, jump, active, stages
+        self._solver, self._enforcement = solver, enforcement
+        self._term = PenaltyTerm(jump)
+        self._projection = Projection(jump) if enforcement.method == "exact" else None
+        self._forces = np.zeros(len(active))  # of the augmented Lagrangian
+        self._known, self._is_set_up = active, False  # the active set in the matrix
+        self._comm = jump.pairs.prolongation.comm
+        self._cg = ConjugateGradients(matrix, solver, energy_norm)
+        self.destroy = self._cg.destroy
+
+    @property
+    def iterations(self):
+        """list of int, Krylov iterations of each solve."""
+        return self._cg.iterations
+
+    @property
+    def noise(self):
+        """Error of the last solution in the norm of the operator [J^(1/2)]."""
+        return self._cg.energy_error
+
+    def solve(self, active, u, tolerance):
+        """The displacement of some closed pairs.
+
+        Args:
+            active: (n,) bool, closed pairs.
+            u: (owned, 3) float64, first guess [m].
+            tolerance: of the linear solver [-].
+
+        Returns:
+            (owned, 3) float64 [m].
+        """
+        changed, unknown = self._changes(active)
+        late = tolerance <= self._solver.tolerance and unknown > self._OUTLIERS
+        if not self._is_set_up or late or self._cg.stops_paying():
+            with self._stages("setup"):
+                self._term.change(self._cg.matrix, self._known, active)
+                self._cg.set_up()
+            self._known, self._is_set_up, changed = active, True, 0
+        with self._stages("system"):
+            self._active, self._forces = active, np.where(active, self._forces, 0.0)
+            self._cg.correct(self._term.difference(self._known, active) if changed else None)
+            self._right_hand_side = self._base + self._term.right_hand_side(active, self._forces)
+            if self._projection is not None:
+                self._projection.close(active)
+                u = self._projection.onto_closed(u)
+        with self._stages("solve"):
+            return self._cg.solve(self._right_hand_side, u, tolerance, self._projection)
+
+    def _changes(self, active):
+        """Number of pairs on all ranks that the matrix has otherwise, and of those that disturb the preconditioner."""
+        changed = self._known != active
+        # Where closed pairs are eliminated, those that close take an unknown away and leave no outlier.
+        outliers = changed if self._projection is None else changed & ~active
+        return self._comm.allreduce(np.array([changed.sum(), outliers.sum()]))
+
+    def trial(self, u):
+        """Force of closed pairs, and of open ones the force that a penalty would exert.
+
+        Args:
+            u: (owned, 3) float64, the last solution [m].
+
+        Returns:
+            (n,) float64, compression positive [N].
+        """
+        trial = self._forces + self._term.force(u)
+        if self._projection is None:
+            return trial
+        residual = self._cg.residual(self._right_hand_side, u)
+        return np.where(self._projection.closed, self._projection.apply_transpose(residual), trial)
+
+    def augment(self, trial, u):
+        """Add the penalty's forces to those of the augmented Lagrangian, if they still leave a penetration.
+
+        Args:
+            trial: (n,) float64, as from `trial` [N].
+            u: (owned, 3) float64, the last solution [m].
+
+        Returns:
+            bool, whether that has changed the system.
+        """
+        if self._enforcement.method != "augmented-lagrangian":
+            return False
+        pairs = self._jump.pairs
+        penetration = pairs.penetration(u)
+        beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
+        left = np.abs(penetration[self._active & self._jump.movable & beyond_noise]).max(initial=0.0)
+        moved = np.abs(penetration + pairs.gap).max(initial=0.0)
+        largest = np.array([left, moved])
+        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        if largest[0] <= self._enforcement.gap_tolerance * largest[1]:
+            return False
+        self._forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
+        return True
 
 
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
 _RELAXATION, _LOOKS = 15, 5
 
 
-def _relax(matrix, base, term, u, active):
+def _relax(matrix, base, term, u, status):
     """Settle the active set as far as a few iterations with block Jacobi can, and improve the first guess.
 
     A displacement carried from a coarser mesh errs most from one node to the next, just where contact ends.  That
     error is gone after few cheap iterations; the active set that is left is mostly the last one, and hypre is set up
     for it once.
 
+    Args:
+        matrix: PETSc Mat without penalty term; it has that of the last active set in the end.
+        base: (owned, 3) float64, right-hand side without contact [N].
+        term: PenaltyTerm.
+        u: (owned, 3) float64, first guess [m].
+        status: ActiveSet, changed.
+
     Returns:
-        displacement (owned, 3), active pairs (n,), and the number of active sets tried.
+        (owned, 3) float64 [m].
     """
-    pairs = term.pairs
+    term.change(matrix, np.zeros_like(status.active), status.active)
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
@@ -159,24 +256,21 @@ def _relax(matrix, base, term, u, active):
     ksp.setTolerances(max_it=_RELAXATION)
     x, b = matrix.createVecs()
     x.array[:] = u.ravel()
-    for look in range(1, _LOOKS + 1):
-        b.array[:] = (base + term.right_hand_side(active)).ravel()
+    for _ in range(_LOOKS):
+        b.array[:] = (base + term.right_hand_side(status.active)).ravel()
         ksp.setOperators(matrix)
         ksp.solve(b, x)
         u = x.array.reshape(-1, 3).copy()
-        after = _next_status(pairs, pairs.penetration(u), active, 0.0)
-        if not _changes(pairs, active, after):
+        before, wanted = status.active, status.wanted(term.force(u), 0.0)
+        if not status.differs(wanted):
             break
-        term.change(matrix, active, after)
-        active = after
+        if status.cycles(wanted):
+            break
+        status.update(wanted)
+        term.change(matrix, before, status.active)
     for thing in (ksp, x, b):
         thing.destroy()
-    return u, active, look
-
-
-def _changes(pairs, before, after):
-    """Number of pairs on all ranks whose status differs."""
-    return pairs.prolongation.comm.allreduce(int((before != after).sum()))
+    return u
 
 
 def _impose(matrix, load, prescribed):
@@ -187,34 +281,3 @@ def _impose(matrix, load, prescribed):
     scale = matrix.getDiagonal()
     matrix.zeroRowsColumns(rows, diag=scale.sum() / scale.getSize(), x=x, b=b)
     return b.array.reshape(-1, 3).copy()
-
-
-def _first_guess(pairs, u):
-    """Pairs that the first guess lets overlap; if there is none, those that are closest to touching."""
-    penetration = pairs.penetration(u)
-    comm = pairs.prolongation.comm
-    deepest = comm.allreduce(float(penetration.max(initial=-np.inf)), op=MPI.MAX)
-    return penetration > 0 if deepest > 0 else penetration >= deepest
-
-
-def _next_status(pairs, penetration, active, noise):
-    """Pairs that overlap.
-
-    Within the linear solver's error, `noise` [J^(1/2)], a pair keeps its status; if no pair is pressed harder than
-    that, the bodies at most touch without force, and all are open.
-    """
-    overlap = penetration * np.sqrt(pairs.stiffness)
-    hardest = pairs.prolongation.comm.allreduce(float(overlap.max(initial=-np.inf)), op=MPI.MAX)
-    return overlap > (np.where(active, -noise, noise) if hardest > noise else hardest)
-
-
-def _fingerprint(pairs, active):
-    """A number that tells active sets apart, the same on all ranks."""
-    both = np.concatenate([pairs.first[active], pairs.second[active]]).astype(np.int32)
-    first, second = pairs.prolongation.index_map.local_to_global(both).astype(np.uint64).reshape(2, -1)
-    with np.errstate(over="ignore"):
-        mixed = (first << np.uint64(32)) + second + np.uint64(1)
-        mixed = mixed * np.uint64(0x9E3779B97F4A7C15)
-        mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
-        mine = int((mixed ^ mixed >> np.uint64(32)).sum() & np.uint64((1 << 48) - 1))
-    return pairs.prolongation.comm.allreduce(mine)

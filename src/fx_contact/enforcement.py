@@ -1,0 +1,339 @@
+"""How closed pairs are kept from overlapping: the methods by name, and their algebra on the conforming unknowns.
+
+With B the jump of the displacement across the node pairs along their normals and D their initial gaps, closed pairs
+have B u = D.  A penalty lets them overlap by what their force takes (1); an augmented Lagrangian adds the force that is
+missing (J. C. Simo, T. A. Laursen, Comput. Struct. 42(1), 1992); elimination holds them exactly.
+"""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from fx_contact.errors import SceneError
+
+#: The methods, the default first.
+METHODS = ("exact", "augmented-lagrangian", "penalty")
+
+
+#: The factor of the penalty where none is given.
+FACTOR = 100.0
+
+
+@dataclass(frozen=True)
+class Enforcement:
+    """How penetration is resisted.
+
+    Attributes:
+        method: "exact": closed pairs are eliminated, no penetration, the contact force is the residual;
+            "augmented-lagrangian": forces are added to the penalty's until the penetration is below `gap_tolerance`;
+            "penalty": the force is k_N times the penetration, as in equation (1).
+        factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
+        node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
+        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the largest relative
+            displacement of two paired nodes [-].
+
+    Raises:
+        SceneError: an unknown method, a value that is not positive, a penalty where the method takes none.
+    """
+
+    method: str = METHODS[0]
+    factor: float | None = None
+    node_stiffness: float | None = None
+    gap_tolerance: float = 1e-6
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise SceneError(f"unknown enforcement {self.method!r}; there are {', '.join(map(repr, METHODS))}")
+        for name in ("factor", "node_stiffness", "gap_tolerance"):
+            value = getattr(self, name)
+            if value is None and name != "gap_tolerance":
+                continue
+            if not isinstance(value, Real) or not (np.isfinite(value) and value > 0):
+                raise SceneError(f"the penalty {name} must be a positive number, got {value!r}")
+        given = [name for name in ("factor", "node_stiffness") if getattr(self, name) is not None]
+        if given and self.method == "exact":
+            raise SceneError(
+                f"the enforcement 'exact' takes no penalty {given[0]}; the methods 'penalty' and others do"
+            )
+        if len(given) == 2:
+            raise SceneError("a penalty has a factor or a node_stiffness, not both")
+
+
+class PairRows:
+    """A matrix with a row for each node pair, whose entries are at the two vertices of the pair.
+
+    Collective on the prolongation's comm.
+
+    Args:
+        pairs: NodePairs.
+        rows: two (n, 3) float64, the entries at the first and at the second vertex.
+    """
+
+    def __init__(self, pairs, rows):
+        self._prolongation = pairs.prolongation
+        # The touched unknowns alone, so that a product costs nothing but for the pairs.
+        dofs = np.concatenate([3 * place[:, None] + np.arange(3) for place in (pairs.first, pairs.second)], axis=1)
+        self._dofs, columns = np.unique(dofs, return_inverse=True)
+        entries, indptr = np.concatenate(rows, axis=1).ravel(), np.arange(0, dofs.size + 1, 6)
+        self._matrix = csr_matrix((entries, columns.ravel(), indptr), shape=(len(pairs), len(self._dofs)))
+        self._transposed = self._matrix.T.tocsr()
+        away = bool((self._dofs >= 3 * self._prolongation.owned).any())
+        self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
+
+    def times(self, u):
+        """The product with conforming values.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64.
+
+        Returns:
+            (n,) float64.
+        """
+        u = u if self._local else self._prolongation.ghosted(u)
+        return self._matrix @ u.reshape(-1)[self._dofs]
+
+    def add_transposed(self, values, y):
+        """Add the product of the transpose with values of the pairs to y.
+
+        Collective.
+
+        Args:
+            values: (n,) float64.
+            y: (owned, 3) float64, contiguous; changed in place.
+        """
+        if self._local:
+            y.reshape(-1)[self._dofs] += self._transposed @ values
+            return
+        result = vector(self._prolongation.index_map, 3)
+        result.array[self._dofs] = self._transposed @ values
+        result.scatter_reverse(InsertMode.add)
+        y += result.array[: y.size].reshape(-1, 3)
+
+
+class Jump:
+    """B on the components that no condition prescribes, and D less what the prescribed ones contribute.
+
+    Collective on the prolongation's comm.
+
+    Args:
+        pairs: NodePairs.
+        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
+
+    Attributes:
+        pairs: as given.
+        rows: two (n, 3) float64, the entries of B at the vertices of each pair [-].
+        matrix: PairRows of B.
+        gap: (n,) float64 [m].
+        movable: (n,) bool, where conditions leave the jump free.
+    """
+
+    def __init__(self, pairs, prescribed):
+        self.pairs = pairs
+        known = pairs.prolongation.ghosted(prescribed)
+        free, known = np.isnan(known), np.nan_to_num(known)
+        self.rows = [
+            np.where(free[place], sign * pairs.normal, 0.0)
+            for place, sign in ((pairs.first, 1.0), (pairs.second, -1.0))
+        ]
+        self.matrix = PairRows(pairs, self.rows)
+        self.movable = np.logical_or(*(row.any(axis=1) for row in self.rows))
+        self.gap = pairs.gap - np.einsum("ni,ni->n", pairs.normal, known[pairs.first] - known[pairs.second])
+
+
+class PenaltyTerm:
+    """k_N B^T B of the active pairs, in a matrix or beside it.
+
+    Args:
+        jump: Jump.
+    """
+
+    def __init__(self, jump):
+        self._jump = jump
+
+    def reserve(self, matrix):
+        """Make room in a matrix for the blocks that couple the two vertices of every pair.  Local."""
+        pairs = self._jump.pairs
+        self._add(matrix, np.arange(len(pairs)), np.zeros(len(pairs)))
+
+    def change(self, matrix, before, after):
+        """Turn the term of one active set into that of another.
+
+        Collective.
+
+        Args:
+            matrix: PETSc Mat that has the term of `before`.
+            before, after: (n,) bool, active pairs.
+        """
+        changed = np.flatnonzero(before != after)
+        sign = np.where(after[changed], 1.0, -1.0)
+        self._add(matrix, changed, sign * self._jump.pairs.stiffness[changed])
+        matrix.assemble()
+
+    def _add(self, matrix, which, stiffness):
+        pairs = self._jump.pairs
+        imap = pairs.prolongation.index_map
+        nodes = np.stack([pairs.first[which], pairs.second[which]], axis=1).astype(np.int32)
+        nodes = imap.local_to_global(nodes.ravel()).astype(np.int32).reshape(-1, 2)
+        rows = np.stack([row[which] for row in self._jump.rows], axis=1)
+        blocks = np.einsum("n,nai,nbj->nabij", stiffness, rows, rows)
+        indptr = np.arange(0, 4 * len(which) + 1, 2, dtype=np.int32)
+        columns = np.repeat(nodes, 2, axis=0).ravel()
+        matrix.setValuesBlockedIJV(
+            indptr, columns, np.ascontiguousarray(blocks), addv=PETSc.InsertMode.ADD, rowmap=nodes.ravel()
+        )
+
+    def difference(self, before, after):
+        """The product with what one active set has and another has not.
+
+        Local; the function it returns is collective.
+
+        Args:
+            before, after: (n,) bool, active pairs.
+
+        Returns:
+            function (x, y) of (owned, 3) float64 that adds (B^T k_N B of after - that of before) x to y.
+        """
+        stiffness = (after.astype(float) - before) * self._jump.pairs.stiffness
+        return lambda x, y: self._jump.matrix.add_transposed(stiffness * self._jump.matrix.times(x), y)
+
+    def right_hand_side(self, active, forces=0.0):
+        """B^T (k_N D - f) of the active pairs.
+
+        Collective.
+
+        Args:
+            active: (n,) bool.
+            forces: (n,) float64, f that act whatever the penetration, or 0 [N].
+
+        Returns:
+            (owned, 3) float64 [N].
+        """
+        result = np.zeros((self._jump.pairs.prolongation.owned, 3))
+        pulls = np.where(active, self._jump.pairs.stiffness * self._jump.gap - forces, 0.0)
+        self._jump.matrix.add_transposed(pulls, result)
+        return result
+
+    def force(self, u):
+        """k_N (B u - D), the force of every pair that the penalty alone would exert.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64 [m].
+
+        Returns:
+            (n,) float64, compression positive [N].
+        """
+        return self._jump.pairs.stiffness * self._jump.pairs.penetration(u)
+
+
+class Projection:
+    """The projection P onto displacements that do not move closed pairs apart or together, B P = 0.
+
+    P = I - W^-1 B^T (B W^-1 B^T)^-1 B, where W weighs each body by its modulus: of two bodies the softer one follows
+    the stiffer, which keeps P^T K P as well conditioned as K.  B W^-1 B^T is diagonal but where vertices have several
+    pairs.
+
+    Args:
+        jump: Jump.
+
+    Attributes:
+        closed: (n,) bool, the pairs that are held closed.
+    """
+
+    #: Most iterations, and relative residual, of the Gram system where pairs share vertices: small separate blocks.
+    _ITERATIONS, _RESIDUAL = 50, 1e-15
+
+    def __init__(self, jump):
+        pairs = jump.pairs
+        self._jump, self._comm = jump, pairs.prolongation.comm
+        weighted = [row / modulus[:, None] for row, modulus in zip(jump.rows, pairs.modulus.T)]
+        self._weighted = PairRows(pairs, weighted)
+        self._diagonal = sum((row * scaled).sum(axis=1) for row, scaled in zip(jump.rows, weighted))
+        count = vector(pairs.prolongation.index_map, 1)
+        np.add.at(count.array, np.concatenate([pairs.first, pairs.second]), 1.0)
+        count.scatter_reverse(InsertMode.add)
+        most = float(count.array[: pairs.prolongation.owned].max(initial=0.0))
+        self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
+        self.close(np.zeros(len(pairs), dtype=bool))
+
+    def close(self, active):
+        """From now on project for other closed pairs.  Local.
+
+        Args:
+            active: (n,) bool.
+        """
+        self.closed = closed = active & self._jump.movable
+        self._inverse = np.divide(1.0, self._diagonal, out=np.zeros(len(closed)), where=closed)
+
+    def onto_closed(self, u):
+        """The displacement nearest to u, in the norm of W, that closes the pairs, B u = D.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64 [m].
+
+        Returns:
+            (owned, 3) float64 [m].
+        """
+        u = u.copy()
+        self._weighted.add_transposed(self._gram(self._jump.gap - self._jump.matrix.times(u)), u)
+        return u
+
+    def apply(self, u):
+        """u := P u.  Collective.
+
+        Args:
+            u: (owned, 3) float64, contiguous; changed in place.
+        """
+        self._weighted.add_transposed(-self._gram(self._jump.matrix.times(u)), u)
+
+    def apply_transpose(self, f):
+        """f := P^T f.  Collective.
+
+        Args:
+            f: (owned, 3) float64, contiguous; changed in place.
+
+        Returns:
+            (n,) float64, forces of the closed pairs that take up what is projected away, compression positive [N].
+        """
+        forces = self._gram(self._weighted.times(f))
+        self._jump.matrix.add_transposed(-forces, f)
+        return forces
+
+    def _gram(self, values):
+        """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate gradients where it is not diagonal."""
+        solution = self._inverse * values
+        if not self._shared:
+            return solution
+        residual = np.where(self._inverse > 0, values - self._gram_product(solution), 0.0)
+        first, past, direction = None, None, 0.0
+        for _ in range(self._ITERATIONS):
+            size = self._dot(residual, self._inverse * residual)
+            first = self._dot(values, self._inverse * values) if first is None else first
+            if size <= self._RESIDUAL**2 * first:
+                break
+            direction = self._inverse * residual + (0.0 if past is None else size / past) * direction
+            product = self._gram_product(direction)
+            curvature = self._dot(direction, product)
+            if curvature <= 0:  # what is left lies where pairs repeat each other
+                break
+            step = size / curvature
+            solution, residual, past = solution + step * direction, residual - step * product, size
+        return solution
+
+    def _gram_product(self, values):
+        u = np.zeros((self._jump.pairs.prolongation.owned, 3))
+        self._weighted.add_transposed(values, u)
+        return np.where(self._inverse > 0, self._jump.matrix.times(u), 0.0)
+
+    def _dot(self, a, b):
+        return self._comm.allreduce(float(a @ b))

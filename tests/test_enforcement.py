@@ -1,0 +1,218 @@
+"""Exact, augmented and penalised contact, and the rules by which pairs open and close."""
+
+from dataclasses import replace
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import ufl
+from conftest import (
+    DISTRIBUTIONS,
+    WORLD,
+    corner_scene,
+    everywhere,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    scramble,
+    two_boxes,
+)
+from dolfinx.fem import Constant, assemble_scalar, form
+from mpi4py import MPI
+from test_elasticity import discrete
+
+from fx_contact import Dirichlet, Enforcement, Material, Traction, adapt
+from fx_contact.activeset import ActiveSet
+from fx_contact.conditions import prescribed_displacements
+from fx_contact.contact import node_pairs
+from fx_contact.enforcement import Jump, Projection
+from fx_contact.errors import SolveError
+from fx_contact.scenes import hertz
+
+PRESSURE = 0.01
+
+
+def noisy(shape, salt):
+    """Numbers in (-1, 1) that differ from rank to rank."""
+    numbers = scramble(np.arange(np.prod(shape)) + 7919 * WORLD.rank, salt).reshape(shape)
+    return numbers.astype(float) / 2**63 - 1
+
+
+def dot(a, b):
+    """Scalar product over all ranks."""
+    return WORLD.allreduce(float((a * b).sum()))
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("contact", ["flat", "a corner, two pairs", "a corner, one pair"])
+def test_projection(contact, distribution):
+    """P keeps closed pairs as they are, is a projection, and P^T is its transpose; pairs may share vertices."""
+    scene = pressed(two_boxes(margin=1)) if contact == "flat" else corner_scene(contact.endswith("one pair"))
+    scene = replace(scene, materials=dict(zip(scene.mesh.bodies, (Material(1e4, 0.3), Material(1.0, 0.2)))))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = node_pairs(scene, forest, prolongation, Enforcement())
+    local_to_global = prolongation.index_map.local_to_global
+    ends = [gathered(WORLD, local_to_global(column.astype(np.int32))) for column in (pairs.first, pairs.second)]
+    shared = any(len(np.unique(column)) < len(column) for column in ends)
+    assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
+    prescribed = prescribed_displacements(scene, forest, prolongation)
+    jump = Jump(pairs, prescribed)
+    projection = Projection(jump)
+    active = noisy(len(pairs), 5) > 0
+    projection.close(active)
+    everywhere((projection.closed == active & jump.movable).all(), "other pairs are closed")
+
+    x, y = noisy((prolongation.owned, 3), 1), noisy((prolongation.owned, 3), 2)
+    projected = x.copy()
+    projection.apply(projected)
+    everywhere(np.abs(jump.matrix.times(projected)[projection.closed]).max(initial=0) < 1e-12, "a closed pair moves")
+    again, transposed = projected.copy(), y.copy()
+    projection.apply(again)
+    projection.apply_transpose(transposed)
+    everywhere(np.abs(again - projected).max() < 1e-12, "not a projection")
+    assert abs(dot(projected, y) - dot(x, transposed)) < 1e-10 * dot(x, x)
+    assert dot(projected - x, projected - x) > 0.01
+    held = ~np.isnan(prescribed)
+    everywhere((projected[held] == x[held]).all(), "a prescribed displacement is changed")
+    closed = projection.onto_closed(x)
+    everywhere(
+        np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left"
+    )
+
+
+def forces(scene, tolerance, **options):
+    """Contact force of the last step for an enforcement."""
+    *_, step = adapt(scene, tolerance, max_steps=3, enforcement=Enforcement(**options))
+    return step.record["force"]
+
+
+@pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
+def test_methods_agree(name):
+    """The penalty's force tends to the exact one as 1/c, the augmented Lagrangian's is within the gap tolerance."""
+    scene = hertz(order=2, coarse=2) if name == "hertz" else corner_scene()
+    exact = forces(scene, 0.3)
+    augmented = forces(scene, 0.3, method="augmented-lagrangian", gap_tolerance=1e-8)
+    assert abs(augmented / exact - 1) < 1e-6
+    short = [1 - forces(scene, 0.3, method="penalty", factor=c) / exact for c in (1e3, 1e4)]
+    assert 0 < short[1] < 0.01 and abs(short[0] / short[1] - 10) < 0.5
+
+
+def test_complementarity():
+    """Closed pairs do not pull, open ones do not overlap, and the pairs' forces are those of the held faces."""
+    for step in adapt(hertz(order=2, coarse=2, displacement=0.05), 0.25):
+        contact = step.contact
+        scale = WORLD.allreduce(contact.force.max(initial=0.0), MPI.MAX)
+        everywhere((contact.force > -1e-6 * scale).all(), "a pair pulls")
+        everywhere((contact.force[~contact.active] == 0).all(), "an open pair presses")
+        everywhere((contact.penetration < 1e-9 * 0.05).all(), "an overlap")
+        everywhere((np.abs(contact.penetration[contact.active]) < 1e-12 * 0.05).all(), "a closed pair with a gap")
+    assert step.record["active_pairs"] > 10
+
+
+def loaded_hertz(pressure, displacement=0.01):
+    """Hertz's scene with the upper half-sphere pressed by a traction on its flat face: contact alone stops it."""
+    scene = hertz(order=2, coarse=2, displacement=displacement)
+    kept = tuple(condition for condition in scene.dirichlet if condition.where != "top")
+    return replace(scene, dirichlet=kept, tractions=(Traction("top", (0.0, 0.0, -pressure)),))
+
+
+@pytest.mark.parametrize("method", ["exact", "augmented-lagrangian", "penalty"])
+def test_body_held_by_contact_alone(method):
+    """A sphere that rests on another one is solved for; the contact force is the load, from the first step on."""
+    for step in adapt(loaded_hertz(2e-4), 0.25, enforcement=Enforcement(method)):
+        area = step.scene.symmetry * WORLD.allreduce(face_area(step, "top"))
+        assert abs(step.record["force"] / (2e-4 * area) - 1) < 1e-6
+    assert step.record["active_pairs"] > 3
+
+
+def face_area(step, surface):
+    """Area of this rank's part of a surface, as the load has it: on the leaf mesh."""
+    mesh = step.elasticity.mesh
+    mesh.topology.create_connectivity(2, 3)
+    facets = step.leaf_mesh.facets(step.forest, step.forest.mesh.surface(surface)).ravel()
+    ds = ufl.Measure("ds", mesh, subdomain_data=[(1, facets)], metadata={"quadrature_degree": 3})
+    return assemble_scalar(form(Constant(mesh, 1.0) * ds(1)))
+
+
+@pytest.mark.parametrize("displacement", [0.01, -0.01])
+def test_body_pulled_off(displacement):
+    """A body that only contact would stop, pulled away from it, is a clear error and not a solution."""
+    with pytest.raises(SolveError, match="nothing holds body 'upper'"):
+        list(adapt(loaded_hertz(-2e-4, displacement), 0.25))
+
+
+def test_gap_that_a_load_closes():
+    """A body that falls through a gap as wide as itself is caught by the other one."""
+    scene = loaded_hertz(2e-4)
+    conditions = tuple(Dirichlet("bottom", z=-1.0) if c.where == "bottom" else c for c in scene.dirichlet)
+    *_, far = adapt(replace(scene, dirichlet=conditions), 0.3, max_steps=3)
+    *_, near = adapt(scene, 0.3, max_steps=3)
+    assert abs(far.record["force"] / near.record["force"] - 1) < 1e-6
+    assert far.record["active_pairs"] == near.record["active_pairs"] >= 3
+
+
+# ----------------------------------------------------------------------------------------- the rules of the active set
+
+
+def flexible(number, size):
+    """A random complementarity problem: f >= 0, g - M f <= 0, f (g - M f) = 0, with positive definite M."""
+    random = np.random.default_rng(number)
+    factor = random.normal(size=(size, 3))
+    return factor @ factor.T + 0.01 * np.eye(size), random.normal(size=size)
+
+
+def trial_force(matrix, gap, active):
+    """Forces of the closed pairs, penetrations of the open ones."""
+    force = np.zeros(len(gap))
+    force[active] = np.linalg.solve(matrix[np.ix_(active, active)], gap[active])
+    return np.where(active, force, gap - matrix @ force)
+
+
+def lone_set(size, most):
+    """An ActiveSet of pairs that need no mesh, all open but the first."""
+    index_map = SimpleNamespace(local_to_global=lambda i: i.astype(np.int64), size_global=2 * size)
+    pairs = SimpleNamespace(
+        prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
+        penetration=lambda u: -np.arange(size, dtype=float),
+        stiffness=np.ones(size),
+        first=np.arange(size),
+        second=size + np.arange(size),
+    )
+    return ActiveSet(pairs, None, None, most)
+
+
+def test_active_set_ends():
+    """Where changing all wrong pairs at once cycles, the rules still end, and with the solution."""
+    size, cycles = 8, 0
+    for number in range(200):
+        matrix, gap = flexible(number, size)
+        if not (gap > 0).any():
+            continue
+        (solution,) = (
+            on
+            for on in map(np.array, product([False, True], repeat=size))
+            if (np.where(on, 1, -1) * trial_force(matrix, gap, on) > 0).all()
+        )
+        plain, seen = np.arange(size) == 0, set()
+        while plain.tobytes() not in seen:
+            seen.add(plain.tobytes())
+            plain = trial_force(matrix, gap, plain) > 0
+        cycles += (plain != solution).any()
+
+        status = lone_set(size, 200)
+        while status.differs(wanted := status.wanted(trial_force(matrix, gap, status.active), 0.0)):
+            status.update(wanted)
+        assert (status.active == solution).all()
+    assert cycles > 3, "no problem cycles without the rules"
+
+
+def test_too_many_updates():
+    """The number of updates is limited, and the error says so."""
+    status = lone_set(5, 3)
+    with pytest.raises(SolveError, match="after 3 updates"):
+        for _ in range(4):
+            status.update(~status.active)
