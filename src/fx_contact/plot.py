@@ -145,12 +145,13 @@ def draw_stress(step, path):
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
     cut = (corners[:, :, 1].min(axis=1) <= y) & (corners[:, :, 1].max(axis=1) >= y)
     values = stress.x.array.reshape(-1, 6)[stress.function_space.dofmap.list[cut]]
-    parts = comm.gather((corners[cut], _von_mises(values)), root=0)
+    body = forest.mesh.body[forest.cell[leaf[cut]]]
+    parts = comm.gather((corners[cut], _von_mises(values), body), root=0)
     with together(comm):
         if comm.rank == 0:
-            corners, values = (np.concatenate(column) for column in zip(*parts))
+            corners, values, body = (np.concatenate(column) for column in zip(*parts))
             with _display():
-                _writing(path, lambda: _draw_cut(corners, values, y, path))
+                _writing(path, lambda: _draw_cut(corners, values, body, y, path))
 
 
 def _von_mises(stress):
@@ -159,14 +160,36 @@ def _von_mises(stress):
     return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
 
 
-def _draw_cut(corners, values, y, path):
+def cut_by_body(corners, values, body, y):
+    """Leaves cut by a plane across y, each body by itself.
+
+    Local.  VTK makes one point of all that a cut has at one place: two bodies in contact would share the stress of one.
+
+    Args:
+        corners: (n, 8, 3) float64, corners of leaves [m].
+        values: (n, 8) float64, stress there [Pa].
+        body: (n,) int, body of each leaf.
+        y: place of the plane [m].
+
+    Returns:
+        list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
+    """
     import pyvista
 
-    cells = 8 * np.arange(len(corners))[:, None] + [0, 1, 3, 2, 4, 5, 7, 6]
-    grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, corners.reshape(-1, 3))
-    grid["stress"] = values.ravel()
-    grid["leaf"] = np.arange(len(corners))
-    section = grid.slice(normal=(0, 1, 0), origin=(0, y, 0))
+    sections = []
+    for which in np.unique(body):
+        ours = body == which
+        cells = 8 * np.arange(ours.sum())[:, None] + [0, 1, 3, 2, 4, 5, 7, 6]
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, corners[ours].reshape(-1, 3))
+        grid["stress"] = values[ours].ravel()
+        sections.append(grid.slice(normal=(0, 1, 0), origin=(0, y, 0)))
+    return sections
+
+
+def _draw_cut(corners, values, body, y, path):
+    import pyvista
+
+    section = pyvista.merge(cut_by_body(corners, values, body, y), merge_points=False)
     plotter = pyvista.Plotter(off_screen=True, window_size=(1500, 1000))
     plotter.set_background("white")
     plotter.enable_parallel_projection()
