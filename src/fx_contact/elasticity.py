@@ -41,9 +41,8 @@ class Elasticity:
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
-        with stages("compile"):
-            self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-            constant = fem.functionspace(mesh, ("DG", 0))
+        self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        constant = fem.functionspace(mesh, ("DG", 0))
         self.u = fem.Function(self.space, name="displacement")
         self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
         blocks = self.space.dofmap.list

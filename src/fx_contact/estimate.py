@@ -70,14 +70,14 @@ def estimate(elasticity, shear_free, stages, noise=0.0):
     """
     mesh, prolongation = elasticity.mesh, elasticity.prolongation
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
+    recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
+    cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
     with stages("compile"):
-        moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
-        recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
         sigma = elasticity.stress(elasticity.u)
         integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
         moment_form = fem.form(ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
         smooth = ufl.as_matrix([[recovered[_position(i, j)] for j in range(3)] for i in range(3)])
-        cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
         both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
         energy_form = fem.form(ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
 
