@@ -6,16 +6,18 @@ from conftest import WORLD, everywhere, leaves
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from fx_contact import Material, Solver, adapt
+from fx_contact import Material, Solver, adapt, krylov, memory
 from fx_contact.conditions import shear_free_components
 from fx_contact.errors import SolveError
 from fx_contact.estimate import estimate
+from fx_contact.krylov import ConjugateGradients
 from fx_contact.stages import STAGES
 from fx_contact.scenes import hertz
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
 krylov_iterations, estimate, tolerance, ratio, force, contact_radius, max_pressure, max_penetration, partition, seconds,
-cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement"""
+cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement,
+preconditioner"""
 
 
 @pytest.fixture(scope="module")
@@ -140,20 +142,49 @@ def test_bodies_that_do_not_touch(displacement):
     assert step.record["force"] == 0 and step.record["estimate"] == 0 and step.record["ratio"] == 0
 
 
-def test_failure_while_steps_are_collected():
-    """A list of steps ends with the error of the step that fails, on all ranks; it used to hang there."""
+def test_failure_while_steps_are_collected(monkeypatch):
+    """A list of steps ends with the error of the step that fails, on all ranks; it holds the last displacement."""
+    monkeypatch.setattr(ConjugateGradients, "_fall_back", lambda self: False)
     done = []
 
     def counted():
         for step in adapt(
             hertz(order=2, coarse=2), 0.16, solver=Solver(max_krylov=45, options={"pc_type": "jacobi"})
         ):
-            done.append(step.record)
+            done.append((step.record, WORLD.allreduce(np.abs(step.contact.displacement).max(initial=0.0), MPI.MAX)))
             yield step
 
-    with pytest.raises(SolveError, match="PCG"):
+    with pytest.raises(SolveError, match="PCG") as failure:
         list(counted())
     assert done, "the first step failed"
+    error, (record, largest) = failure.value, done[-1]
+    assert error.record is record and error.forest.size_global > record["cells"]
+    assert WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) == largest
+
+
+@pytest.mark.parametrize("fits", [True, False], ids=["cholesky", "boomeramg-robust"])
+def test_fallback(monkeypatch, fits):
+    """Where PCG fails a stronger preconditioner takes over: factors if there is memory for them, else BoomerAMG."""
+    monkeypatch.setattr(krylov, "shortage", lambda comm, needed: None if fits else (needed, 0))
+    scene = hertz(order=2, coarse=2)
+    records = [
+        [step.record for step in adapt(scene, 0.25, solver=solver)]
+        for solver in (Solver(), Solver(max_krylov=45, options={"pc_type": "jacobi"}))
+    ]
+    assert records[0][-1]["preconditioner"] == "boomeramg"
+    assert records[1][-1]["preconditioner"] == ("cholesky" if fits else "boomeramg-robust")
+    assert abs(records[1][-1]["force"] / records[0][-1]["force"] - 1) < 1e-6
+
+
+def test_memory_is_not_overdrawn(monkeypatch):
+    """A system that would not fit is refused before it is allocated, with what it needs and what there is."""
+    scene, steps = hertz(order=2, coarse=2), []
+    with pytest.raises(SolveError, match=r"unknowns needs .* GB on a host that has 0.0 GB left"):
+        for step in adapt(scene, 0.16):
+            steps.append(step.record)
+            monkeypatch.setattr(memory, "available", lambda: 1e6)
+    assert len(steps) == 1
+    assert memory.shortage(WORLD, 0) is None, "nothing is always there"
 
 
 @pytest.mark.parametrize(

@@ -29,19 +29,20 @@ from dolfinx.fem import Function, assemble_scalar, form
 from mpi4py import MPI
 from test_elasticity import discrete
 
-from fx_contact import reference
+from fx_contact import Material, elasticity as elasticity_module, reference
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.enforcement import METHODS, Enforcement
 from fx_contact.estimate import estimate
 
 from fx_contact.stages import Stages
-from fx_contact.scene import ContactPair, Dirichlet, Scene
+from fx_contact.scene import ContactPair, Dirichlet, Scene, Traction
 from fx_contact.krylov import Solver
 from fx_contact.solve import solve_contact
 
 EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)
 PRESSURE = 0.01
+SOFT = Material(young=1.0, poisson=0.4999)
 
 
 def conforming_positions(forest, prolongation):
@@ -80,7 +81,9 @@ def compressed(materials):
     return scene, np.array([(lateral, lateral, axial) for lateral, axial in strain])
 
 
-@pytest.mark.parametrize("materials", [(STEEL, STEEL), (STEEL, RUBBER)], ids=["alike", "unlike"])
+@pytest.mark.parametrize(
+    "materials", [(STEEL, STEEL), (STEEL, RUBBER), (SOFT, STEEL)], ids=["alike", "unlike", "incompressible"]
+)
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 @pytest.mark.parametrize("method", METHODS)
 def test_uniform_compression(method, distribution, materials):
@@ -209,3 +212,27 @@ def test_displacement_is_a_function_on_the_leaf_mesh():
     other = Function(elasticity.space)
     other.interpolate(lambda x: GRADIENT @ x)
     everywhere(np.abs(other.x.array - elasticity.u.x.array).max() < 1e-14, "displacements sit at other vertices")
+
+
+def indented(rounds):
+    """Mean displacement work of a nearly incompressible clamped block under a uniform load, refined alike."""
+    mesh = two_boxes(upper=(2, 2, 2), depth=2)
+    held = (Dirichlet("lower z low", x=0.0, y=0.0, z=0.0), Dirichlet("upper z high", x=0.0, y=0.0, z=0.0))
+    load_on = (Traction("lower contact", (0.0, 0.0, -PRESSURE)),)
+    scene = Scene("clamped", mesh, {"lower": SOFT, "upper": STEEL}, held, tractions=load_on)
+    forest = roots(scene)
+    for _ in range(rounds):
+        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+    forest = DISTRIBUTIONS["contact-sfc"](forest)
+    elasticity = discrete(scene, forest)
+    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    forces = load(scene, forest, elasticity)
+    return WORLD.allreduce(float((forces * solved(elasticity, None, prescribed, forces=forces).displacement).sum()))
+
+
+def test_nearly_incompressible_cells_do_not_lock(monkeypatch):
+    """Two cells across give what eight give; fully integrated they give less than half of it."""
+    coarse, fine = indented(0), indented(2)
+    assert abs(coarse / fine - 1) < 0.2
+    monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
+    assert indented(0) < 0.5 * fine

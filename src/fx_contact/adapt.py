@@ -10,7 +10,7 @@ from fx_contact.conditions import load, prescribed_displacements, shear_free_com
 from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
-from fx_contact.errors import PartitionError, SceneError
+from fx_contact.errors import PartitionError, SceneError, SolveError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
@@ -95,12 +95,12 @@ def adapt(
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh.
-        SolveError: a solve fails; what was yielded before stays valid.
+        SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
     """
     enforcement = Enforcement() if enforcement is None else enforcement
     solver = Solver() if solver is None else solver
     _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver)
-    carried, stages = None, Stages()
+    carried, record, stages = None, None, Stages()
     with stages("partition"):
         forest = _first_forest(scene, comm, partition_kind)
     for number in range(max_steps):
@@ -111,19 +111,24 @@ def adapt(
         with stages("hanging"):
             prolongation = Prolongation(forest)
             start, carried = _start(forest, prolongation, carried), None
-        step = _solve(
-            number,
-            scene,
-            forest,
-            prolongation,
-            start,
-            tolerance,
-            geometry_order,
-            enforcement,
-            solver,
-            stages,
-            quality,
-        )
+        try:
+            step = _solve(
+                number,
+                scene,
+                forest,
+                prolongation,
+                start,
+                tolerance,
+                geometry_order,
+                enforcement,
+                solver,
+                stages,
+                quality,
+            )
+        except SolveError as error:
+            error.record, error.forest, error.displacement = record, forest, start
+            raise
+        record = step.record
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
             return
@@ -173,6 +178,8 @@ def _solve(
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
         error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
+        results = _contact_results(scene, pairs, contact, comm)
+        max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
         "scene": scene.name,
         "step": number,
@@ -180,12 +187,13 @@ def _solve(
         "cells": forest.size_global,
         "dofs": 3 * prolongation.index_map.size_global,
         "hanging_nodes": prolongation.hanging_global,
-        "max_level": comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
+        "max_level": max_level,
         "geometry_order": order,
         "enforcement": enforcement.method,
-        **_contact_results(scene, pairs, contact, comm),
+        **results,
         "contact_iterations": contact.contact_iterations,
         "krylov_iterations": contact.krylov_iterations,
+        "preconditioner": contact.preconditioner,
         "estimate": error.relative,
         "tolerance": tolerance,
         "ratio": error.relative / tolerance,

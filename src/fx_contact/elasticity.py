@@ -1,4 +1,10 @@
-"""Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K."""
+"""Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K.
+
+Nearly incompressible Q1 cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that
+need it each cell has the mean of its volume strain (B-bar: J. C. Nagtegaal, D. M. Parks, J. R. Rice, Comput. Methods
+Appl. Mech. Eng. 4(2), 1974; T. J. R. Hughes, Int. J. Numer. Methods Eng. 15(9), 1980), which keeps linear fields exact
+on distorted cells.
+"""
 
 import numpy as np
 import ufl
@@ -6,12 +12,14 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix_mat
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import bsr_matrix, identity, kron
+from scipy.sparse import bsr_matrix, diags, identity, kron
 
 from fx_contact.matrix import create_matrix
 
 #: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
 QUADRATURE_DEGREE = 3
+#: Poisson's ratio from which on the cells of a body have one volume strain each.
+LOCKING_POISSON = 0.4
 #: Cells of which P^T K P is taken at once.
 _CHUNK = 1 << 13
 
@@ -36,6 +44,7 @@ class Elasticity:
         u: displacement, a Function [m].
         vertex_of_block: (nblocks,) int64, position in the forest's vertices of each local block of `space`.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
+        volume_strain: that of `u`, a UFL expression; the mean of each cell in nearly incompressible bodies [-].
     """
 
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
@@ -54,16 +63,32 @@ class Elasticity:
         cells = constant.dofmap.list[:, 0]
         self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
+        self.volume_strain, self._soft = ufl.div(self.u), np.flatnonzero(poisson >= LOCKING_POISSON)
+        self._has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
+        if self._has_mean:
+            self._pointwise, self._mean = fem.Function(constant), fem.Function(constant)
+            self._pointwise.x.array[cells] = poisson < LOCKING_POISSON
+            test = ufl.TestFunction(constant)
+            self._volume = fem.assemble_vector(self._compiled(test, 1.0)).array
+            self._volume_change = self._compiled(test, ufl.div(self.u))
+            self.volume_strain = self._pointwise * ufl.div(self.u) + (1 - self._pointwise) * self._mean
 
-    def stress(self, u):
-        """Cauchy stress [Pa] of a displacement, a UFL expression."""
-        strain = ufl.sym(ufl.grad(u))
-        return self.lame[0] * ufl.tr(strain) * ufl.Identity(3) + 2 * self.lame[1] * strain
+    def stress(self, u, volume_strain=None):
+        """Cauchy stress [Pa] of a displacement, a UFL expression.
+
+        Args:
+            u: displacement [m].
+            volume_strain: if not the divergence of u [-].
+        """
+        volume_strain = ufl.div(u) if volume_strain is None else volume_strain
+        return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * ufl.sym(ufl.grad(u))
 
     def set_displacement(self, conforming):
         """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
         values = self.prolongation.prolong(conforming)
         self.u.x.array[:] = values[self.vertex_of_block].ravel()
+        if self._has_mean:
+            self._mean.x.array[:] = fem.assemble_vector(self._volume_change).array / self._volume
 
     def energy_norm(self, conforming):
         """omega (4) of a displacement [J^(1/2)].
@@ -78,9 +103,8 @@ class Elasticity:
         """
         self.set_displacement(conforming)
         if self._energy is None:
-            dx = ufl.Measure("dx", self.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-            with self._stages("compile"):
-                self._energy = fem.form(ufl.inner(self.stress(self.u), ufl.sym(ufl.grad(self.u))) * dx)
+            elastic = 2 * self.lame[1] * ufl.inner(ufl.sym(ufl.grad(self.u)), ufl.sym(ufl.grad(self.u)))
+            self._energy = self._compiled(elastic + self.lame[0] * self.volume_strain**2)
         return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(self._energy)), 0.0)))
 
     def stiffness(self, pairs=None):
@@ -106,36 +130,68 @@ class Elasticity:
         irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
         assemble_matrix_mat(matrix.mat, self._form(np.flatnonzero(~irregular)))
         self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
+        if self._has_mean:
+            self._add_mean_volume(matrix.mat, number)
         return matrix
 
-    def _form(self, cells):
-        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        domain = [(1, np.asarray(cells, dtype=np.int32))]
-        dx = ufl.Measure("dx", self.mesh, subdomain_data=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    def _compiled(self, integrand, factor=1.0, cells=None):
+        """The integral over some cells of this rank, or all, compiled."""
+        where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
+        dx = ufl.Measure("dx", self.mesh, where, {"quadrature_degree": QUADRATURE_DEGREE}, domain)
         with self._stages("compile"):
-            return fem.form(ufl.inner(self.stress(trial), ufl.sym(ufl.grad(test))) * dx(1))
+            return fem.form(factor * integrand * dx)
+
+    def _form(self, cells):
+        """Stiffness of some cells, but for the mean volume strain."""
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self._has_mean else None)
+        return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
     def _add_irregular(self, matrix, cells, number):
         """Add P^T K P of some cells, few at a time: the product needs much more room than its result."""
-        comm = self.prolongation.comm
-        for part in range(comm.allreduce(-(-len(cells) // _CHUNK), op=MPI.MAX)):
-            form = self._form(cells[part * _CHUNK : (part + 1) * _CHUNK])
-            local = fem.create_matrix(form)
-            fem.assemble_matrix(local, form)
-            # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
-            columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
-            rows = np.flatnonzero(np.diff(local.indptr))
-            stiffness = bsr_matrix(
-                (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
-                shape=(3 * len(rows), 3 * columns),
-            )
-            interpolation = self.prolongation.matrix[self.vertex_of_block]
-            to_rows = kron(interpolation[rows], identity(3), format="bsr")
-            interpolation.resize(columns, interpolation.shape[1])
-            interpolation = kron(interpolation, identity(3), format="bsr")
-            product = (to_rows.T @ (stiffness @ interpolation)).tobsr((3, 3))
-            rows = np.flatnonzero(np.diff(product.indptr))
-            indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
-            matrix.setValuesBlockedIJV(
-                indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
-            )
+        for part in self._chunks(cells):
+            form = self._form(part)
+            stiffness, rows, interpolation = self._product_parts(form)
+            to_rows = kron(self.prolongation.matrix[self.vertex_of_block][rows], identity(3), format="bsr")
+            self._insert(matrix, to_rows.T @ (stiffness @ interpolation), number)
+
+    def _add_mean_volume(self, matrix, number):
+        """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
+        # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
+        space = fem.functionspace(self.mesh, ("DG", 0, (3,)))
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(space)
+        terms = sum(test[i] * trial[i].dx(i) for i in range(3))
+        modulus = self.lame[0].x.array / self._volume
+        for part in self._chunks(self._soft):
+            change, rows, interpolation = self._product_parts(self._compiled(terms, cells=part))
+            change = kron(identity(len(rows)), np.ones((1, 3)), format="csr") @ (change @ interpolation).tocsr()
+            self._insert(matrix, change.T @ diags(modulus[rows]) @ change, number)
+
+    def _chunks(self, cells):
+        """Parts of this rank's cells, as many on all ranks."""
+        parts = self.prolongation.comm.allreduce(-(-len(cells) // _CHUNK), op=MPI.MAX)
+        return (cells[part * _CHUNK : (part + 1) * _CHUNK] for part in range(parts))
+
+    def _product_parts(self, form):
+        """The rows of a local matrix that are not empty, which these are, and P to its columns: scipy BSR, int, BSR."""
+        local = fem.create_matrix(form)
+        fem.assemble_matrix(local, form)
+        # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
+        columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
+        rows = np.flatnonzero(np.diff(local.indptr))
+        matrix = bsr_matrix(
+            (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
+            shape=(3 * len(rows), 3 * columns),
+        )
+        interpolation = self.prolongation.matrix[self.vertex_of_block]
+        interpolation.resize(columns, interpolation.shape[1])
+        return matrix, rows, kron(interpolation, identity(3), format="bsr")
+
+    def _insert(self, matrix, product, number):
+        """Add a product (3 n, 3 n) on this rank's conforming unknowns to the matrix."""
+        product = product.tobsr((3, 3))
+        rows = np.flatnonzero(np.diff(product.indptr))
+        indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
+        matrix.setValuesBlockedIJV(
+            indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+        )

@@ -26,7 +26,15 @@ class PartitionError(FxContactError):
 
 
 class SolveError(FxContactError):
-    """The linear solver or the contact loop did not converge."""
+    """The linear solver or the contact loop did not converge, or would not fit into the memory.
+
+    Attributes, set where a step of the adaptive loop failed after others (else None):
+        record: dict of the last step that succeeded.
+        forest: Forest of the step that failed.
+        displacement: (owned, 3) float64, the last step's displacement on that forest's conforming vertices [m].
+    """
+
+    record = forest = displacement = None
 
 
 class OutputError(FxContactError):

@@ -74,7 +74,7 @@ def estimate(elasticity, shear_free, stages, noise=0.0):
     recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
     cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
     with stages("compile"):
-        sigma = elasticity.stress(elasticity.u)
+        sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
         integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
         moment_form = fem.form(ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
         smooth = ufl.as_matrix([[recovered[_position(i, j)] for j in range(3)] for i in range(3)])

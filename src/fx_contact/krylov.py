@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.errors import SceneError, SolveError
+from fx_contact.memory import shortage
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
 PRECONDITIONERS = {
@@ -30,7 +31,21 @@ PRECONDITIONERS = {
         "pc_hypre_ilu_tol": 0.0,
         "pc_hypre_ilu_tri_solve": True,
     },
+    "boomeramg-robust": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "boomeramg",
+        "pc_hypre_boomeramg_numfunctions": 3,
+        "pc_hypre_boomeramg_strong_threshold": 0.25,
+        "pc_hypre_boomeramg_relax_type_all": "symmetric-SOR/Jacobi",
+    },
+    "cholesky": {
+        "pc_type": "cholesky",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
+    },
 }
+#: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
+_FACTOR_BYTES = 300
 
 
 #: Relative error of a product with the operator, by rounding, with some room.
@@ -42,7 +57,8 @@ class Solver:
     """How the linear systems are solved.
 
     Attributes:
-        preconditioner: a key of `PRECONDITIONERS`.
+        preconditioner: a key of `PRECONDITIONERS`; where PCG fails with it, it goes on with Cholesky's factors if they
+            fit into the memory, else with "boomeramg-robust".
         tolerance: error of the displacement, in the norm of the operator as the preconditioner sees it, relative to
             the displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
             holds for any penalty; the default leaves an error below 1e-7 in the contact force.
@@ -93,6 +109,7 @@ class ConjugateGradients:
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
+        preconditioner: a key of `PRECONDITIONERS`, the present one: where PCG fails a stronger one takes over.
         iterations: list of int, of each solve.
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
@@ -100,41 +117,49 @@ class ConjugateGradients:
     PREFIX = "fx_"
 
     def __init__(self, matrix, solver, energy_norm):
-        self._solver, self._energy_norm = solver, energy_norm
-        self._ksp = ksp = PETSc.KSP().create(matrix.mat.comm)
-        ksp.setOptionsPrefix(self.PREFIX)
+        self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
+        self.iterations = []
+        options = PRECONDITIONERS[solver.preconditioner] | solver.options
+        self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, options)
+        hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
+        self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
+        matrix.mat.destroy()
+        self._x, self._b = self.matrix.createVecs()
+
+    def _create_ksp(self, comm, preconditioner, prefix, options):
+        """PCG with options that the user's command line may replace, under a prefix."""
+        self.preconditioner, self._prefix, self._options = preconditioner, prefix, options
+        self._ksp = ksp = PETSc.KSP().create(comm)
+        ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
-        with _defaults(self.PREFIX, PRECONDITIONERS[solver.preconditioner] | solver.options):
+        with _defaults(prefix, options):
             try:
                 ksp.setFromOptions()
             except PETSc.Error as error:
                 raise SolveError(
-                    f"PETSc does not take the solver's options, under the prefix fx_: {error}"
+                    f"PETSc does not take the solver's options, under the prefix {prefix}: {error}"
                 ) from error
-        hypre = ksp.getPC().getType() == PETSc.PC.Type.HYPRE
-        self.matrix = matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        matrix.mat.destroy()
-        self._product = _Product(self.matrix)
-        self._operator = PETSc.Mat().createPython(self.matrix.getSizes(), self._product, self.matrix.comm)
-        self._x, self._b = self.matrix.createVecs()
-        self._best = None
-        self.iterations = []
+
+    def _hold(self, matrix):
+        """Work with a matrix from now on."""
+        self.matrix, self._product = matrix, _Product(matrix)
+        self._operator = PETSc.Mat().createPython(matrix.getSizes(), self._product, matrix.comm)
 
     def correct(self, correction):
-        """From now on solve with the matrix and a correction, until `set_up`.
+        """From now on solve with the matrix and a correction.
 
         Args:
-            correction: function (x, y) of (owned, 3) float64 that adds its product with x to y; collective.
+            correction: function (x, y) of (owned, 3) float64 that adds its product with x to y, collective; or None.
         """
         self._product.correction = correction
 
     def set_up(self):
-        """Build the preconditioner for the present values of the matrix, which is all of the operator again."""
-        self._product.correction = None
+        """Build the preconditioner for the present values of the matrix."""
         self._ksp.getPC().setReusePreconditioner(False)
         self._ksp.setOperators(self._operator, self.matrix)
-        self._ksp.setUp()
+        with _defaults(self._prefix, self._options):
+            self._ksp.setUp()
         self._ksp.getPC().setReusePreconditioner(True)
         self._scale = self.matrix.getDiagonal()
         self._scale.sqrtabs()
@@ -169,11 +194,24 @@ class ConjugateGradients:
             (owned, 3) float64 [m].
 
         Raises:
-            SolveError: divergence, NaN, or too many iterations.
+            SolveError: divergence, NaN, or too many iterations, also with a stronger preconditioner.
         """
-        x, b, ksp, u = self._x, self._b, self._ksp, start
-        self._product.projection = projection
-        energy, count = self._energy_norm(u), 0
+        self._product.projection, self._count = projection, 0
+        while True:
+            u, reason = self._attempt(right_hand_side, start, tolerance)
+            if reason > 0:
+                break
+            failed = f"PCG with {self.preconditioner} failed after {self._count} iterations (PETSc reason {reason})"
+            if not self._fall_back():
+                raise SolveError(f"{failed}; use a finer root mesh, cells of better shape, or a looser tolerance")
+        self.iterations.append(self._count)
+        self._best = self._count if self._best is None else self._best
+        return u
+
+    def _attempt(self, right_hand_side, u, tolerance):
+        """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
+        x, b, ksp, projection = self._x, self._b, self._ksp, self._product.projection
+        energy = self._energy_norm(u)
         for _ in range(3):
             residual = self.residual(right_hand_side, u)
             if projection is not None:
@@ -183,13 +221,10 @@ class ConjugateGradients:
             self.energy_error = max(tolerance * energy, self._rounding_error(u))
             self._set_tolerances(rtol=1e-30, atol=self.energy_error, max_it=self._solver.max_krylov)
             ksp.solve(b, x)
-            count += ksp.getIterationNumber()
+            self._count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
             if reason < 0 or not np.isfinite(x.norm()):
-                raise SolveError(
-                    f"PCG with {self._solver.preconditioner} failed after {count} iterations (PETSc reason {reason}); "
-                    "try another preconditioner, a softer penalty, or a looser tolerance"
-                )
+                return u, min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
             step = x.array.reshape(-1, 3)
             if projection is not None:
                 projection.apply(step)
@@ -198,13 +233,30 @@ class ConjugateGradients:
             if reached >= 0.5 * energy:
                 break
             energy = reached
-        self.iterations.append(count)
-        self._best = count if self._best is None else self._best
-        return u
+        return u, reason
+
+    def _fall_back(self):
+        """Go on with a stronger preconditioner, if there is one."""
+        needed = _FACTOR_BYTES * self._x.getSize() ** (4 / 3) / self._comm.size
+        direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, needed) is None
+        name = "cholesky" if direct else "boomeramg-robust"
+        if self.preconditioner in ("cholesky", name):
+            return False
+        comm, before, product = self._ksp.comm, self.matrix, self._product
+        self._ksp.destroy()
+        self._create_ksp(comm, name, self.PREFIX + "fallback_", PRECONDITIONERS[name])
+        kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.HYPRE
+        if before.type != kind and not (direct and before.type.endswith("aij")):
+            self._operator.destroy()
+            self._hold(before.convert(kind, PETSc.Mat()))
+            self._product.correction, self._product.projection = product.correction, product.projection
+            before.destroy()
+        self.set_up()
+        return True
 
     def _set_tolerances(self, **tolerances):
         """Set what the user's command line does not."""
-        given = PETSc.Options(self.PREFIX)
+        given = PETSc.Options(self._prefix)
         self._ksp.setTolerances(**{k: v for k, v in tolerances.items() if not given.hasName(f"ksp_{k}")})
 
     def _rounding_error(self, u):

@@ -15,6 +15,10 @@ from scipy.sparse import csr_matrix
 
 from fx_contact._mpi import Exchange
 from fx_contact.errors import SolveError
+from fx_contact.memory import shortage
+
+#: Memory of a block of 3 x 3 in the matrix, its copy in hypre's format and the levels below: what a system needs.
+_BLOCK_BYTES = 76 + 108 + 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +26,12 @@ class BlockMatrix:
     """A square matrix on the conforming unknowns.
 
     Attributes:
+        comm: MPI communicator, the one of the run.
         mat: PETSc BAIJ matrix with blocks of 3.
         row_lengths: two (owned,) int32, blocks of each owned row in columns of this rank and of others.
     """
 
+    comm: object
     mat: PETSc.Mat
     row_lengths: tuple[np.ndarray, np.ndarray]
 
@@ -67,13 +73,22 @@ def create_matrix(prolongation, cells, pairs):
 
     Returns:
         BlockMatrix.
+
+    Raises:
+        SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
     """
     imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, pairs)
+    short = shortage(prolongation.comm, _BLOCK_BYTES * sum(int(length.sum()) for length in lengths))
+    if short is not None:
+        raise SolveError(
+            f"the system of {3 * imap.size_global:,} unknowns needs {short[0] / 1e9:.1f} GB on a host that has "
+            f"{short[1] / 1e9:.1f} GB left; ask for a larger tolerance, or use more hosts"
+        )
     mat = PETSc.Mat().create(prolongation.comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
-    return BlockMatrix(mat, lengths)
+    return BlockMatrix(prolongation.comm, mat, lengths)
 
 
 def _row_lengths(prolongation, cells, pairs):

@@ -23,6 +23,7 @@ class ContactSolution:
         penetration: (n,) float64, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
+        preconditioner: name of the one that the last solve used.
         energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
     """
 
@@ -32,6 +33,7 @@ class ContactSolution:
     penetration: np.ndarray
     contact_iterations: int
     krylov_iterations: list[int]
+    preconditioner: str
     energy_error: float
 
 
@@ -99,7 +101,9 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, e
     linear.destroy()
     force = np.where(status.active, trial, 0.0)
     penetration, updates = pairs.penetration(u), status.updates + augmentations
-    return ContactSolution(u, status.active, force, penetration, updates, linear.iterations, linear.noise)
+    return ContactSolution(
+        u, status.active, force, penetration, updates, linear.iterations, linear.preconditioner, linear.noise
+    )
 
 
 def _solve_linear(matrix, base, u, energy_norm, solver, stages):
@@ -112,7 +116,7 @@ def _solve_linear(matrix, base, u, energy_norm, solver, stages):
         u = cg.solve(base, u, solver.tolerance)
     cg.destroy()
     none = np.zeros(0)
-    return ContactSolution(u, none.astype(bool), none, none, 1, cg.iterations, cg.energy_error)
+    return ContactSolution(u, none.astype(bool), none, none, 1, cg.iterations, cg.preconditioner, cg.energy_error)
 
 
 class _ClosedPairs:
@@ -145,6 +149,11 @@ class _ClosedPairs:
     def iterations(self):
         """list of int, Krylov iterations of each solve."""
         return self._cg.iterations
+
+    @property
+    def preconditioner(self):
+        """Name of the present preconditioner."""
+        return self._cg.preconditioner
 
     @property
     def noise(self):
@@ -274,10 +283,17 @@ def _relax(matrix, base, term, u, status):
 
 
 def _impose(matrix, load, prescribed):
-    """Eliminate prescribed components symmetrically, identity rows scaled like the others; the right-hand side."""
+    """Eliminate prescribed components symmetrically, identity rows scaled like the others; the right-hand side.
+
+    Raises:
+        SolveError: the matrix is not finite.
+    """
     x, b = matrix.createVecs()
     x.array[:], b.array[:] = np.nan_to_num(prescribed).ravel(), load.ravel()
     rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(np.int32)
-    scale = matrix.getDiagonal()
-    matrix.zeroRowsColumns(rows, diag=scale.sum() / scale.getSize(), x=x, b=b)
+    diagonal = matrix.getDiagonal()
+    scale = diagonal.sum() / diagonal.getSize()
+    if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
+        raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
+    matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
     return b.array.reshape(-1, 3).copy()
