@@ -74,7 +74,7 @@ class Solver:
     preconditioner: str = "boomeramg"
     tolerance: float = 1e-8
     loose_tolerance: float = 1e-3
-    max_krylov: int = 1000
+    max_krylov: int = 500
     max_contact: int = 50
     options: dict = field(default_factory=dict)
 
