@@ -22,6 +22,7 @@ from conftest import (
 from dolfinx.fem import Constant, assemble_scalar, form
 from mpi4py import MPI
 from test_elasticity import discrete
+from test_patch import conforming_positions, solved
 
 from fx_contact import Dirichlet, Enforcement, Material, Traction, adapt
 from fx_contact.activeset import ActiveSet
@@ -170,6 +171,23 @@ def test_initial_overlap(method):
         return step.record["force"]
 
     assert abs(force(0.0, 0.01) / force(0.01, 0.0) - 1) < 1e-6
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contact_that_is_lost(method):
+    """Where a coarser mesh had all pairs closed and this one parts the bodies, all open, and no force is left."""
+    scene = pressed(two_boxes(), approach=-0.01)
+    forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 2, share=0.1))
+    elasticity = discrete(scene, forest)
+    enforcement = Enforcement(method)
+    pairs = node_pairs(scene, forest, elasticity.prolongation, enforcement)
+    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    position, body = conforming_positions(forest, elasticity.prolongation)
+    overlapping = np.where(body[:, None] == 1, [0.0, 0.0, -0.05], 0.0)
+    everywhere((pairs.penetration(overlapping) > 0).all(), "a pair that does not overlap at first")
+    contact = solved(elasticity, pairs, prescribed, enforcement, start=overlapping)
+    everywhere(not contact.active.any() and not contact.force.any(), "contact is left")
+    everywhere(np.abs(contact.displacement[body == 0]).max(initial=0.0) < 1e-9, "the lower body is deformed")
 
 
 # ----------------------------------------------------------------------------------------- the rules of the active set

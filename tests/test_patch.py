@@ -55,10 +55,10 @@ def conforming_positions(forest, prolongation):
     return position, body
 
 
-def solved(elasticity, pairs, prescribed, enforcement=None, forces=None):
-    """ContactSolution from zero displacement on, as exact as rounding permits."""
-    start = np.zeros_like(prescribed)
-    forces = start if forces is None else forces
+def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=None):
+    """ContactSolution, from zero displacement on if there is no start, as exact as rounding permits."""
+    zero = np.zeros_like(prescribed)
+    start, forces = zero if start is None else start, zero if forces is None else forces
     matrix = elasticity.stiffness(pairs)
     return solve_contact(
         matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, enforcement, Stages()
