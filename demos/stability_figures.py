@@ -71,7 +71,7 @@ def _worst(one):
 
 
 def draw_matrix(scores, path):
-    """A row for each family of each axis, a cell a scene: its value, and below the letter of its score or the iterations.
+    """A row for each family of each axis, a cell a scene: its value, below it the letter of its score or iterations.
 
     Args:
         scores: dicts.

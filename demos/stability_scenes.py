@@ -1,5 +1,6 @@
 """The scenes of the stress matrix, from tables: each axis of stress, what it stresses, and what the answer must be."""
 
+import re
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -18,7 +19,7 @@ hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)
 PLAIN = Material(young=1.0, poisson=0.3)
 #: Force of the project's first benchmark: an axisymmetric computation, which does not use this program.
 HERTZ_A = Exact(force=5.37755e-4, approach=0.01, curved=True, unsure=1e-5)
-#: Half-spheres pressed by displacements of their free flat faces are stiffer than Hertz's half-spaces: by how much, over
+#: By how much half-spheres pressed by their flat faces, free sideways, are stiffer than Hertz's half-spaces, over
 #: Hertz's contact radius / R; the same axisymmetric computation, nu = 0.3, three digits.
 STIFFER = PchipInterpolator([0.0, 0.02, 0.05, 0.1, 0.2], [0.0, 0.009, 0.026, 0.057, 0.126])
 
@@ -59,7 +60,7 @@ class Case:
     @property
     def name(self):
         """By which it is run again."""
-        return f"{self.axis}/{self.family}/{self.value}".replace(" ", "-")
+        return "/".join(re.sub(r"[^\w.+-]+", "-", part) for part in (self.axis, self.family, self.value))
 
 
 def material(young=1.0, poisson=0.3):
@@ -119,6 +120,16 @@ def stack_pressed(materials, pressure, **more):
 def with_twin(make, transform, **known):
     """A scene and a transformed one."""
     return {"scene": make, "reference": Twin(lambda: transform(make()), **known)}
+
+
+def units_of(length, stress):
+    """What a twin in other units has, as keyword arguments of Twin."""
+    return {"force": stress * length**2, "energy": stress * length**3, "pressure": stress}
+
+
+#: Twins whose penalty errs otherwise, and twins on another mesh.
+OTHER_CONTACT = {"same_contact": False, "curved": True}
+OTHER_MESH = {"same_mesh": False, "same_contact": False}
 
 
 def refused(make):
@@ -216,9 +227,7 @@ def enforcements(methods):
         "spheres": {"scene": partial(hertz, 1.0, 0.01), "reference": HERTZ_A},
         "stack": stack_force([PLAIN] * 2),
         "stack 1 : 1000": stack_force([PLAIN, material(1e3)]),
-        "punch by force": with_twin(
-            partial(punch, force=1e-3), lambda scene: scene, alike=False, curved=True, default=True
-        ),
+        "punch by force": with_twin(partial(punch, force=1e-3), lambda scene: scene, default=True, **OTHER_CONTACT),
     }
     for method, (family, what) in product(methods, families.items()):
         for factor in [None] if method == "exact" else FACTORS:
@@ -234,7 +243,7 @@ def ratios():
         yield Case("stiffness ratio", "2 blocks", value, **stack_force([PLAIN, other]))
         yield Case("stiffness ratio", "3 blocks", value, **stack_force([PLAIN, other, PLAIN]))
         make = partial(punch, punch=other)
-        yield Case("stiffness ratio", "punch, swapped", value, **with_twin(make, swapped, alike=False, curved=True))
+        yield Case("stiffness ratio", "punch, swapped", value, **with_twin(make, swapped, **OTHER_CONTACT))
         yield Case("stiffness ratio", "spheres", value, **hertz_force(1e-3, PLAIN, other))
 
 
@@ -242,16 +251,14 @@ def compressibility():
     """Poisson's ratio up to nearly incompressible."""
     for poisson in POISSON:
         both, value = material(1.0, poisson), f"{poisson:g}"
-        yield Case("Poisson's ratio", "spheres", value, **hertz_force(1e-3, both, both))
-        yield Case("Poisson's ratio", "3 blocks", value, **stack_force([PLAIN, both, both]))
+        yield Case("Poisson", "spheres", value, **hertz_force(1e-3, both, both))
+        yield Case("Poisson", "3 blocks", value, **stack_force([PLAIN, both, both]))
         for name, make, curved in (
             ("punch, finer", partial(punch, block=both, punch=both), True),
             ("indentation, finer", partial(indentation, block=both, cube=material(100.0, poisson)), False),
         ):
-            known = {"alike": False, "curved": curved, "tolerance": 0.5}
-            yield Case(
-                "Poisson's ratio", name, value, **with_twin(make, lambda scene: scene, **known), tolerance=0.25
-            )
+            known = {"curved": curved, "tolerance": 0.5} | OTHER_MESH
+            yield Case("Poisson", name, value, **with_twin(make, lambda scene: scene, **known), tolerance=0.25)
 
 
 def aspects():
@@ -274,7 +281,7 @@ def aspects():
             "clamped, cubes",
             f"{aspect:g}",
             lambda make=make: clamped(make()),
-            Twin(lambda twin=twin: clamped(twin()), alike=False),
+            Twin(lambda twin=twin: clamped(twin()), **OTHER_MESH),
             tolerance=0.25,
         )
 
@@ -288,12 +295,12 @@ def degenerate():
             def make(amount=amount, axes=axes):
                 return sheared_nodes(clamped(stack(unlike, order=2)), amount, list(axes))
 
-            twin = Twin(lambda: clamped(stack(unlike)), alike=False)
+            twin = Twin(lambda: clamped(stack(unlike)), **OTHER_MESH)
             yield Case("degenerate cells", name, f"{amount:g}", make, twin, tolerance=0.25)
     for side in (1.0, 1.2, 1.3, 1.38, 1.41, 1.414):
         make = partial(punch, side=side, order=4)
-        known = {"alike": False, "curved": True}
-        yield Case("degenerate cells", "steep punch, swapped", f"{side:g}", **with_twin(make, swapped, **known))
+        twin = with_twin(make, swapped, **OTHER_CONTACT)
+        yield Case("degenerate cells", "steep punch, swapped", f"{side:g}", **twin)
 
 
 def depths():
@@ -305,7 +312,10 @@ def depths():
         else:
             make = partial(hertz, 1.0, depth)
             yield Case(
-                "approach", "spheres, order 6", value, **with_twin(make, partial(scaled, length=1e-3), length=1e-3)
+                "approach",
+                "spheres, order 6",
+                value,
+                **with_twin(make, partial(scaled, length=1e-3), **units_of(1e-3, 1.0)),
             )
         if depth <= 0.01:
             yield Case("approach", "spheres, order 3", value, **hertz_force(depth, order=3))
@@ -313,10 +323,10 @@ def depths():
             yield Case("approach", "punch", value, **punch_force(depth, order=6))
         else:
             make = partial(punch, displacement=depth)
-            yield Case("approach", "punch", value, **with_twin(make, swapped, alike=False, curved=True))
+            yield Case("approach", "punch", value, **with_twin(make, swapped, **OTHER_CONTACT))
         # Without a gap forces are proportional to displacements.
         make, factor = partial(indentation, displacement=depth), 0.01 / depth
-        twin = Twin(indentation, stress=factor)
+        twin = Twin(indentation, force=factor, energy=factor**2, pressure=factor)
         yield Case("approach", "indentation", value, make, twin, tolerance=0.2)
 
 
@@ -325,14 +335,14 @@ def units():
     for length, young in product((1e-9, 1e-6, 1e-3, 1.0, 1e3), (1e-6, 1e-3, 1.0, 1e6, 1e12)):
         if length == young == 1:
             continue
-        back = {"length": 1 / length, "stress": 1 / young}
+        back = units_of(1 / length, 1 / young)
         make = partial(hertz, length, 0.01 * length, material(young))
         twin = Twin(partial(hertz, 1.0, 0.01), **back)
-        yield Case("units, E", f"spheres, L = {exponent(length)}", exponent(young), make, twin)
+        yield Case("units E", f"spheres, L = {exponent(length)}", exponent(young), make, twin)
     for length, young in product((1e-9, 1e3), (1e-6, 1.0, 1e12)):
         make = partial(punch, length, force=1e-3 * young * length**2, block=material(young), punch=material(young))
-        twin = Twin(partial(punch, force=1e-3), length=1 / length, stress=1 / young)
-        yield Case("units, E", f"punch by force, L = {exponent(length)}", exponent(young), make, twin)
+        twin = Twin(partial(punch, force=1e-3), **units_of(1 / length, 1 / young))
+        yield Case("units E", f"punch by force, L = {exponent(length)}", exponent(young), make, twin)
 
 
 def grading():
@@ -389,8 +399,7 @@ def held_by_contact():
     for exponents in range(-8, 0):
         force = 10.0**exponents
         make = partial(punch, force=force, order=6 if force < 1e-5 else 2)
-        known = {"length": 1e-3, "stress": 1e6}
-        twin = with_twin(make, partial(scaled, length=1e-3, stress=1e6), **known)
+        twin = with_twin(make, partial(scaled, length=1e-3, stress=1e6), **units_of(1e-3, 1e6))
         yield Case("held by contact", "punch by force", exponent(force), **twin)
     for ratio in (1e-6, 1e-3, 1e3, 1e6):
         stacked = stack_pressed([PLAIN, material(ratio), PLAIN], 0.01)
@@ -431,9 +440,8 @@ def orders():
     for order in range(1, 7):
         value = str(order)
         if order == 1:  # straight-sided: another body than a sphere, which only its twins know
-            known = {"length": 1e3, "stress": 1e-3}
             make = partial(hertz, 1.0, 0.01, order=1)
-            spheres = with_twin(make, partial(scaled, **known), **known)
+            spheres = with_twin(make, partial(scaled, length=1e3, stress=1e-3), **units_of(1e3, 1e-3))
         else:
             spheres = {"scene": partial(hertz, 1.0, 0.01, order=order), "reference": HERTZ_A}
         yield Case("order", "spheres", value, **spheres)
@@ -442,7 +450,7 @@ def orders():
             "order", "indentation", value, partial(indentation, order=order), Twin(indentation), tolerance=0.25
         )
         if order > 1:
-            finest = Twin(partial(punch, order=6), alike=False, curved=True)
+            finest = Twin(partial(punch, order=6), curved=True, **OTHER_MESH)
             yield Case("order", "punch", value, partial(punch, order=order), finest)
 
 
