@@ -26,7 +26,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from mpi4py import MPI
-from stability_checks import Exact, State
+from stability_checks import LOST, Exact, State
 from stability_figures import draw_matrix, table, write_csv
 from stability_scenes import cases, sample
 
@@ -107,7 +107,7 @@ def _judged(case):
             "score": "unreached",
             "message": f"estimated error {record['estimate']:.0%}, {MOST_DOFS} dofs",
         }
-    vague = state.force and max(state.softness, state.noise) > case.tolerance**2
+    vague = state.softness > case.tolerance**2 or state.noise > LOST
     return result | {"score": "vague" if vague else "right"}
 
 

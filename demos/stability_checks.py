@@ -6,7 +6,8 @@ linear solver   The solver ends when its error, as the preconditioner sees it, i
                 The true one is larger by the square root of the condition number, which n iterations to a
                 tolerance t betray: 2 n / ln(2/t).  The sum of forces on a body is the product of the error with the
                 operator and the body's translation v, at most |v| times that in the operator's norm, where
-                |v|^2 = v^T K v + sum k.  Products with K and k round off.  1e-7 at least, the contract.
+                |v|^2 = v^T K v + sum k.  Products with K and k round off.  1e-7 at least, the contract; 1 % at most,
+                for who loses more than that without a word fails.
 discretisation  The energy of a displacement-driven body errs by the square of the relative error in the energy norm,
                 and the force with it; the estimate catches at least 0.8 of that error: 1.5 xi^2 / omega^2.
 round contact   Gaps are known at nodes only; between them, h apart, the sphere bulges by h^2/8R.  Against an approach
@@ -24,6 +25,8 @@ from fx_contact.conditions import load, prescribed_displacements
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
 CONTRACT = 1e-7
+#: The most that linear solver and rounding may change in forces.
+LOST = 0.01
 #: Pairs may overlap by this part of the displacement, or be apart and carry force: the gap tolerance of the program.
 GAP_TOLERANCE = 1e-6
 #: Roundings that add up in a product with the stiffness matrix: 81 entries a row.
@@ -109,6 +112,7 @@ class State:
         energy: twice the energy stored in the bodies [J].
         work: of loads and reactions [J].
         yielded: sum of force times penetration: twice what the penalty stores [J].
+        scale: a force to measure others by: contact, load or, without either, what may be lost [N].
         noise: what linear solver and rounding may change in forces, relative.
     """
 
@@ -154,12 +158,8 @@ class State:
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
         loss += ROUNDING * (diagonal + springs) * self.size
-        self.noise = CONTRACT + float(loss / self.scale)
-
-    @property
-    def scale(self):
-        """A force to measure others by: contact, load or, without either, what rigid motion leaves by rounding [N]."""
-        return max(self.force, np.abs(self._load).sum(), np.finfo(float).tiny ** 0.5)
+        self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
+        self.noise = CONTRACT + min(float(loss / self.scale), LOST)
 
     @property
     def softness(self):
