@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fx_contact import Material, adapt
-from fx_contact.errors import SceneError, SolveError
+from fx_contact.errors import GeometryError, SceneError, SolveError
 from fx_contact.scenes import hertz, punch, scaled, stack, swapped, turned
 
 SOFT, STIFF = Material(1.0, 0.3), Material(1e3, 0.0)
@@ -108,3 +108,27 @@ def test_arguments(make, message):
     """What cannot be built is refused."""
     with pytest.raises(SceneError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    "make, order",
+    [
+        (lambda order: hertz(order=order, displacement=1e-6), 3),
+        (lambda order: punch(order=order, displacement=1e-6), 3),
+        (lambda order: punch(order=order, force=1e-9), 3),
+        (lambda order: punch(1e-6, 1e-8, gap=9.999e-9, order=order, symmetry="full"), 3),
+    ],
+    ids=["spheres", "punch", "punch by force", "small gap"],
+)
+def test_not_round_enough(make, order):
+    """Spheres that polynomials follow too loosely for so small a contact are refused, those of order 6 are not."""
+    with pytest.raises(GeometryError, match="leaves the sphere"):
+        make(order)
+    assert make(6).mesh.order == 6
+
+
+def test_roundness_decides_the_force():
+    """What is refused would be wrong: the computed force is off by about half of what the surfaces are."""
+    force = last(hertz(order=3, displacement=1e-4), 0.15)["force"]
+    exact = 4 / 3 * SOFT.plane_strain_modulus / 2 * np.sqrt(0.5) * 1e-6
+    assert 0.005 < force / exact - 1 < 0.02

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from fx_contact.analytic import Hertz
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
 from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
 from fx_contact.scenes.indentation import cube_on_block, sideways
+from fx_contact.scenes.roundness import check_roundness
 
 
 def punch(
@@ -40,7 +42,7 @@ def punch(
         Scene; its bodies are "block" and "cube".
 
     Raises:
-        SceneError, GeometryError: an argument outside its range.
+        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a load.
     """
     side = radius if side is None else side
     check_symmetry(symmetry)
@@ -62,6 +64,12 @@ def punch(
             points[:, 2] += gap + rise * (1 - points[:, 2] / side)
         return points
 
+    mesh = cube_on_block(order, coarse, symmetry, place)
+    modulus = 1 / (1 / block.plane_strain_modulus + 1 / punch.plane_strain_modulus)
+    approach = displacement - gap if force is None else Hertz(radius, modulus, max(force, 0.0)).approach
+    if approach > 0:
+        contact_radius = np.sqrt(radius * approach)
+        check_roundness(mesh, "base", (0.0, 0.0, gap + radius), radius, contact_radius, approach)
     if force is None:
         load = {"dirichlet": (Dirichlet("top", z=-float(displacement)),)}
     else:
@@ -69,7 +77,7 @@ def punch(
     load["dirichlet"] += (Dirichlet("bottom", z=0.0), *sideways(symmetry))
     return Scene(
         name="punch",
-        mesh=cube_on_block(order, coarse, symmetry, place),
+        mesh=mesh,
         materials={"block": block, "cube": punch},
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
