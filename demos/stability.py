@@ -107,8 +107,9 @@ def _judged(case):
             "score": "unreached",
             "message": f"estimated error {record['estimate']:.0%}, {MOST_DOFS} dofs",
         }
-    vague = state.softness > case.tolerance**2 or state.noise > LOST
-    return result | {"score": "vague" if vague else "right"}
+    if state.noise > LOST:
+        return result | {"score": "noisy"}
+    return result | {"score": "soft" if state.softness > case.tolerance**2 else "right"}
 
 
 # --------------------------------------------------------------------------------------------------------- the study

@@ -218,7 +218,11 @@ def about(axis, degrees):
 
 def exponent(value):
     """1e-6 and the like, as short as it goes."""
-    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e") if value not in (0, 1) else f"{value:.0f}"
+    return (
+        re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), f"{value:.0e}")
+        if value not in (0, 1)
+        else str(int(value))
+    )
 
 
 def enforcements(methods):
@@ -336,8 +340,8 @@ def units():
         if length == young == 1:
             continue
         back = units_of(1 / length, 1 / young)
-        make = partial(hertz, length, 0.01 * length, material(young))
-        twin = Twin(partial(hertz, 1.0, 0.01), **back)
+        make = partial(hertz, length, 0.01 * length, material(young), order=2, coarse=2)
+        twin = Twin(partial(hertz, 1.0, 0.01, order=2, coarse=2), **back)
         yield Case("units E", f"spheres, L = {exponent(length)}", exponent(young), make, twin)
     for length, young in product((1e-9, 1e3), (1e-6, 1.0, 1e12)):
         make = partial(punch, length, force=1e-3 * young * length**2, block=material(young), punch=material(young))
@@ -390,7 +394,7 @@ def tilts():
     right = {"x to y": np.roll(np.eye(3), 1, axis=0), "x to z": np.roll(np.eye(3), 2, axis=0)}
     right |= {"y down": np.array(about(x, 90)).round(), "upside down": np.diag([-1.0, 1.0, -1.0])}
     for value, rotation in right.items():
-        for family, make in (("quarter of spheres", partial(hertz, 1.0, 0.01)), ("indentation", indentation)):
+        for family, make in (("quarter of spheres", partial(hertz, coarse=2)), ("indentation", indentation)):
             yield Case("tilt", family, value, lambda make=make, by=rotation: turned(make(), by), Twin(make))
 
 
