@@ -300,6 +300,8 @@ def degenerate():
                 return sheared_nodes(clamped(stack(unlike, order=2)), amount, list(axes))
 
             twin = Twin(lambda: clamped(stack(unlike)), **OTHER_MESH)
+            if ((1 - amount) / (1 + amount)) ** len(axes) < 1e-8:  # the Jacobian determinant: degenerate by contract
+                twin = None
             yield Case("degenerate cells", name, f"{amount:g}", make, twin, tolerance=0.25)
     for side in (1.0, 1.2, 1.3, 1.38, 1.41, 1.414):
         make = partial(punch, side=side, order=4)
@@ -322,7 +324,9 @@ def depths():
                 **with_twin(make, partial(scaled, length=1e-3), **units_of(1e-3, 1.0)),
             )
         if depth <= 0.01:
-            yield Case("approach", "spheres, order 3", value, **hertz_force(depth, order=3))
+            # The poles of order 3 leave the sphere by 1.4e-7 R where 1e-6 R is pressed: refused, as too coarse.
+            small = {"reference": None} if depth <= 1e-5 else {}
+            yield Case("approach", "spheres, order 3", value, **hertz_force(depth, order=3) | small)
         if depth <= 1e-3:
             yield Case("approach", "punch", value, **punch_force(depth, order=6))
         else:
@@ -355,7 +359,8 @@ def grading():
     for depth in (1e-4, 1e-5, 1e-6):
         value = exponent(depth)
         yield Case("8 levels", "spheres, 2 root cells", value, **hertz_force(depth, **known))
-        yield Case("8 levels", "punch, 2 root cells", value, **punch_force(depth, order=6, **known))
+        if depth >= 1e-5:  # below, two cells of order 6 are not round enough
+            yield Case("8 levels", "punch, 2 root cells", value, **punch_force(depth, order=6, **known))
 
 
 def many_bodies():
