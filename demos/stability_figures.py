@@ -5,7 +5,7 @@ import csv
 #: Scores from best to worst: letter in the matrix, grey of its cell, colour of its edge, what it means.
 SCORES = {
     "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
-    "refused": ("R", "#ffffff", "#0072B2", "no solution exists, and a typed error says so"),
+    "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
     "soft": ("s", "#e8e8e8", "#9a9a9a", "agrees with so soft a penalty, which errs by more than the error asked for"),
     "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
     "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
@@ -82,47 +82,33 @@ def draw_matrix(scores, path):
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    from matplotlib.patches import Patch, Rectangle
+    from matplotlib.patches import Patch
 
-    rows = {}
+    rows, columns = {}, ([], [])
     for one in scores:
         rows.setdefault((one["axis"], one["row"]), []).append(one)
-    width = max(map(len, rows.values()))
-    axes_of = list(dict.fromkeys(axis for axis, _ in rows))
-    height = len(rows) + 0.7 * len(axes_of)
-    figure, axes = plt.subplots(figsize=(4.2 + 0.62 * width, 1.4 + 0.36 * height), layout="constrained")
-    y, last = 0.0, None
-    for (axis, row), cells in rows.items():
-        if axis != last:
-            y, last = y + 0.7, axis
-            axes.text(-0.15, y - 0.06, axis, ha="right", va="bottom", fontsize=9.5, weight="bold")
-        axes.text(-0.15, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
-        for x, one in enumerate(cells):
-            letter, grey, edge, _ = SCORES[one["score"]]
-            dark = grey in ("#000000", "#606060")
-            axes.add_patch(
-                Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=grey, edgecolor=edge, lw=1.8 if letter else 0.6)
-            )
-            ink = "white" if dark else "black"
-            value = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz")
-            axes.text(
-                x + 0.5, y + 0.3, value, ha="center", va="center", fontsize=5.8 if len(value) > 8 else 6.8, color=ink
-            )
-            below = letter or str(one.get("iterations", ""))
-            size, weight = (9, "bold") if letter else (6.8, "normal")
-            axes.text(
-                x + 0.5,
-                y + 0.69,
-                below,
-                ha="center",
-                va="center",
-                fontsize=size,
-                weight=weight,
-                color=ink if letter else "#666666",
-            )
-        y += 1
-    axes.set(xlim=(0, width), ylim=(y + 0.1, 0))
-    axes.axis("off")
+    for place, (axis, row) in enumerate(rows):
+        split = columns[1] or (place > 0.45 * len(rows) and columns[0][-1][0] != axis)
+        columns[bool(split)].append((axis, row))
+    columns = [keys for keys in columns if keys]
+    wide = [3.2 + max(len(rows[key]) for key in keys) for keys in columns]
+    height = max(len(keys) + 0.7 * len({axis for axis, _ in keys}) for keys in columns)
+    size = (0.62 * sum(wide) + 0.4, 1.5 + 0.36 * height)
+    figure, panels = plt.subplots(
+        1, len(columns), figsize=size, layout="constrained", squeeze=False, width_ratios=wide
+    )
+    for axes, keys, width in zip(panels[0], columns, wide):
+        y, last = 0.0, None
+        for axis, row in keys:
+            if axis != last:
+                y, last = y + 0.7, axis
+                axes.text(-0.15, y - 0.06, axis, ha="right", va="bottom", fontsize=9.5, weight="bold")
+            axes.text(-0.15, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
+            for x, one in enumerate(rows[axis, row]):
+                _draw_cell(axes, x, y, one)
+            y += 1
+        axes.set(xlim=(-3.2, width - 3.2), ylim=(height + 0.1, 0))
+        axes.axis("off")
     present = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
     handles = []
     for kind in present:
@@ -131,8 +117,23 @@ def draw_matrix(scores, path):
         about = f"{letter or 'number'}: {meaning} ({count})"
         handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
-    axes.set_title(
-        f"{len(list(scores))} scenes; the number in a cell: iterations of PCG and contact, last step", fontsize=10
-    )
-    figure.savefig(path, dpi=140)
+    title = f"{len(scores)} scenes; the number in a cell: iterations of PCG and contact, last step"
+    figure.suptitle(title, fontsize=10)
+    figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _draw_cell(axes, x, y, one):
+    """A rectangle with the value of a scene, and the letter of its score or its iterations."""
+    from matplotlib.patches import Rectangle
+
+    letter, grey, edge, _ = SCORES[one["score"]]
+    line = 1.8 if letter else 0.6
+    axes.add_patch(Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=grey, edgecolor=edge, lw=line))
+    ink = "white" if grey in ("#000000", "#606060") else "black"
+    value, small = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz"), {"fontsize": 6.8}
+    if len(value) > 9:
+        value, small = value.replace(" ", "\n", 1), {"fontsize": 5, "linespacing": 0.85}
+    axes.text(x + 0.5, y + 0.3, value, ha="center", va="center", color=ink, **small)
+    style = {"fontsize": 9, "weight": "bold", "color": ink} if letter else {"fontsize": 6.8, "color": "#555555"}
+    axes.text(x + 0.5, y + 0.69, letter or str(one["iterations"]), ha="center", va="center", **style)

@@ -237,7 +237,7 @@ def enforcements(methods):
         for factor in [None] if method == "exact" else FACTORS:
             value = "exact" if factor is None else exponent(factor)
             row = family if method in ("penalty", "exact") else f"{family}, {method}"
-            yield Case("factor", row, value, **what, method=method, factor=factor)
+            yield Case("penalty factor", row, value, **what, method=method, factor=factor)
 
 
 def ratios():
@@ -407,7 +407,7 @@ def held_by_contact():
     """Bodies that contact alone holds, and bodies that nothing holds."""
     for exponents in range(-8, 0):
         force = 10.0**exponents
-        make = partial(punch, force=force, order=6 if force < 1e-5 else 2)
+        make = partial(punch, force=force, order=6 if force < 1e-4 else 2)
         twin = with_twin(make, partial(scaled, length=1e-3, stress=1e6), **units_of(1e-3, 1e6))
         yield Case("held by contact", "punch by force", exponent(force), **twin)
     for ratio in (1e-6, 1e-3, 1e3, 1e6):
@@ -432,8 +432,8 @@ def gaps():
         yield Case("gap", "stack", value, **stack_force(unlike, displacement, gap=gap))
         if abs(gap) >= 1e-4:
             depth = displacement - gap
-            make = partial(punch, displacement=displacement, gap=gap, order=3)
-            twin = Twin(partial(punch, displacement=depth, order=3))
+            make = partial(punch, displacement=displacement, gap=gap, order=6)
+            twin = Twin(partial(punch, displacement=depth, order=6))
             yield Case("gap", "punch", value, make, twin)
     nothing = Exact(force=0.0)
     for gap in (0.02, 1.0, 100.0):
