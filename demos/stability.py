@@ -30,28 +30,24 @@ from stability_checks import LOST, Exact, State
 from stability_figures import draw_matrix, table, write_csv
 from stability_scenes import cases, sample
 
-from fx_contact import Penalty, adapt
+from fx_contact import Enforcement, adapt
+from fx_contact.enforcement import METHODS
 from fx_contact.errors import FxContactError
 
 #: Refinement ends above so many unknowns, whether the accuracy is reached or not.
 MOST_DOFS = 40_000
 #: Seconds that a scene may take.
 TIME_LIMIT = 90.0
-METHODS = ("penalty",)
-
-
-def enforcement(method, factor):
-    """How contact is enforced, as keyword arguments of `adapt`; the program's own choice for None."""
-    return {} if method is None else {"penalty": Penalty(factor)}
 
 
 def solve(scene, case, tolerance, default=False):
     """The state at the end of a run: accuracy reached, or too many unknowns."""
-    method = None if default else case.method
-    for step in adapt(scene, tolerance, MPI.COMM_SELF, **enforcement(method, case.factor)):
+    own = default or case.method is None
+    enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
+    for step in adapt(scene, tolerance, MPI.COMM_SELF, enforcement=enforcement):
         if step.record["dofs"] > MOST_DOFS:
             break
-    return State(step, penalty=(method or "penalty") == "penalty")
+    return State(step, enforcement.method)
 
 
 def score(case):

@@ -104,7 +104,7 @@ class State:
 
     Args:
         step: Step of a run on one rank.
-        penalty: whether contact is enforced by a penalty, so that pairs have stiffnesses.
+        method: how contact is enforced, a name of `enforcement.METHODS`.
 
     Attributes:
         record: of the step.
@@ -116,8 +116,8 @@ class State:
         noise: what linear solver and rounding may change in forces, relative.
     """
 
-    def __init__(self, step, penalty):
-        self.record, self._step, self._penalty = step.record, step, penalty
+    def __init__(self, step, method):
+        self.record, self._step, self._penalty = step.record, step, method == "penalty"
         self.pairs, contact = step.pairs, step.contact
         u = contact.displacement
         stiffness = step.elasticity.stiffness().mat
@@ -154,7 +154,7 @@ class State:
         self.work = float((u * (self._load + self._reaction)).sum())
         self.yielded = float(contact.force @ self.penetration)
         self.size = float(np.abs(u).max())
-        springs = self.pairs.stiffness[contact.active].sum() if penalty else 0.0
+        springs = self.pairs.stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
         loss += ROUNDING * (diagonal + springs) * self.size

@@ -15,7 +15,7 @@ from stability_checks import Check, Exact  # noqa: E402
 from stability_figures import SCORES, draw_matrix, table, write_csv  # noqa: E402
 from stability_scenes import Case, cases, sample, sheared_nodes, stack_force  # noqa: E402
 
-from fx_contact import Material, adapt  # noqa: E402
+from fx_contact import Enforcement, Material, adapt  # noqa: E402
 from fx_contact.scenes import stack  # noqa: E402
 
 NAMED = cases(stability.METHODS)
@@ -70,9 +70,10 @@ def test_the_judge_sees_a_wrong_force():
 )
 def test_the_judge_sees_a_spoilt_solution(spoil, check):
     """Each check fails where what it is for is wrong, and holds where nothing is."""
-    *_, step = adapt(stack([SOFT, Material(3.0, 0.1)]), 0.2, comm=stability.MPI.COMM_SELF)
-    assert all(c.holds for c in stability.State(step, penalty=True).checks())
-    state = stability.State(replace(step, contact=spoil(step.contact)), penalty=True)
+    penalty = Enforcement("penalty")  # whose overlap is a spoilt solution's if no pair is closed
+    *_, step = adapt(stack([SOFT, Material(3.0, 0.1)]), 0.2, comm=stability.MPI.COMM_SELF, enforcement=penalty)
+    assert all(c.holds for c in stability.State(step, "penalty").checks())
+    state = stability.State(replace(step, contact=spoil(step.contact)), "penalty")
     assert check in [c.name for c in state.checks() if not c.holds]
 
 

@@ -226,7 +226,7 @@ class _ClosedPairs:
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
         left = np.abs(penetration[self._active & self._jump.movable & beyond_noise]).max(initial=0.0)
-        moved = np.abs(penetration + pairs.gap).max(initial=0.0)
+        moved = np.abs(u).max(initial=0.0)
         largest = np.array([left, moved])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         if largest[0] <= self._enforcement.gap_tolerance * largest[1]:
