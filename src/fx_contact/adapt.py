@@ -44,6 +44,7 @@ class Step:
         contact: ContactSolution.
         estimate: Estimate.
         stages: Stages of this step, from the refinement that led to it.
+        along: (n, 8, k) float64 at the corners of the leaves, further fields of the `Beginning`.
     """
 
     record: dict
@@ -56,11 +57,62 @@ class Step:
     contact: object
     estimate: object
     stages: Stages
+    along: np.ndarray
 
     def __del__(self):
         # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
         # of dolfinx freed then hang in mpi4py (see `_mpi`).  Inside `__del__` the error is set aside.
         self.__dict__.clear()
+
+    @property
+    def corner_displacement(self):
+        """Displacement at the corners of this rank's leaves: (n, 8, 3) [m].  Collective."""
+        values = self.elasticity.prolongation.prolong(self.contact.displacement)
+        return values[self.forest.vertices.cells]
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Where a run begins if not at the root cells.
+
+    Attributes:
+        forest: Forest.
+        values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
+            continuous trilinear fields, which go along through refinement and partition.
+    """
+
+    forest: Forest
+    values: np.ndarray
+
+    @classmethod
+    def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
+        """The root cells, all of them refined alike, at rest.
+
+        Collective on comm.
+
+        Args:
+            scene: Scene.
+            levels: times to refine.
+            comm: MPI communicator.
+        """
+        forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        for _ in range(levels):
+            forest = repartition(forest, None)[0] if len(scene.mesh.cells) > 64 * comm.size else forest
+            forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+        return cls(forest, np.zeros((len(forest), 8, 3)))
+
+    @classmethod
+    def after(cls, step, marked):
+        """The forest of a step refined; the step's displacement is the first guess, and goes along.
+
+        Collective on the step's communicator.
+
+        Args:
+            step: Step.
+            marked: (n,) bool, leaves to refine.
+        """
+        forest, glue = step.forest.refined(marked)
+        return cls(forest, glue.carry(np.tile(step.corner_displacement, 2)))
 
 
 def adapt(
@@ -73,6 +125,7 @@ def adapt(
     penalty=None,
     solver=None,
     partition_kind="contact-sfc",
+    beginning=None,
 ):
     """Solve a scene to a prescribed accuracy, refining where the error is.
 
@@ -88,6 +141,7 @@ def adapt(
         penalty: Penalty; None: the default one.
         solver: Solver; None: the default one.
         partition_kind: a key of `partition.KINDS`.
+        beginning: Beginning; None: the root cells.
 
     Yields:
         Step, until xi / (e omega) <= 1 or max_steps are done.
@@ -101,7 +155,11 @@ def adapt(
     _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver)
     carried, stages = None, Stages()
     with stages("partition"):
-        forest = _first_forest(scene, comm, partition_kind)
+        if beginning is None:
+            forest = _first_forest(scene, comm, partition_kind)
+        else:
+            forest, carried = repartition(beginning.forest, beginning.values, partition_kind)
+    del beginning
     for number in range(max_steps):
         with stages("partition"):
             if number:
@@ -109,9 +167,10 @@ def adapt(
             quality = brief(forest, partition_kind)
         with stages("hanging"):
             prolongation = Prolongation(forest)
-            start, carried = _start(forest, prolongation, carried), None
+            start, along = _start(forest, prolongation, carried)
+            carried = None
         step = _solve(
-            number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality
+            number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality, along
         )
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
@@ -139,7 +198,7 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solve
         )
 
 
-def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality):
+def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality, along):
     """One step on a given forest."""
     comm = forest.comm
     with stages("mesh"):
@@ -177,17 +236,18 @@ def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order
         **stages.costs(comm),
         "versions": versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages)
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages, along)
 
 
 def _start(forest, prolongation, carried):
-    """First guess of the conforming displacement from the values that the leaves carry: (owned, 3)."""
+    """First guess of the conforming displacement (owned, 3) from the values that the leaves carry, and the others."""
     start = np.zeros((prolongation.owned, 3))
-    if carried is not None:
-        leaf, corner = prolongation.vertices.example.T
-        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-        start[prolongation.conforming[own]] = carried[leaf[own], corner[own]]
-    return start
+    if carried is None:
+        return start, np.zeros((len(forest), 8, 0))
+    leaf, corner = prolongation.vertices.example.T
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    start[prolongation.conforming[own]] = carried[leaf[own], corner[own], :3]
+    return start, carried[..., 3:].copy()
 
 
 def _first_forest(scene, comm, kind):
@@ -203,12 +263,12 @@ def _first_forest(scene, comm, kind):
 
 
 def _refine(step, tolerance):
-    """The next forest and the displacement carried along, at the corners of its leaves (n, 8, 3)."""
+    """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     marked = np.zeros(len(step.forest), dtype=bool)
     marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance)
-    values = step.elasticity.prolongation.prolong(step.contact.displacement)
+    values = np.concatenate([step.corner_displacement, step.along], axis=2)
     forest, glue = step.forest.refined(marked)
-    return forest, glue.carry(values[step.forest.vertices.cells])
+    return forest, glue.carry(values)
 
 
 def _contact_results(scene, pairs, contact, comm):
