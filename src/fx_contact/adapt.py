@@ -10,7 +10,7 @@ from fx_contact.conditions import load, prescribed_displacements, shear_free_com
 from fx_contact.contact import Penalty, node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import PartitionError, SceneError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Gain, estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
@@ -153,7 +153,7 @@ def adapt(
     penalty = Penalty() if penalty is None else penalty
     solver = Solver() if solver is None else solver
     _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solver)
-    carried, stages = None, Stages()
+    carried, stages, gain = None, Stages(), Gain()
     with stages("partition"):
         if beginning is None:
             forest = _first_forest(scene, comm, partition_kind)
@@ -177,7 +177,7 @@ def adapt(
             return
         stages = Stages()
         with stages("refine"):
-            forest, carried = _refine(step, tolerance)
+            forest, carried = _refine(step, tolerance, gain)
         del step
 
 
@@ -262,10 +262,10 @@ def _first_forest(scene, comm, kind):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
-def _refine(step, tolerance):
+def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     marked = np.zeros(len(step.forest), dtype=bool)
-    marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance)
+    marked[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
     values = np.concatenate([step.corner_displacement, step.along], axis=2)
     forest, glue = step.forest.refined(marked)
     return forest, glue.carry(values)

@@ -15,7 +15,7 @@ from fx_contact import reference
 from fx_contact.accuracy import FINE_QUADRATURE, field_error
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import SceneError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Gain, estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
@@ -114,7 +114,7 @@ def adapt_manufactured(
     if not tolerance > 0:
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
     mesh = quarter_ring(order, coarse)
-    forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
+    forest, gain = Forest.of_roots(comm, mesh, Pairing(mesh, ())), Gain()
     for number in range(max_steps):
         stages = Stages()
         with stages("partition"):
@@ -125,7 +125,7 @@ def adapt_manufactured(
             return
         marked = np.ones(len(forest), dtype=bool)
         if not uniform:
-            marked[step.elasticity.leaf_mesh.leaf] = step.estimate.marked(tolerance)
+            marked[step.elasticity.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, comm)
         forest, _ = forest.refined(marked)
 
 
