@@ -97,7 +97,6 @@ class Beginning:
         """
         forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
         for _ in range(levels):
-            forest = repartition(forest, None)[0] if len(scene.mesh.cells) > 64 * comm.size else forest
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
         return cls(forest, np.zeros((len(forest), 8, 3)))
 
@@ -170,7 +169,18 @@ def adapt(
             start, along = _start(forest, prolongation, carried)
             carried = None
         step = _solve(
-            number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality, along
+            number,
+            scene,
+            forest,
+            prolongation,
+            start,
+            tolerance,
+            geometry_order,
+            penalty,
+            solver,
+            stages,
+            quality,
+            along,
         )
         yield step
         if step.record["ratio"] <= 1 or number == max_steps - 1:
@@ -198,7 +208,9 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order, penalty, solve
         )
 
 
-def _solve(number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality, along):
+def _solve(
+    number, scene, forest, prolongation, start, tolerance, geometry_order, penalty, solver, stages, quality, along
+):
     """One step on a given forest."""
     comm = forest.comm
     with stages("mesh"):

@@ -47,8 +47,8 @@ def indentation(
         raise SceneError(f"coarse must be even, for a vertex on the axis, got {coarse}")
     quarter = symmetry == "quarter"
     low = 0.0 if quarter else -1.0
-    lower = _box([low * 1.5, low * 1.5, -1.0], [1.5, 1.5, 0.0], coarse, order)
-    upper = _box([low * 0.5, low * 0.5, 0.0], [0.5, 0.5, 1.0], coarse, order)
+    lower = box([low * 1.5, low * 1.5, -1.0], [1.5, 1.5, 0.0], coarse, order)
+    upper = box([low * 0.5, low * 0.5, 0.0], [0.5, 0.5, 1.0], coarse, order)
     return Scene(
         name="indentation",
         mesh=_join(lower, upper, side, quarter),
@@ -73,7 +73,7 @@ def _sideways(quarter):
     )
 
 
-def _box(low, high, coarse, order):
+def box(low, high, coarse, order):
     """Nodes and cells of a structured box: (n, 3) float64 in units of H, (m, (p+1)^3) int64 in tensor order."""
     counts = np.rint((np.array(high) - low) * coarse).astype(np.int64)
     axes = [np.linspace(a, b, order * n + 1) for a, b, n in zip(low, high, counts)]

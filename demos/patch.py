@@ -1,0 +1,43 @@
+"""The patch test of contact: two columns of different materials end to end, on a mesh with hanging vertices.
+
+The exact pressure is uniform. What deviates is the enforcement's: a penalty lets the columns overlap a little, and by
+more where the facets are larger.
+
+    mpirun -n 2 python3 demos/patch.py --penalty 1e4
+"""
+
+import numpy as np
+from common import main, parser
+from mpi4py import MPI
+
+from fx_contact.adapt import Beginning
+from fx_contact.lattice import SIDE
+from fx_contact.scenes import patch, patch_pressure
+
+options = parser(__doc__, tolerance=0.04, order=1, coarse=2, output="results/patch")
+
+
+def scene(arguments, _material):
+    """The two columns; their materials are fixed."""
+    return patch(coarse=arguments.coarse)
+
+
+def beginning(_arguments, scene, comm):
+    """The leaves around the axis refined where the columns meet, twice."""
+    forest = Beginning.uniform(scene, 0, comm).forest
+    for reach in (0.4, 0.2):
+        centre = forest.mesh.evaluate(forest.cell, forest.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
+        forest, _ = forest.refined(np.linalg.norm(centre, axis=1) < reach)
+    return Beginning(forest, np.zeros((len(forest), 8, 3)))
+
+
+def errors(_arguments, step):
+    """Deviations from the exact solution: of the force, and of the pressure in the L2 norm over the surface."""
+    exact, pairs = patch_pressure(step.scene), step.pairs
+    off = step.contact.force / pairs.area - exact
+    total, area = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area.sum()]), op=MPI.SUM)
+    return {"force": step.record["force"] / exact - 1, "pressure": float(np.sqrt(total / area) / exact)}
+
+
+if __name__ == "__main__":
+    main(options, scene, errors=errors, beginning=beginning)
