@@ -11,7 +11,7 @@ from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import PartitionError, SceneError, SolveError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Gain, estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
@@ -45,6 +45,7 @@ class Step:
         contact: ContactSolution.
         estimate: Estimate.
         stages: Stages of this step, from the refinement that led to it.
+        along: (n, 8, k) float64 at the corners of the leaves, further fields of the `Beginning`.
     """
 
     record: dict
@@ -57,11 +58,61 @@ class Step:
     contact: object
     estimate: object
     stages: Stages
+    along: np.ndarray
 
     def __del__(self):
         # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
         # of dolfinx freed then hang in mpi4py (see `_mpi`).  Inside `__del__` the error is set aside.
         self.__dict__.clear()
+
+    @property
+    def corner_displacement(self):
+        """Displacement at the corners of this rank's leaves: (n, 8, 3) [m].  Collective."""
+        values = self.elasticity.prolongation.prolong(self.contact.displacement)
+        return values[self.forest.vertices.cells]
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Where a run begins if not at the root cells.
+
+    Attributes:
+        forest: Forest.
+        values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
+            continuous trilinear fields, which go along through refinement and partition.
+    """
+
+    forest: Forest
+    values: np.ndarray
+
+    @classmethod
+    def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
+        """The root cells, all of them refined alike, at rest.
+
+        Collective on comm.
+
+        Args:
+            scene: Scene.
+            levels: times to refine.
+            comm: MPI communicator.
+        """
+        forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        for _ in range(levels):
+            forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+        return cls(forest, np.zeros((len(forest), 8, 3)))
+
+    @classmethod
+    def after(cls, step, marked):
+        """The forest of a step refined; the step's displacement is the first guess, and goes along.
+
+        Collective on the step's communicator.
+
+        Args:
+            step: Step.
+            marked: (n,) bool, leaves to refine.
+        """
+        forest, glue = step.forest.refined(marked)
+        return cls(forest, glue.carry(np.tile(step.corner_displacement, 2)))
 
 
 def adapt(
@@ -74,6 +125,7 @@ def adapt(
     enforcement=None,
     solver=None,
     partition_kind="contact-sfc",
+    beginning=None,
 ):
     """Solve a scene to a prescribed accuracy, refining where the error is.
 
@@ -89,6 +141,7 @@ def adapt(
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         partition_kind: a key of `partition.KINDS`.
+        beginning: Beginning; None: the root cells.
 
     Yields:
         Step, until xi / (e omega) <= 1 or max_steps are done.
@@ -100,9 +153,13 @@ def adapt(
     enforcement = Enforcement() if enforcement is None else enforcement
     solver = Solver() if solver is None else solver
     _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver)
-    carried, record, stages = None, None, Stages()
+    carried, record, stages, gain = None, None, Stages(), Gain()
     with stages("partition"):
-        forest = _first_forest(scene, comm, partition_kind)
+        if beginning is None:
+            forest = _first_forest(scene, comm, partition_kind)
+        else:
+            forest, carried = repartition(beginning.forest, beginning.values, partition_kind)
+    del beginning
     for number in range(max_steps):
         with stages("partition"):
             if number:
@@ -110,7 +167,8 @@ def adapt(
             quality = brief(forest, partition_kind)
         with stages("hanging"):
             prolongation = Prolongation(forest)
-            start, carried = _start(forest, prolongation, carried), None
+            start, along = _start(forest, prolongation, carried)
+            carried = None
         try:
             step = _solve(
                 number,
@@ -124,6 +182,7 @@ def adapt(
                 solver,
                 stages,
                 quality,
+                along,
             )
         except SolveError as error:
             error.record, error.forest, error.displacement = record, forest, start
@@ -134,7 +193,7 @@ def adapt(
             return
         stages = Stages()
         with stages("refine"):
-            forest, carried = _refine(step, tolerance)
+            forest, carried = _refine(step, tolerance, gain)
         del step
 
 
@@ -156,7 +215,7 @@ def _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, s
 
 
 def _solve(
-    number, scene, forest, prolongation, start, tolerance, geometry_order, enforcement, solver, stages, quality
+    number, scene, forest, prolongation, start, tolerance, geometry_order, enforcement, solver, stages, quality, along
 ):
     """One step on a given forest."""
     comm = forest.comm
@@ -201,17 +260,18 @@ def _solve(
         **stages.costs(comm),
         "versions": versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages)
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages, along)
 
 
 def _start(forest, prolongation, carried):
-    """First guess of the conforming displacement from the values that the leaves carry: (owned, 3)."""
+    """First guess of the conforming displacement (owned, 3) from the values that the leaves carry, and the others."""
     start = np.zeros((prolongation.owned, 3))
-    if carried is not None:
-        leaf, corner = prolongation.vertices.example.T
-        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-        start[prolongation.conforming[own]] = carried[leaf[own], corner[own]]
-    return start
+    if carried is None:
+        return start, np.zeros((len(forest), 8, 0))
+    leaf, corner = prolongation.vertices.example.T
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    start[prolongation.conforming[own]] = carried[leaf[own], corner[own], :3]
+    return start, carried[..., 3:].copy()
 
 
 def _first_forest(scene, comm, kind):
@@ -226,13 +286,13 @@ def _first_forest(scene, comm, kind):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
-def _refine(step, tolerance):
-    """The next forest and the displacement carried along, at the corners of its leaves (n, 8, 3)."""
+def _refine(step, tolerance, gain):
+    """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     marked = np.zeros(len(step.forest), dtype=bool)
-    marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance)
-    values = step.elasticity.prolongation.prolong(step.contact.displacement)
+    marked[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    values = np.concatenate([step.corner_displacement, step.along], axis=2)
     forest, glue = step.forest.refined(marked)
-    return forest, glue.carry(values[step.forest.vertices.cells])
+    return forest, glue.carry(values)
 
 
 def _contact_results(scene, pairs, contact, comm):
