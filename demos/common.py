@@ -24,6 +24,7 @@ petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything el
 from mpi4py import MPI  # noqa: E402
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.errors import FxContactError  # noqa: E402
 from fx_contact.output import RecordWriter, write_fields  # noqa: E402
@@ -69,6 +70,12 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
+    add("--checkpoint", type=Path, help="folder that keeps the last step, to restart from")
+    add(
+        "--restart",
+        action="store_true",
+        help="go on from the step in the folder of --checkpoint, on any number of ranks",
+    )
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
 
@@ -93,6 +100,8 @@ def main(options, make_scene, exact=None):
     unknown += [word for word in theirs if f"-{word}" in options.format_help().split()]
     if unknown or (theirs and not theirs[0][1:2].isalpha()):
         options.error(f"unknown option {(unknown + theirs)[0]!r}; --help lists them, all with two dashes")
+    if arguments.restart and not arguments.checkpoint:
+        options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     try:
         _run(comm, arguments, make_scene, exact)
     except FxContactError as error:
@@ -105,13 +114,11 @@ def main(options, make_scene, exact=None):
 
 
 def _run(comm, arguments, make_scene, exact):
-    records = RecordWriter(arguments.output, comm)
     material = Material(young=arguments.young, poisson=arguments.poisson)
     scene = make_scene(arguments, material)
-    show = print if comm.rank == 0 else lambda *_, **__: None
-    show(table_head(), flush=True)
-    steps = []
-    for step in adapt(
+    before = Checkpoint(arguments.checkpoint, scene, comm) if arguments.restart else None
+    steps = list(before.records) if before else []
+    run = adapt(
         scene,
         arguments.tolerance,
         comm,
@@ -120,17 +127,25 @@ def _run(comm, arguments, make_scene, exact):
         enforcement=enforcement(arguments),
         solver=Solver(arguments.preconditioner),
         partition_kind=arguments.partition,
-    ):
-        records.write(step.record)
-        steps.append(step.record)
-        show(table_row(step.record), flush=True)
+        checkpoint=arguments.checkpoint,
+        restart=before,
+    )
+    records = RecordWriter(arguments.output, comm, steps)
+    show = print if comm.rank == 0 else lambda *_, **__: None
+    show("\n".join([table_head(), *map(table_row, steps)]), flush=True)
+    for step in run:
+        if step.record["step"] == len(steps):  # else the last one again, for its fields
+            records.write(step.record)
+            steps.append(step.record)
+            show(table_row(step.record), flush=True)
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     results = "steps.jsonl"
     if not arguments.records_only:
         results += ", fields.bp and cells.bp (for ParaView), " + _show(step, arguments.output, bool(exact), compared)
-        record |= step.stages.costs(comm)
-        records.amend(record)
+        if record is steps[-1]:
+            record |= step.stages.costs(comm)
+            records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
     if not record["ratio"] <= 1:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")

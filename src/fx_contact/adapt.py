@@ -1,11 +1,12 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from numbers import Real
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.checkpoint import Checkpoint, prepare, save
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
@@ -74,6 +75,8 @@ def adapt(
     enforcement=None,
     solver=None,
     partition_kind="contact-sfc",
+    checkpoint=None,
+    restart=None,
 ):
     """Solve a scene to a prescribed accuracy, refining where the error is.
 
@@ -83,29 +86,73 @@ def adapt(
         scene: Scene, the same on all ranks.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
         comm: MPI communicator.
-        max_steps: most solves.
+        max_steps: most solves, with those before a restart.
         geometry_order: order of the leaf maps; None: the lowest that holds the root map to
             `GEOMETRY_SHARE` times the tolerance.
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         partition_kind: a key of `partition.KINDS`.
+        checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
+        restart: Checkpoint to go on from: with the next step, or with the same one again if that was the last.
 
-    Yields:
-        Step, until xi / (e omega) <= 1 or max_steps are done.
+    Returns:
+        Iterator of Step, until xi / (e omega) <= 1 or max_steps are done.
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh.
+        CheckpointError: the checkpoint is damaged, or of a run with another enforcement or geometry order.
+        OutputError: a checkpoint cannot be written, or would replace that of another run.
         SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
     """
     enforcement = Enforcement() if enforcement is None else enforcement
     solver = Solver() if solver is None else solver
     _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver)
-    carried, record, stages = None, None, Stages()
-    with stages("partition"):
-        forest = _first_forest(scene, comm, partition_kind)
-    for number in range(max_steps):
+    if restart is not None and not isinstance(restart, Checkpoint):
+        raise SceneError(f"restart must be a Checkpoint, got {restart!r}")
+    options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
+    if restart is not None:
+        restart.check(options)
+    if checkpoint is not None:
+        prepare(checkpoint, comm, restart)
+    return _steps(
+        scene,
+        tolerance,
+        comm,
+        max_steps,
+        geometry_order,
+        enforcement,
+        solver,
+        partition_kind,
+        checkpoint,
+        restart,
+        options,
+    )
+
+
+def _steps(
+    scene,
+    tolerance,
+    comm,
+    max_steps,
+    geometry_order,
+    enforcement,
+    solver,
+    partition_kind,
+    checkpoint,
+    restart,
+    options,
+):
+    """The steps that `adapt` yields."""
+    carried, records, stages = None, [], Stages()
+    if restart is None:
         with stages("partition"):
-            if number:
+            forest = _first_forest(scene, comm, partition_kind)
+    else:
+        with stages("refine"):
+            forest, carried, records = _resumed(restart, tolerance, max_steps)
+    for number in range(len(records), max(max_steps, len(records) + 1)):
+        with stages("partition"):
+            if carried is not None:
                 forest, carried = repartition(forest, carried, partition_kind)
             quality = brief(forest, partition_kind)
         with stages("hanging"):
@@ -126,11 +173,15 @@ def adapt(
                 quality,
             )
         except SolveError as error:
-            error.record, error.forest, error.displacement = record, forest, start
+            error.record, error.forest, error.displacement = records[-1] if records else None, forest, start
             raise
-        record = step.record
+        records.append(step.record)
+        if checkpoint is not None:
+            with stages("output"):
+                save(checkpoint, step, records, options)
+            step.record.update(stages.costs(comm))
         yield step
-        if step.record["ratio"] <= 1 or number == max_steps - 1:
+        if step.record["ratio"] <= 1 or number >= max_steps - 1:
             return
         stages = Stages()
         with stages("refine"):
@@ -233,6 +284,15 @@ def _refine(step, tolerance):
     values = step.elasticity.prolongation.prolong(step.contact.displacement)
     forest, glue = step.forest.refined(marked)
     return forest, glue.carry(values[step.forest.vertices.cells])
+
+
+def _resumed(checkpoint, tolerance, max_steps):
+    """The forest to go on with, its displacement (n, 8, 3), and the records of the steps that are done."""
+    state, records = checkpoint.load(), list(checkpoint.records)
+    if state.estimate.relative <= tolerance or len(records) >= max_steps:
+        return state.forest, state.displacement, records[:-1]
+    forest, glue = state.forest.refined(state.estimate.marked(tolerance))
+    return forest, glue.carry(state.displacement), records
 
 
 def _contact_results(scene, pairs, contact, comm):
