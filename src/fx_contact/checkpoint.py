@@ -21,6 +21,7 @@ from fx_contact.pairing import decode_leaf, leaf_code
 from fx_contact.rowfile import RowFile, write
 
 NAME = "checkpoint"
+KIND = "checkpoint of fx_contact, version 1"
 _LEVEL_BITS = 4
 
 
@@ -72,12 +73,13 @@ def save(folder, step, records, options):
     indicator[step.leaf_mesh.leaf] = error.error
     names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
     names |= forest.level.astype(np.uint64)
-    # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, all the same.
+    # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
     rows = prolongation.conforming < prolongation.owned
     write(
         Path(folder) / NAME,
         forest.comm,
         {
+            "kind": KIND,
             "problem": problem(step.scene),
             "options": options,
             "records": records,
@@ -128,8 +130,11 @@ class Checkpoint:
     def __init__(self, folder, scene, comm):
         self.path, self._scene, self._comm = Path(folder) / NAME, scene, comm
         self._file = RowFile(self.path, comm)
-        self._compare(self._file.content["problem"], problem(scene))
-        self.records = self._file.content["records"]
+        content = self._file.content
+        if not isinstance(content, dict) or content.get("kind") != KIND:
+            raise CheckpointError(f"{str(self.path)!r} is no {KIND}")
+        self._compare(content["problem"], problem(scene))
+        self.records = content["records"]
 
     def check(self, options):
         """Raises CheckpointError unless the run had these options, a dict that JSON can hold.  Local."""

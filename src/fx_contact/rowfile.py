@@ -56,10 +56,10 @@ def write(path, comm, content, tables):
     header += b" " * (-len(header) % 8)
     preamble = _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header))
     starts, end = _places(len(header), layout)
-    with together(comm), _told(path):
+    with together(comm), _written(path):
         file = MPI.File.Open(comm, str(new), MPI.MODE_CREATE | MPI.MODE_WRONLY)
         file.Set_size(end)
-    with together(comm), _told(path):
+    with together(comm), _written(path):
         try:  # of what is inside, nothing is collective: a rank on which it fails still meets the others below
             if comm.rank == 0:
                 file.Write_at(0, preamble + header)
@@ -70,7 +70,7 @@ def write(path, comm, content, tables):
                 file.Sync()
             finally:
                 file.Close()
-    with together(comm), _told(path):
+    with together(comm), _written(path):
         if comm.rank == 0:
             os.replace(new, path)
             folder = os.open(path.parent, os.O_RDONLY)
@@ -99,12 +99,12 @@ class RowFile:
     def __init__(self, path, comm):
         self.path, self._comm = Path(path), comm
         header = None
-        with together(comm):
+        with together(comm), _read(self.path):
+            self._file = self.path.open("rb")  # held: it stays what it is when another takes its name
             if comm.rank == 0:
-                header = _header(self.path)
+                header = _header(self.path, self._file)
         header = comm.bcast(header)
-        self.content, self._layout = header["content"], header["tables"]
-        self._starts = header["starts"]
+        self.content, self._layout, self._starts = header["content"], header["tables"], header["starts"]
 
     def table(self, name):
         """This rank's share of a table: about as many rows for each rank, in the order of the file.
@@ -127,38 +127,28 @@ class RowFile:
         columns = table["columns"]
         low, high = (table["rows"] * (comm.rank + i) // comm.size for i in (0, 1))
         rows = np.empty((high - low, columns), np.uint64)
-        with together(comm):
-            try:
-                file = MPI.File.Open(MPI.COMM_SELF, str(path), MPI.MODE_RDONLY)
-                try:
-                    file.Read_at(self._starts[name] + 8 * low * columns, rows)
-                finally:
-                    file.Close()
-            except MPI.Exception as error:
-                raise CheckpointError(f"cannot read {str(path)!r}: {error.Get_error_string()}") from None
+        with together(comm), _read(path):
+            self._file.seek(self._starts[name] + 8 * low * columns)
+            self._file.readinto(rows)
         if _checksum(rows, low * columns, comm) != table["checksum"]:
             raise CheckpointError(f"{str(path)!r} is damaged: the checksum of its table {name!r} is wrong; {_ADVICE}")
         return rows.view(table["type"])
 
 
-def _header(path):
-    """The checked header of a file, and where its tables start.  Local."""
-    try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size < _PREAMBLE.size:
-                raise _incomplete(path, size)
-            magic, version, length, checksum = _PREAMBLE.unpack(file.read(_PREAMBLE.size))
-            if magic != MAGIC:
-                raise CheckpointError(f"{str(path)!r} is no checkpoint of this program")
-            if version != VERSION:
-                raise CheckpointError(
-                    f"{str(path)!r} has version {version} of the format, this program reads {VERSION}: go on with the "
-                    "release that wrote it, or begin anew"
-                )
-            header = file.read(min(length, size))
-    except OSError as error:
-        raise CheckpointError(f"cannot read the checkpoint {str(path)!r}: {error.strerror}") from None
+def _header(path, file):
+    """The checked header of an open file, and where its tables start.  Local."""
+    size = os.fstat(file.fileno()).st_size
+    if size < _PREAMBLE.size:
+        raise _incomplete(path, size)
+    magic, version, length, checksum = _PREAMBLE.unpack(file.read(_PREAMBLE.size))
+    if magic != MAGIC:
+        raise CheckpointError(f"{str(path)!r} is no checkpoint of this program")
+    if version != VERSION:
+        raise CheckpointError(
+            f"{str(path)!r} has version {version} of the format, this program reads {VERSION}: go on with the release "
+            "that wrote it, or begin anew"
+        )
+    header = file.read(min(length, size))
     if len(header) < length:
         raise _incomplete(path, size)
     if zlib.crc32(header) != checksum:
@@ -196,7 +186,16 @@ def _checksum(rows, first, comm):
 
 
 @contextmanager
-def _told(path):
+def _read(path):
+    """Errors of the system become a CheckpointError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise CheckpointError(f"cannot read the checkpoint {str(path)!r}: {error.strerror}") from None
+
+
+@contextmanager
+def _written(path):
     """Errors of the system and of MPI-IO become an OutputError that names the file."""
     try:
         yield
