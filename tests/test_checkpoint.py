@@ -294,18 +294,16 @@ def test_records_go_on(folder, there, expected):
 class Life:
     """A run of `demos/hertz.py` in a session of its own, to be killed."""
 
-    SETTINGS = "--order 2 --coarse 2 --tolerance 0.25 --records-only"
+    SETTINGS = "--order 2 --coarse 2 --tolerance 0.12 --records-only"
 
     def __init__(self, folder, ranks):
         self.checkpoint, self.records = folder / "kept" / NAME, folder / "steps.jsonl"
         command = f"mpirun -n {ranks} {sys.executable} {HERTZ} {self.SETTINGS} --output {folder}"
         command += f" --checkpoint {folder / 'kept'}" + " --restart" * self.checkpoint.exists()
-        ours = "ALLOW_RUN_AS_ROOT", "MCA_btl", "MCA_mpi_yield", "MCA_rmaps"  # not what an mpirun above has set
-        environment = {
-            name: value
-            for name, value in os.environ.items()
-            if not name.startswith(("OMPI_", "PMIX_", "PRTE_")) or any(word in name for word in ours)
-        }
+        above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(above)}
+        # More ranks than cores; an mpirun above has taken this setting of the launcher away.
+        environment |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
         self.log = (folder / "log").open("a")
         self.process = subprocess.Popen(
             command.split(), stdout=self.log, stderr=self.log, env=environment, start_new_session=True
@@ -383,7 +381,7 @@ def test_killed_at_random_moments(tmp_path, request):
         lives += 1
         while True:
             life = Life(folder, rng.randint(1, 3))
-            killed = kills < wanted and life.until(None if kills % 3 == 1 else rng.uniform(0.1, duration))
+            killed = kills < wanted and life.until(None if rng.random() < 1 / 3 else rng.uniform(0.1, duration))
             if not killed:
                 break
             life.kill(rng.random() < 0.5, rng)

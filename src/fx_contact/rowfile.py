@@ -53,7 +53,7 @@ def write(path, comm, content, tables):
             "checksum": _checksum(rows, first[name], comm),
         }
     header = json.dumps({"content": content, "tables": layout}, default=float).encode()
-    header += b" " * (-len(header) % 8)
+    header = comm.bcast(header + b" " * (-len(header) % 8))
     preamble = _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header))
     starts, end = _places(len(header), layout)
     with together(comm), _written(path):
