@@ -25,6 +25,7 @@ petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything el
 from mpi4py import MPI  # noqa: E402
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.errors import FxContactError  # noqa: E402
@@ -74,6 +75,12 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
     add("--true-error", type=float, metavar="E", help="go on to this tolerance to measure the true energy error")
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
+    add("--checkpoint", type=Path, help="folder that keeps the last step, to restart from")
+    add(
+        "--restart",
+        action="store_true",
+        help="go on from the step in the folder of --checkpoint, on any number of ranks",
+    )
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
 
@@ -102,6 +109,8 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
     unknown += [word for word in theirs if f"-{word}" in options.format_help().split()]
     if unknown or (theirs and not theirs[0][1:2].isalpha()):
         options.error(f"unknown option {(unknown + theirs)[0]!r}; --help lists them, all with two dashes")
+    if arguments.restart and not arguments.checkpoint:
+        options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     try:
         _run(comm, arguments, make_scene, exact, best_scene or make_scene, errors, beginning or uniform)
     except FxContactError as error:
@@ -119,13 +128,11 @@ def uniform(arguments, scene, comm):
 
 
 def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
-    records = RecordWriter(arguments.output, comm)
     material = Material(young=arguments.young, poisson=arguments.poisson)
     scene = make_scene(arguments, material)
-    show = print if comm.rank == 0 else lambda *_, **__: None
-    show(table_head(), flush=True)
-    steps, once = [], arguments.uniform is not None
-    for step in adapt(
+    before = Checkpoint(arguments.checkpoint, scene, comm) if arguments.restart else None
+    steps, once = list(before.records) if before else [], arguments.uniform is not None
+    run = adapt(
         scene,
         arguments.tolerance,
         comm,
@@ -134,11 +141,18 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         enforcement=enforcement(arguments),
         solver=Solver(arguments.preconditioner),
         partition_kind=arguments.partition,
-        beginning=beginning(arguments, scene, comm),
-    ):
-        records.write(step.record)
-        steps.append(step.record)
-        show(table_row(step.record), flush=True)
+        beginning=beginning(arguments, scene, comm) if before is None else None,
+        checkpoint=arguments.checkpoint,
+        restart=before,
+    )
+    records = RecordWriter(arguments.output, comm, steps)
+    show = print if comm.rank == 0 else lambda *_, **__: None
+    show("\n".join([table_head(), *map(table_row, steps)]), flush=True)
+    for step in run:
+        if step.record["step"] == len(steps):  # else the last one again, for its fields
+            records.write(step.record)
+            steps.append(step.record)
+            show(table_row(step.record), flush=True)
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     results = "steps.jsonl"
@@ -151,7 +165,8 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         true = true_error(step, arguments.true_error, best_scene(arguments, material))
         record["true_error"] = {**asdict(true), "relative": true.relative}
         record["effectivity"] = record["estimate"] / true.relative
-    records.amend(record)
+    if record is steps[-1]:
+        records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
     if not record["ratio"] <= 1 and not once:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")

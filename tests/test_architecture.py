@@ -11,7 +11,7 @@ FOLDER = Path(fx_contact.__file__).parent
 
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
-    errors _mpi stages memory report
+    errors _mpi stages memory report rowfile
     reference rootmesh gmsh_model lattice pairing curve analytic references
     scene scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
@@ -19,6 +19,7 @@ ORDER = """
     elasticity conditions enforcement contact
     activeset estimate solve
     accuracy
+    step checkpoint
     adapt manufactured
     overrefined
     plot output

@@ -73,11 +73,17 @@ class Estimate:
         return above >= _LEVELS - enough, float(lost[enough])
 
 
+@dataclass
 class Gain:
-    """What refinement has brought in a run, relative to a smooth solution; towards a singularity it brings less."""
+    """What refinement has brought in a run, relative to a smooth solution; towards a singularity it brings less.
 
-    def __init__(self):
-        self._before, self._expected = None, 0.0
+    Attributes:
+        before: xi^2 of the mesh that was refined last [J].
+        expected: what refining it would have taken from that, had the solution been smooth; 0: nothing is known [J].
+    """
+
+    before: float = 0.0
+    expected: float = 0.0
 
     def marked(self, error, tolerance, comm):
         """Cells of the present mesh to refine.
@@ -93,10 +99,10 @@ class Gain:
             (ncells,) bool.
         """
         gain, square = 1.0, error.error_global**2
-        if self._expected:
-            gain = min(max((self._before - square) / self._expected, _LEAST_GAIN), 1.0)
-        marked, self._expected = error.marked(tolerance, comm, gain)
-        self._before = square
+        if self.expected:
+            gain = min(max((self.before - square) / self.expected, _LEAST_GAIN), 1.0)
+        marked, self.expected = error.marked(tolerance, comm, gain)
+        self.before = square
         return marked
 
 
