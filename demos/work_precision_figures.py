@@ -78,13 +78,13 @@ def _main(found, _folder):
 def _settings(found, _folder):
     """Enforcements by their pressure error, preconditioners by the energy error, both against time."""
     best = {DEFAULT: _lines(found, ("adaptivity",)).get(DEFAULT, [])}
-    figure, panels = _figure(3, legends=True)
+    figure, panels = _figure(3)
     hard, solvers = ({**best, **_lines(found, (name,))} for name in ("enforcement", "solver"))
     _draw(panels[0], hard, _wall, _of("pressure"), "wall time [s]", "pressure profile error, L2 [%]")
     _draw(panels[1], hard, _wall, _of("force"), "wall time [s]", "force error [%]")
     _draw(panels[2], solvers, _wall, _error, "wall time [s]", "relative energy error [%]")
-    panels[0].legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(1.1, -0.2), ncols=3)
-    panels[2].legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+    for axes, place, columns in ((panels[0], 0.34, 4), (panels[2], 0.84, 2)):
+        _legend(figure, axes, place, columns)
     return figure
 
 
@@ -184,9 +184,10 @@ def _figure(count, legends=False):
     return figure, panels
 
 
-def _legend(figure, axes):
+def _legend(figure, axes, place=0.5, columns=4):
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.03), ncols=4, frameon=False, fontsize=9)
+    where = dict(loc="lower center", bbox_to_anchor=(place, 0.03), ncols=columns)
+    figure.legend(handles, labels, frameon=False, fontsize=9, **where)
 
 
 def _lines(found, groups):
