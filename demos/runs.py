@@ -63,6 +63,7 @@ def run(case, place, limit=None, extra=""):
     words = [*shlex.split(case.command), *extra.split(), "--output", str(place)]
     words[words.index(f"demos/{case.demo}.py")] = str(DEMOS / f"{case.demo}.py")
     start = time.perf_counter()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # as Ctrl-C: the run is stopped below
     # A session of its own, so that what mpirun has started can be stopped with it.
     process = subprocess.Popen(
         words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True

@@ -29,7 +29,7 @@ from runs import RunFailed, cpu, run, wall
 
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].
-_ONCE, _LIMIT = 12.0, 420.0
+_ONCE, _LIMIT = 12.0, 600.0
 
 
 def machine():
@@ -86,7 +86,7 @@ def measure(wanted, folder, repeats):
         count.setdefault(record["command"], []).append(record)
     total = sum(expected(point) for point in wanted)
     form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} done, {remaining} left"
-    with tqdm(total=round(total), bar_format=form, dynamic_ncols=True) as bar, path.open("a") as file:
+    with tqdm(total=total, bar_format=form, dynamic_ncols=True) as bar, path.open("a") as file:
         for point in wanted:
             runs = count.setdefault(point.case.command, [])
             bar.set_description_str(f"{point.line}"[:32].ljust(32))
@@ -138,7 +138,7 @@ def main():
         options.error(f"there are no runs in {folder}")
     write_csv(found, folder / "points.csv")
     for name, text in (
-        ("table.md", table(found) + "\n\n" + commands(found)),
+        ("table.md", "\n\n".join([_told(runs), table(found), commands(found)])),
         ("readme.md", readme_table(found)),
         ("targets.md", targets(found)),
     ):

@@ -61,6 +61,8 @@ def _main(found, _folder):
     """True energy error and force error against wall seconds: what adaptivity and geometry buy."""
     lines = _lines(found, ("adaptivity", "geometry"))
     lines |= {name: rows for name, rows in _lines(found, ("solver",)).items() if name.endswith("1 rank")}
+    if not any(lines.values()):
+        return None
     figure, panels = _figure(3)
     for axes, (x, y, xlabel, ylabel) in zip(
         panels,
@@ -78,13 +80,15 @@ def _main(found, _folder):
 def _settings(found, _folder):
     """Enforcements by their pressure error, preconditioners by the energy error, both against time."""
     best = {DEFAULT: _lines(found, ("adaptivity",)).get(DEFAULT, [])}
-    figure, panels = _figure(3, legends=True)
     hard, solvers = ({**best, **_lines(found, (name,))} for name in ("enforcement", "solver"))
+    if not any(hard.values()) or not any(solvers.values()):
+        return None
+    figure, panels = _figure(3)
     _draw(panels[0], hard, _wall, _of("pressure"), "wall time [s]", "pressure profile error, L2 [%]")
     _draw(panels[1], hard, _wall, _of("force"), "wall time [s]", "force error [%]")
     _draw(panels[2], solvers, _wall, _error, "wall time [s]", "relative energy error [%]")
-    panels[0].legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(1.1, -0.2), ncols=3)
-    panels[2].legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+    for axes, place, columns in ((panels[0], 0.34, 4), (panels[2], 0.84, 2)):
+        _legend(figure, axes, place, columns)
     return figure
 
 
@@ -184,19 +188,20 @@ def _figure(count, legends=False):
     return figure, panels
 
 
-def _legend(figure, axes):
+def _legend(figure, axes, place=0.5, columns=4):
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.03), ncols=4, frameon=False, fontsize=9)
+    where = dict(loc="lower center", bbox_to_anchor=(place, 0.03), ncols=columns)
+    figure.legend(handles, labels, frameon=False, fontsize=9, **where)
 
 
 def _lines(found, groups):
-    """Results by line, in the order of the points; those that failed have no place in a plot."""
-    lines = {}
+    """Results by line, in the order of the points; those that failed have no place in a plot but its legend."""
+    lines, failed = {}, {}
     for result in found:
         if result.point.group in groups:
-            lines.setdefault(result.point.line, [])
-            if not result.failed:
-                lines[result.point.line].append(result)
+            (failed if result.failed else lines).setdefault(result.point.line, []).append(result)
+    for name, missing in failed.items():
+        lines[f"{name}, {len(missing)} failed"] = lines.pop(name, [])
     return lines
 
 
@@ -208,8 +213,7 @@ def _draw(axes, lines, x, y, xlabel, ylabel):
     """One panel; hollow markers: the estimate stands for a true error that is not known."""
     for (name, rows), style in _styled(lines):
         rows = [r for r in rows if y(r) is not None]
-        label = name if rows else f"{name} (failed)"
-        axes.loglog([x(r) for r in rows], [y(r) for r in rows], label=label, ms=6, lw=1.4, **style)
+        axes.loglog([x(r) for r in rows], [y(r) for r in rows], label=name, ms=6, lw=1.4, **style)
         if y is _error:
             hollow = [r for r in rows if not r.true]
             axes.plot([x(r) for r in hollow], [y(r) for r in hollow], "o", ms=3, mfc="white", mec="white", zorder=5)

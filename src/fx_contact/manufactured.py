@@ -103,7 +103,8 @@ def adapt_manufactured(
         order: of the root mesh, 1 to 6.
         geometry_order: of the leaf maps; None: that of the root mesh.
         coarse: root cells across the ring.
-        uniform: refine all leaves, not those of criterion (2).
+        uniform: refine all leaves, not those of criterion (2), from a mesh whose lower half is finer: hanging vertices
+            are there in all steps.
         max_steps: most solves.
 
     Yields:
@@ -116,6 +117,8 @@ def adapt_manufactured(
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
     mesh = quarter_ring(order, coarse)
     forest, gain = Forest.of_roots(comm, mesh, Pairing(mesh, ())), Gain()
+    if uniform:
+        forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
     for number in range(max_steps):
         stages = Stages()
         with stages("partition"):
