@@ -164,6 +164,46 @@ def test_sufficient_order_holds_its_tolerance():
         )
 
 
+def test_sufficient_order_of_a_graded_forest():
+    """Judged by ancestors, the order is the lowest with which every leaf itself is close enough to its root's map."""
+    forest = bent(6)
+    forest = DISTRIBUTIONS["strewn"](grown(forest.refined(np.ones(len(forest), dtype=bool))[0], 3, share=0.2))
+    assert WORLD.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX) > 2
+    low, side = forest.anchor / SIDE, 0.5 ** forest.level.astype(float)
+
+    def positions(line):
+        return forest.mesh.evaluate(forest.cell, low[:, :, None] + side[:, None, None] * line)
+
+    line = np.linspace(0, 1, 13)
+    exact = positions(line)
+    size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
+    chosen = set()
+    deviation = np.zeros(7)
+    for order in range(1, 6):
+        functions = (reference.lagrange(order, line),) * 3
+        error = reference.tensor_evaluate(functions, positions(np.linspace(0, 1, order + 1))) - exact
+        largest = (np.linalg.norm(error, axis=2).max(axis=1) / size).max(initial=0)
+        deviation[order] = WORLD.allreduce(float(largest), op=MPI.MAX)
+    for order in range(1, 6):
+        q = sufficient_order(forest, 1.05 * deviation[order])
+        assert q <= order and deviation[q] <= 1.1 * deviation[order], (q, order, deviation)
+        chosen.add(q)
+    assert len(chosen) > 2
+
+
+@pytest.mark.parametrize("order", [1, 3, 6])
+def test_evaluate(order):
+    """Lattices that share coordinates in a root cell are where the sum over all nodes puts them, in any order."""
+    mesh, random = bent(order, MPI.COMM_SELF).mesh, np.random.default_rng(order)
+    cells = random.integers(len(mesh.cells), size=200)
+    coordinates = random.choice(np.linspace(0, 1, 5), size=(200, 3, 2))
+    fx, fy, fz = (reference.lagrange(order, coordinates[:, axis]) for axis in range(3))
+    nodal = mesh.points[mesh.cells[cells]].reshape(200, *[order + 1] * 3, 3)
+    expected = np.einsum("nck,nbj,nai,nkjid->ncbad", fz, fy, fx, nodal, optimize=True).reshape(200, 8, 3)
+    assert np.abs(mesh.evaluate(cells, coordinates) - expected).max() < 1e-13
+    assert mesh.evaluate(cells[:0], coordinates[:0]).shape == (0, 8, 3)
+
+
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_volume_of_spheres(order):
     """The volume of Hertz' half-spheres is that of the root mesh on any refinement, and converges with the order."""

@@ -13,7 +13,8 @@ from dolfinx.mesh import create_mesh
 from mpi4py import MPI
 
 from fx_contact import reference
-from fx_contact.lattice import SIDE
+from fx_contact.lattice import MAX_LEVEL, SIDE
+from fx_contact.pairing import leaf_code
 from fx_contact.partition import partitioner
 
 #: Leaves whose positions are computed at once: few enough for the processor's cache.
@@ -82,7 +83,9 @@ def leaf_mesh(forest, order):
 def sufficient_order(forest, tolerance):
     """The lowest geometry order that holds the root map on every leaf.
 
-    Collective on forest.comm.
+    Collective on forest.comm.  The deviation of a map of order q, relative to the cell's size h, falls like h^q: where
+    it is small enough on an ancestor of leaves it is so on them.  So it is looked at level by level, from the root
+    cells on, only below ancestors on which it is too large.
 
     Args:
         forest: Forest.
@@ -91,35 +94,51 @@ def sufficient_order(forest, tolerance):
     Returns:
         int, 1 to the order of the root mesh.
     """
-    p, order, start = forest.mesh.order, 1, 0
-    while order < p and start < len(forest):
-        leaves = slice(start, start + _CHUNK // (order + 1) ** 2)
-        if (_interpolation_error(forest, leaves, order) > tolerance).any():
-            order += 1
-        else:
-            start = leaves.stop
-    return forest.comm.allreduce(order, op=MPI.MAX)
+    order, left = 1, np.arange(len(forest))
+    for level in range(MAX_LEVEL + 1):
+        if order == forest.mesh.order:
+            break
+        codes = leaf_code(forest.cell[left], forest.anchor[left] & -(SIDE >> level))
+        _, first, ancestor = np.unique(codes, return_index=True, return_inverse=True)
+        leaf = forest.level[left[first]] == level
+        descend = np.zeros(len(first), dtype=bool)
+        for start in range(0, len(first), _CHUNK // 32):
+            part = slice(start, start + _CHUNK // 32)
+            exact = _positions(forest, left[first[part]], forest.mesh.order, level)
+            deviates = _deviation(exact, order) > tolerance
+            while order < forest.mesh.order and (deviates & leaf[part]).any():
+                order += 1
+                deviates[deviates] = _deviation(exact[deviates], order) > tolerance
+            descend[part] = deviates & ~leaf[part]
+        left = left[descend[ancestor]]
+        state = np.array([order, len(left)])
+        forest.comm.Allreduce(MPI.IN_PLACE, state, op=MPI.MAX)
+        order, unfinished = state
+        if not unfinished:
+            break
+    return int(order)
 
 
-def _interpolation_error(forest, leaves, order):
-    """Largest distance of the exact maps of leaves from their interpolants, relative to the leaves' sizes: (n,).
+def _deviation(exact, order):
+    """Largest distance of maps from their interpolants of an order, relative to the size of what they map: (n,).
 
-    Seen at the interpolation's nodes and between them, or where that is less, at the nodes of the exact map.
+    Seen at the maps' own nodes, (n, (p+1)^3, 3): the difference has no more freedom than that.
     """
-    seen = min(2 * order, forest.mesh.order)
-    exact = _positions(forest, leaves, seen)
-    to_nodes = reference.lagrange(seen, np.linspace(0, 1, order + 1))
-    there_and_back = reference.lagrange(order, np.linspace(0, 1, seen + 1)) @ to_nodes
+    p = round(exact.shape[1] ** (1 / 3)) - 1
+    to_nodes = reference.lagrange(p, np.linspace(0, 1, order + 1))
+    there_and_back = reference.lagrange(order, np.linspace(0, 1, p + 1)) @ to_nodes
     distance = np.linalg.norm(reference.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
     return distance / np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) * np.sqrt(3)
 
 
-def _positions(forest, leaves, order):
-    """Positions of the nodes of leaves at the lattice of an order: (n, (order+1)^3, 3)."""
-    low = forest.anchor[leaves] / SIDE
-    side = 0.5 ** forest.level[leaves].astype(np.float64)
-    coordinates = low[:, :, None] + side[:, None, None] * np.linspace(0, 1, order + 1)
-    return forest.mesh.evaluate(forest.cell[leaves], coordinates)
+def _positions(forest, leaves, order, level=None):
+    """Positions of the nodes of leaves, or of their ancestors of a level, at the lattice of an order: (n, nodes, 3)."""
+    level = forest.level[leaves].astype(np.int32) if level is None else np.full(len(leaves), level, dtype=np.int32)
+    side = (SIDE >> level)[:, None]
+    low, side = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
+    return forest.mesh.evaluate(
+        forest.cell[leaves], low[:, :, None] + side[:, :, None] * np.linspace(0, 1, order + 1)
+    )
 
 
 def _geometry_nodes(forest, order):

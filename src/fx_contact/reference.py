@@ -107,16 +107,16 @@ def tensor_evaluate(functions, nodal):
     """Evaluate nodal tensor-product fields at the tensor product of points along each axis.
 
     Args:
-        functions: three (n, m, p+1) or (m, p+1) float64 arrays, 1D functions at m points along x, y and z.
+        functions: three (m, p+1) float64 arrays, 1D functions at m points along x, y and z.
         nodal: (n, (p+1)^3, d) float64, nodal values in tensor order.
 
     Returns:
         (n, m_x m_y m_z, d) float64, tensor order, x fastest.
     """
     n, _, d = nodal.shape
-    fx, fy, fz = (np.broadcast_to(f, (n, *f.shape[-2:])) for f in functions)
-    mx, my, mz, k = fx.shape[1], fy.shape[1], fz.shape[1], fx.shape[2]
+    fx, fy, fz = functions
+    (mx, k), my, mz = fx.shape, len(fy), len(fz)
     values = fz @ nodal.reshape(n, k, k * k * d)
-    values = fy[:, None] @ values.reshape(n, mz, k, k * d)
-    values = fx[:, None, None] @ values.reshape(n, mz, my, k, d)
-    return values.reshape(n, mx * my * mz, d)
+    values = fy @ values.reshape(n * mz, k, k * d)
+    values = values.reshape(n * mz * my, k * d) @ np.kron(fx, np.eye(d)).T  # one large product beats many small ones
+    return values.reshape(n, mz * my * mx, d)

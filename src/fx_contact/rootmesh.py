@@ -16,6 +16,8 @@ from fx_contact import reference
 from fx_contact.errors import GeometryError, SceneError
 
 MAX_ORDER = 6
+#: Lattices evaluated at once: few enough for the processor's cache.
+_CHUNK = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +135,36 @@ class RootMesh:
         """
         m = coordinates.shape[2]
         result = np.empty((len(cells), m**3, 3))
-        for start in range(0, len(cells), 1 << 12):
-            part = slice(start, start + (1 << 12))
-            functions = [reference.lagrange(self.order, coordinates[part, axis]) for axis in range(3)]
-            result[part] = reference.tensor_evaluate(functions, self.points[self.cells[cells[part]]])
+        for start in range(0, len(cells), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            result[part] = self._evaluate(cells[part], coordinates[part])
         return result
+
+    def _evaluate(self, cells, coordinates):
+        """The same for few lattices at once: those with equal z, or z and y, in a root cell share the work on these."""
+        n, k, m = len(cells), self.order + 1, coordinates.shape[2]
+        layer, of_layer = _distinct(cells, coordinates[:, 2])
+        column, of_column = _distinct(of_layer, coordinates[:, 1])
+        fx, fy, fz = (
+            reference.lagrange(self.order, coordinates[rows, axis])
+            for axis, rows in enumerate((slice(None), column, layer))
+        )
+        nodal = self.points[self.cells[cells[layer]]].reshape(len(layer), k * k, k, 3).swapaxes(2, 3)  # x last
+        values = fz @ nodal.reshape(len(layer), k, k * k * 3)
+        values = fy[:, None] @ values.reshape(len(layer), m, k, k * 3)[of_layer[column]]
+        values = values.reshape(len(column), m * m * 3, k)[of_column] @ fx.swapaxes(1, 2)
+        return values.reshape(n, m * m, 3, m).swapaxes(2, 3).reshape(n, m**3, 3)
+
+
+def _distinct(number, coordinates):
+    """First rows of each different (number, coordinates), and which of them each row is: (k,) int64, (n,) int64."""
+    order = np.lexsort((*coordinates.T, number))
+    number, coordinates = number[order], coordinates[order]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (number[1:] != number[:-1]) | (coordinates[1:] != coordinates[:-1]).any(axis=1)
+    which = np.empty(len(order), dtype=np.int64)
+    which[order] = np.cumsum(new) - 1
+    return order[new], which
 
 
 def _names(names):
