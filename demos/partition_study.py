@@ -39,6 +39,8 @@ BENCHMARKS = {
     "hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.04, 0.08, 18.3e6, 0.25),
     "indentation": (indentation, 0.05, 0.1, 295.9e6, 1.0),
 }
+#: Tolerance of the runs in which the kernels are measured, and of those of --quick.
+TOLERANCES = (0.05, 0.12)
 COMM = MPI.COMM_WORLD
 #: What is scored beside the kinds: contact-sfc before its interfaces are straightened.
 CURVE = "contact-sfc, curve only"
@@ -229,7 +231,7 @@ def main():
     folder = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
 
-    tolerance = 0.12 if arguments.quick else 0.05
+    tolerance = TOLERANCES[arguments.quick]
     kernels = [measure(COMM, tolerance)]
     if COMM.rank == 0:
         alone = measure(MPI.COMM_SELF, tolerance)

@@ -18,6 +18,7 @@ from fx_contact.scenes import hertz
 class Counting(MPI.Intracomm):
     """A communicator that counts the sparse all-to-all exchanges, each of which starts with an Alltoall."""
 
+    __module__ = MPI.Intracomm.__module__  # petsc4py takes communicators of mpi4py by the name of their module
     exchanges = 0
 
     def Alltoall(self, *buffers):  # noqa: N802
