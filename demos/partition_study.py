@@ -179,7 +179,8 @@ def predicted(rows, kernels):
             continue
         dofs = BENCHMARKS[row.scene][3]
         scale = dofs / row.dofs
-        seconds = predict(row.quality, scale * row.leaves, dofs, kernels, Network(), scale)
+        straightened = row.kind == "contact-sfc"
+        seconds = predict(row.quality, scale * row.leaves, dofs, kernels, Network(), scale, straightened)
         result.setdefault(row.scene, {}).setdefault(row.kind, {})[row.quality.parts] = seconds
     return result
 
@@ -214,7 +215,9 @@ def kernel_table(kernels):
     for name in names:
         values = (getattr(k, name) for k in kernels)
         lines.append(
-            f"| {name} | " + " | ".join(f"{v}" if isinstance(v, int) else f"{1e6 * v:.3g} us" for v in values) + " |"
+            f"| {name} | "
+            + " | ".join(f"{1e6 * v:.3g} us" if isinstance(v, float) else f"{v}" for v in values)
+            + " |"
         )
     return "\n".join(lines)
 
@@ -262,6 +265,8 @@ def main():
     seconds = predicted(rows, kernels[-1])
     write_prediction(seconds, folder / "prediction.csv")
     text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
+    if COMM.size == 1:
+        text.append("\nOn one rank no rows travel: exchanges by hashed keys are missing. Run on two ranks.")
     for name, kinds in seconds.items():
         dofs = f"{name}, {BENCHMARKS[name][3] / 1e6:.1f} million dofs"
         text += ["", prediction(dofs, kinds)]

@@ -2,11 +2,12 @@
 
 import csv
 import sys
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
 import pytest
-from conftest import WORLD
+from conftest import WORLD, everywhere
 from mpi4py import MPI
 
 from fx_contact.partition import KINDS
@@ -49,3 +50,15 @@ def test_study(study, monkeypatch, tmp_path):
     assert "MODEL" in (folder / "prediction.md").read_text()
     for name in ("cut", "prediction_hertz", *(f"hertz_{kind}_32" for kind in KINDS)):
         assert (folder / f"{name}.png").stat().st_size > 10_000, name
+
+
+def test_kernels(study):
+    """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
+    from scaling_kernels import measure
+
+    kernels = measure(WORLD, 0.3)
+    for name in ("tree", "assemble", "estimate", "setup", "product", "cycle"):
+        everywhere(getattr(kernels, name) > 0, name)
+    assert {"hashed", "straightening"} <= {field.name for field in fields(kernels)}
+    assert kernels.hashed[0] > 10 and (kernels.hashed[1] > kernels.hashed[0]) == (WORLD.size > 1)
+    assert min(kernels.straightening) >= 0 and (kernels.straightening[1] > 0) == (WORLD.size > 1)
