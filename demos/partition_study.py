@@ -150,16 +150,17 @@ def scored(name, quick, most, folder):
     draw_in_32(name, forests, lineage, folder)
 
     forest, cost = forests[-1], {}
-    pieces = {}
+    pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
+    # Nothing is known yet of leaves in random order, and nothing sorted.
+    strewn = [forest.ordered(np.random.default_rng(0).permutation(len(forest))) for _ in range(2)]
     for title, step in {
-        "keys": lambda: curve_keys(forest),
-        "keys and sort": lambda: pieces.update({True: Units(forest, True)}),
+        "keys": lambda: curve_keys(strewn[0]),
+        "keys and sort": lambda: Units(strewn[1], True),
         "graph": lambda: pieces[True].graph,
     }.items():
         start = time.perf_counter()
         step()
         cost[title] = time.perf_counter() - start
-    pieces[False] = Units(forest, False)
     prolongation = Prolongation(forest)
     judge, dofs = Judge(forest, prolongation), 3 * prolongation.index_map.size_global
     rows = []
