@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from common import RankZeroParser
 from mpi4py import MPI
 from partition_figures import draw_cuts, draw_prediction
 from partition_tables import prediction, table, targets, write_csv, write_prediction
@@ -225,7 +226,7 @@ def kernel_table(kernels):
 
 def main():
     """Score, measure, predict, write."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--quick", action="store_true", help="forests of 100,000 to 200,000 leaves: two minutes")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
     options.add_argument("--output", type=Path, default=Path("results/partitions"), help="folder (%(default)s)")

@@ -93,7 +93,8 @@ def adapt(
         Step, until xi / (e omega) <= 1 or max_steps are done.
 
     Raises:
-        SceneError: a tolerance that is not positive, an order above that of the root mesh.
+        SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition.
+        PartitionError: a rank would get no leaf.
         SolveError: a solve fails; what was yielded before stays valid.
     """
     penalty = Penalty() if penalty is None else penalty
