@@ -37,6 +37,7 @@ def glued_seconds(step, start):
     none = np.zeros(len(pairs), dtype=bool)
     with stages("assemble"):
         matrix = step.elasticity.stiffness(pairs)
+        PenaltyTerm(pairs, prescribed).reserve(matrix.mat)  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
             PenaltyTerm(tie, prescribed).change(matrix.mat, none, step.contact.active)
