@@ -97,7 +97,8 @@ def adapt(
         Iterator of Step, until xi / (e omega) <= 1 or max_steps are done.
 
     Raises:
-        SceneError: a tolerance that is not positive, an order above that of the root mesh.
+        SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition.
+        PartitionError: a rank would get no leaf.
         CheckpointError: the checkpoint is damaged, or of a run with another enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
         SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
