@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import Enforcement, Solver, adapt
+from fx_contact import Solver, adapt
 from fx_contact.conditions import load, prescribed_displacements
 from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.partition import KINDS
@@ -41,9 +41,7 @@ def glued_seconds(step, start):
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
             PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, none, step.contact.active)
-    solve_contact(
-        matrix, forces, None, prescribed, start, step.elasticity.energy_norm, Solver(), Enforcement(), stages
-    )
+    solve_contact(matrix, forces, None, prescribed, start, step.elasticity.energy_norm, Solver(), stages)
     costs = stages.costs(step.forest.comm)["cpu_seconds"]
     return sum(costs[name] for name in ("assemble", "system", "setup", "solve"))
 

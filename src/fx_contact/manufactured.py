@@ -147,7 +147,7 @@ def _solve(number, forest, order, tolerance, stages):
         forces = _load(forest, elasticity, stages)
         prescribed = _prescribed(forest, prolongation)
     start = np.zeros((prolongation.owned, 3))
-    solution = solve_contact(matrix, forces, None, prescribed, start, Solver(), stages)
+    solution = solve_contact(matrix, forces, None, prescribed, start, elasticity.energy_norm, Solver(), stages)
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
         guess = estimate(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages)

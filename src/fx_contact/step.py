@@ -145,8 +145,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         start,
         elasticity.energy_norm,
         settings.solver,
-        settings.enforcement,
         stages,
+        settings.enforcement,
         scene,
     )
     with stages("estimate"):
