@@ -24,7 +24,7 @@ WORLD = MPI.COMM_WORLD
 
 def pytest_addoption(parser):
     """How often the runs of `test_checkpoint` are killed."""
-    parser.addoption("--kills", type=int, default=3, help="times that a run is killed and restarted (default 3)")
+    parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
 
 
 # ---------------------------------------------------------------------------------------- ranks pass and fail together

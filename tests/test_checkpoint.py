@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, leaves
+from conftest import WORLD, everywhere, leaves, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt
+from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import NAME, Checkpoint
 from fx_contact.errors import CheckpointError, FxContactError, OutputError, SceneError
 from fx_contact.output import RecordWriter
@@ -59,6 +60,12 @@ def some(count):
     WORLD.Barrier()
 
 
+def by_leaf(forest, *columns):
+    """Columns of all ranks' leaves, in an order that does not depend on the ranks."""
+    code = np.concatenate(WORLD.allgather(leaf_code(forest.cell, forest.anchor)))
+    return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
+
+
 @pytest.mark.parametrize(
     "writers, readers",
     [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
@@ -86,27 +93,37 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
 
 def test_holds_what_the_step_had(scene, folder):
     """Leaves, displacements and indicators come back as they were, in another distribution."""
-    *_, step = adapt(scene, 0.25, max_steps=4, checkpoint=folder)
+    *_, before, step = adapt(scene, 0.25, max_steps=4, checkpoint=folder)
     assert step.record["hanging_nodes"] > 50
     values = step.elasticity.prolongation.prolong(step.contact.displacement)[step.forest.vertices.cells]
     indicator = np.empty(len(step.forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
 
-    def by_leaf(forest, *columns):
-        code = np.concatenate(WORLD.allgather(leaf_code(forest.cell, forest.anchor)))
-        return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
-
     state = Checkpoint(folder, scene, WORLD).load()
     everywhere(np.array_equal(leaves(step.forest), leaves(state.forest)), "other leaves")
     (displacement, error), (again, error_again) = (
         by_leaf(step.forest, values, indicator),
-        by_leaf(state.forest, state.displacement, state.estimate.error),
+        by_leaf(state.forest, state.values, state.estimate.error),
     )
     assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
+    assert state.gain.before == before.estimate.error_global**2 and state.gain.expected > 0
     # Of a hanging vertex ranks have values that differ by rounding.
     assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
     size = (folder / NAME).stat().st_size
     assert size < 16 * step.record["cells"] + 40 * (step.record["dofs"] / 3 + step.record["hanging_nodes"]) + 2**14
+
+
+def test_fields_go_along(scene, folder):
+    """Fields that a run began with, positions here, are after a restart what they are without."""
+    forest = Beginning.uniform(scene, 1).forest
+    positions = vertex_positions(forest)[forest.vertices.cells]
+    beginning = Beginning(forest, np.concatenate([0 * positions, positions], axis=2))
+    *_, through = adapt(scene, 0.25, beginning=beginning, max_steps=3)
+    list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
+    (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
+    (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
+    assert expected.shape == (through.record["cells"], 8, 3) and np.ptp(expected) > 1
+    assert np.abs(found - expected).max() < 1e-14
 
 
 def test_finished_run(scene, folder, through):
@@ -181,7 +198,7 @@ def test_every_byte_counts(folder):
         (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not complete"),
         (lambda path: path.write_text("step cells\n" * 99), "no checkpoint of this program"),
         (lambda path: path.write_bytes(path.read_bytes()[:8] + b"\2" + path.read_bytes()[9:]), "version 2"),
-        (lambda path: path.write_bytes(path.read_bytes()[:-8] + b"\1" * 8), "checksum of its table 'displacement'"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8] + b"\1" * 8), "checksum of its table 'values'"),
         (lambda path: path.write_bytes(path.read_bytes()[:99] + b"##" + path.read_bytes()[101:]), "of its header"),
     ],
 )
@@ -225,8 +242,10 @@ def test_belongs_to_another_problem(scene, folder):
         ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
     ):
-        assert words in caught(CheckpointError, lambda: adapt(scene, 0.25, restart=before, **options))
-    assert "got True" in caught(SceneError, lambda: adapt(scene, 0.25, restart=True))
+        assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))
+    assert "got True" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=True)))
+    begin = Beginning.uniform(scene, 1)
+    assert "not both" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=before, beginning=begin)))
 
 
 # -------------------------------------------------------------------------------------------------- nothing is lost
@@ -237,10 +256,10 @@ def test_checkpoint_of_another_run_stays(scene, folder):
     next(adapt(scene, 0.25, checkpoint=folder))
     WORLD.Barrier()
     before = (folder / NAME).read_bytes()
-    assert "would be replaced" in caught(OutputError, lambda: adapt(scene, 0.25, checkpoint=folder))
+    assert "would be replaced" in caught(OutputError, lambda: next(adapt(scene, 0.25, checkpoint=folder)))
     assert (folder / NAME).read_bytes() == before
     (folder / "elsewhere").mkdir(exist_ok=True)
-    assert "cannot keep" in caught(OutputError, lambda: adapt(scene, 0.25, checkpoint="/dev/null/run"))
+    assert "cannot keep" in caught(OutputError, lambda: next(adapt(scene, 0.25, checkpoint="/dev/null/run")))
 
 
 def test_disk_full_on_one_rank(folder):

@@ -193,9 +193,9 @@ def _refine(step, tolerance, gain):
 
 
 def _resumed(checkpoint, tolerance, max_steps):
-    """The forest to go on with, its displacement (n, 8, 3), the records of the steps that are done, and the Gain."""
+    """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
     state, records = checkpoint.load(), list(checkpoint.records)
     if state.estimate.relative <= tolerance or len(records) >= max_steps:
-        return state.forest, state.displacement, records[:-1], state.gain
+        return state.forest, state.values, records[:-1], state.gain
     forest, glue = state.forest.refined(state.gain.marked(state.estimate, tolerance, state.forest.comm))
-    return forest, glue.carry(state.displacement), records, state.gain
+    return forest, glue.carry(state.values), records, state.gain

@@ -74,6 +74,8 @@ def save(folder, step, records, options, gain):
     indicator[step.leaf_mesh.leaf] = error.error
     names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
     names |= forest.level.astype(np.uint64)
+    leaf, corner = prolongation.vertices.example.T
+    values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
     # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
     rows = prolongation.conforming < prolongation.owned
     write(
@@ -91,7 +93,7 @@ def save(folder, step, records, options, gain):
             "leaves": names[:, None],
             "indicator": indicator[:, None],
             "vertices": prolongation.vertices.keys[rows, None],
-            "displacement": prolongation.prolong(step.contact.displacement)[rows],
+            "values": values[rows],
         },
     )
 
@@ -102,13 +104,13 @@ class State:
 
     Attributes:
         forest: Forest.
-        displacement: (n, 8, 3) float64, at the corners of the leaves [m].
+        values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
         gain: Gain of the run, before it has seen this step.
     """
 
     forest: Forest
-    displacement: np.ndarray
+    values: np.ndarray
     estimate: Estimate
     gain: Gain
 
@@ -174,7 +176,7 @@ class Checkpoint:
         cell, anchor = decode_leaf((leaves >> np.uint64(_LEVEL_BITS)).astype(np.int64))
         forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, cell, level, anchor)
         keys, rows = np.unique(self._file.table("vertices")[:, 0], return_index=True)
-        values = self._file.table("displacement")[rows]
+        values = self._file.table("values")[rows]
         values, found = Directory(comm, keys).lookup(forest.vertices.keys, values, np.ones(len(keys), dtype=bool))
         with together(comm):
             if not found.all():
