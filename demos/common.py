@@ -26,12 +26,14 @@ from mpi4py import MPI  # noqa: E402
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
+from fx_contact.checks import nearest  # noqa: E402
 from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
-from fx_contact.errors import FxContactError  # noqa: E402
+from fx_contact.errors import FxContactError, SceneError  # noqa: E402
 from fx_contact.output import RecordWriter, write_fields  # noqa: E402
 from fx_contact.overrefined import true_error  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
+from fx_contact.petsc_options import COMMON, unread_options  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
 from fx_contact.krylov import PRECONDITIONERS  # noqa: E402
@@ -63,12 +65,12 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
-    add("--enforcement", choices=METHODS, help=f"({METHODS[0]}; penalty where one of the next two is given)")
+    add("--enforcement", metavar=_either(METHODS), help=f"({METHODS[0]}; penalty where one of the next two is given)")
     add("--penalty", type=float, help=f"c of the surface stiffness c E*/h ({FACTOR:g})")
     add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
-    add("--partition", choices=KINDS, default="contact-sfc", help="kind of partition (%(default)s)")
-    add("--preconditioner", choices=PRECONDITIONERS, default="boomeramg", help="of PCG (%(default)s)")
-    add("--symmetry", choices=("quarter", "full"), default="quarter", help="what is modelled (%(default)s)")
+    add("--partition", metavar=_either(KINDS), default="contact-sfc", help="kind of partition (%(default)s)")
+    add("--preconditioner", metavar=_either(PRECONDITIONERS), default="boomeramg", help="of PCG (%(default)s)")
+    add("--symmetry", metavar=_either(("quarter", "full")), default="quarter", help="what is modelled (%(default)s)")
     add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
@@ -83,6 +85,11 @@ def parser(description, *, tolerance, order, coarse, output):
     )
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
+
+
+def _either(names):
+    """Names to choose from, as the help shows them; the library checks, and knows the nearest."""
+    return f"{{{','.join(names)}}}"
 
 
 def enforcement(arguments):
@@ -105,10 +112,13 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
     """
     arguments, others = options.parse_known_args()
     comm, theirs = MPI.COMM_WORLD, petsc_options(sys.argv[1:])
+    names = [word for word in options.format_help().split() if word.startswith("--")]
     unknown = [word for word in others if word not in theirs]
-    unknown += [word for word in theirs if f"-{word}" in options.format_help().split()]
+    unknown += [word for word in theirs if f"-{word}" in names]
     if unknown or (theirs and not theirs[0][1:2].isalpha()):
-        options.error(f"unknown option {(unknown + theirs)[0]!r}; --help lists them, all with two dashes")
+        word = (unknown + theirs)[0]
+        near = nearest(f"--{word.lstrip('-').partition('=')[0]}", names) if word.startswith("-") else ""
+        options.error(f"unknown option {word!r}{near or '; --help lists them, all with two dashes'}")
     if arguments.restart and not arguments.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     try:
@@ -149,6 +159,9 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     show = print if comm.rank == 0 else lambda *_, **__: None
     show("\n".join([table_head(), *map(table_row, steps)]), flush=True)
     for step in run:
+        if unread := unread_options("fx_"):
+            near = nearest(unread[0], ["fx_" + name for name in COMMON])
+            raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_{near}")
         if step.record["step"] == len(steps):  # else the last one again, for its fields
             records.write(step.record)
             steps.append(step.record)

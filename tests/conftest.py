@@ -1,5 +1,6 @@
 """Model problems that several tests share, and what keeps tests collective: ranks pass and fail together."""
 
+import os
 import sys
 import time
 import traceback
@@ -79,6 +80,14 @@ def pytest_runtest_setup(item):
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
     return (yield from _together())
+
+
+def outside():
+    """Environment for a program that is started from here, but does not belong to an mpirun above.  Local."""
+    above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(above)}
+    # More ranks than cores; an mpirun above has taken this setting of the launcher away.
+    return kept | {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
 
 
 # ----------------------------------------------------------------------------------------------------- model problems

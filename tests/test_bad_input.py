@@ -1,9 +1,16 @@
 """Bad input: a typed error on every rank that says what, where and what to do; no hang, whatever rank finds it."""
 
+import shutil
+import subprocess
+import sys
+import tempfile
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import outside
 from mpi4py import MPI
 
 from fx_contact import (
@@ -19,7 +26,9 @@ from fx_contact import (
     scenes,
 )
 from fx_contact._mpi import together
+from fx_contact.checkpoint import Checkpoint
 from fx_contact.errors import (
+    CheckpointError,
     FxContactError,
     GeometryError,
     OutputError,
@@ -137,6 +146,11 @@ def small_hertz():
     return scenes.hertz(order=1, coarse=1, comm=COMM)
 
 
+def with_side(mesh):
+    """The same mesh with a name for a side of the lower cube, which shares an edge with its base."""
+    return replace(mesh, surfaces={**mesh.surfaces, "side": [[0, 1]]})
+
+
 def unheld():
     """Half-spheres drawn apart, the lower one held by contact alone."""
     scene = small_hertz()
@@ -148,6 +162,61 @@ def apart():
     """Points and cells of two cubes that do not touch."""
     points, cells = grid()
     return np.concatenate([points, points + [3, 0, 0]]), np.concatenate([cells, cells + 8])
+
+
+#: A cube in Gmsh's format.
+CUBE = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 2 "base"
+3 1 "cube"
+$EndPhysicalNames
+$Nodes
+8
+1 0 0 0
+2 1 0 0
+3 1 1 0
+4 0 1 0
+5 0 0 1
+6 1 0 1
+7 1 1 1
+8 0 1 1
+$EndNodes
+$Elements
+2
+1 3 2 2 1 1 2 3 4
+2 5 2 1 1 1 2 3 4 5 6 7 8
+$EndElements
+"""
+
+
+def from_file(data, name="cube.msh"):
+    """The root mesh of a file with the given text or bytes."""
+    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
+    path = Path(folder) / name
+    try:
+        if COMM.rank == 0:
+            path.write_bytes(data if isinstance(data, bytes) else data.encode())
+        return root_mesh_from_file(COMM, path)
+    finally:
+        COMM.Barrier()
+        if COMM.rank == 0:
+            shutil.rmtree(folder)
+
+
+def with_units(length=1.0, shift=0.0):
+    """The two cubes, of which the upper one is in another unit or elsewhere."""
+    mesh = two_cubes()
+    points = mesh.points.copy()
+    points[8:] = points[8:] * length + [0, 0, shift]
+    return press(replace(mesh, points=points))
+
+
+def first(scene=None, **options):
+    """The first step of a run."""
+    return next(adapt(scene or small_hertz(), 0.5, COMM, **options))
 
 
 def never_converges():
@@ -194,7 +263,7 @@ CASES = {
     "order 7": (lambda: scenes.hertz(order=7, comm=COMM), GeometryError, "1 to 6, got 7"),
     "order 7 from Gmsh": (lambda: gmsh_box(order=7), GeometryError, "order 1 to 6"),
     "radius < 0": (lambda: scenes.hertz(radius=-1.0, comm=COMM), SceneError, "radius"),
-    "unknown symmetry": (lambda: scenes.hertz(symmetry="half", comm=COMM), SceneError, "'quarter' and 'full'"),
+    "unknown symmetry": (lambda: scenes.hertz(symmetry="half", comm=COMM), SceneError, "there are 'quarter', 'full'"),
     "no root cells": (lambda: scenes.hertz(coarse=0, comm=COMM), SceneError, "coarse"),
     "tetrahedra": (lambda: gmsh_box(recombine=False), GeometryError, "only hexahedra can be refined"),
     "inverted cell": (inverted, GeometryError, "root cell 0 of 1 is inverted"),
@@ -293,7 +362,11 @@ CASES = {
         SceneError,
         "does not have",
     ),
-    "symmetry 0": (lambda: press(two_cubes(), symmetry=0), SceneError, "positive whole number of copies"),
+    "symmetry 0": (
+        lambda: press(two_cubes(), symmetry=0),
+        SceneError,
+        "the number of copies, must be a whole number",
+    ),
     "contact centre NaN": (lambda: press(two_cubes(), contact_centre=(np.nan, 0, 0)), SceneError, "contact_centre"),
     "a condition, not a tuple": (
         lambda: press(two_cubes(), dirichlet=Dirichlet("base", x=0.0)),
@@ -321,6 +394,169 @@ CASES = {
         OutputError,
         "cannot draw",
     ),
+    "file that is empty": (lambda: from_file(""), SceneError, "is empty"),
+    "file cut in the nodes": (lambda: from_file(CUBE[:120]), SceneError, "Gmsh cannot read"),
+    "file cut in the cells": (lambda: from_file(CUBE[:-40]), SceneError, "Gmsh cannot read"),
+    "file of noise": (lambda: from_file(np.random.default_rng(1).bytes(999)), SceneError, "no mesh file of Gmsh"),
+    "file of zeros": (lambda: from_file(b"\0" * 999), SceneError, "no mesh file of Gmsh"),
+    "file that is a script": (
+        lambda: from_file('SystemCall "exit";', "cube.geo"),
+        SceneError,
+        "no mesh file of Gmsh",
+    ),
+    "script in a mesh file": (lambda: from_file("Exit;\n"), SceneError, "no mesh file of Gmsh"),
+    "file with a node that is not there": (
+        lambda: from_file(CUBE.replace("7 8\n", "7 9\n")),
+        SceneError,
+        "cannot read",
+    ),
+    "file with NaN": (lambda: from_file(CUBE.replace("1 1 1\n", "1 1 nan\n")), FxContactError, ""),
+    "file with a number out of range": (
+        lambda: from_file(CUBE.replace("1 1 1\n", "1 1 1e999\n")),
+        FxContactError,
+        "",
+    ),
+    "file with more nodes than there are": (
+        lambda: from_file(CUBE.replace("\n8\n", "\n9\n")),
+        SceneError,
+        "cannot read",
+    ),
+    "file with an absurd count": (lambda: from_file(CUBE.replace("\n8\n", "\n99999999999\n")), FxContactError, ""),
+    "file with an inverted cell": (
+        lambda: from_file(CUBE.replace("1 2 3 4 5 6 7 8", "5 6 7 8 1 2 3 4")),
+        GeometryError,
+        "inverted",
+    ),
+    "file with a cell twice": (
+        lambda: from_file(CUBE.replace("\n2\n1 3", "\n3\n3 5 2 1 1 1 2 3 4 5 6 7 8\n1 3")),
+        GeometryError,
+        "root cell 0 is there twice",
+    ),
+    "file without cells": (
+        lambda: from_file(CUBE[: CUBE.index("2 5 2")].replace("\n2\n1 3", "\n1\n1 3")),
+        FxContactError,
+        "",
+    ),
+    "file that is a folder": (lambda: root_mesh_from_file(COMM, "/tmp"), SceneError, "no mesh file '/tmp'"),
+    "file name of a number": (lambda: root_mesh_from_file(COMM, 5), SceneError, "must be a path, got 5"),
+    "file name with NUL": (lambda: root_mesh_from_file(COMM, "a\0b"), SceneError, "must be a path"),
+    "output into a number": (lambda: RecordWriter(5, COMM), OutputError, "must be a path, got 5"),
+    "output into NUL": (lambda: RecordWriter("a\0b", COMM), OutputError, "must be a path"),
+    "checkpoint into a number": (lambda: first(checkpoint=3), OutputError, "must be a path, got 3"),
+    "checkpoint that cannot be made": (lambda: first(checkpoint="/dev/null/a"), OutputError, "name another folder"),
+    "checkpoint that is not there": (
+        lambda: Checkpoint("no/such", small_hertz(), COMM),
+        CheckpointError,
+        "No such file",
+    ),
+    "moduli in other units": (
+        lambda: press(two_cubes(), materials={"lower": Material(1e9, 0.3), "upper": Material(1e-9, 0.3)}),
+        SceneError,
+        "check the units of the moduli",
+    ),
+    "modulus of no unit": (lambda: Material(1e300, 0.3), SceneError, "check its unit"),
+    "modulus and Poisson's ratio exchanged": (lambda: Material(0.3, 210e9), SceneError, "210000000000.0"),
+    "body in nanometres": (lambda: with_units(length=1e-9), SceneError, "body 'upper' is 1e-09 m large"),
+    "body in gigametres": (lambda: with_units(length=1e9), SceneError, "body 'lower' is 1 m large"),
+    "body elsewhere": (lambda: with_units(shift=1e9), SceneError, "the place of each body"),
+    "mesh of no size": (lambda: replace(two_cubes(), points=two_cubes().points * 1e-200), GeometryError, "units"),
+    "displacement in nanometres": (
+        lambda: press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, -0.01e9))),
+        SceneError,
+        "the displacement on 'top' is 1e+07 m",
+    ),
+    "approach in nanometres": (lambda: scenes.hertz(displacement=0.01e9, comm=COMM), SceneError, "check the units"),
+    "traction in nanopascal": (
+        lambda: press(
+            two_cubes(),
+            dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0)),
+            tractions=(Traction("top", (0, 0, -0.01e9)),),
+        ),
+        SceneError,
+        "the traction on 'top' is 1e+07 Pa",
+    ),
+    "traction against a displacement": (
+        lambda: press(two_cubes(), tractions=(Traction("top", (0, 0, -0.01)),)),
+        SceneError,
+        "pulls along z",
+    ),
+    "contradiction at an edge": (
+        lambda: press(with_side(two_cubes()), Dirichlet("side", z=0.5)),
+        SceneError,
+        "component z on 'side' is prescribed as 0.5 m",
+    ),
+    "pair given twice": (
+        lambda: press(two_cubes(), contact=(ContactPair("under", "over", (0, 0, 1)),) * 2),
+        PairingError,
+        "two contact pairs",
+    ),
+    "tolerance in percent": (lambda: adapt(press(two_cubes()), 4, COMM), SceneError, "4 % are 0.04"),
+    "root cells without end": (lambda: scenes.hertz(coarse=10**6, comm=COMM), SceneError, "50 at most"),
+    "partition misspelt": (
+        lambda: adapt(press(two_cubes()), 0.1, COMM, partition_kind="contact_sfc"),
+        SceneError,
+        "did you mean 'contact-sfc'?",
+    ),
+    "preconditioner misspelt": (lambda: Solver("boomermag"), SceneError, "did you mean 'boomeramg'?"),
+    "enforcement misspelt": (lambda: Enforcement("penality"), SceneError, "did you mean 'penalty'?"),
+    "symmetry misspelt": (lambda: scenes.hertz(symmetry="ful", comm=COMM), SceneError, "did you mean 'full'?"),
+    "surface misspelt": (lambda: press(two_cubes(), Dirichlet("bsae", x=0.0)), SceneError, "did you mean 'base'?"),
+    "contact surface misspelt": (
+        lambda: press(two_cubes(), contact=(ContactPair("undr", "over"),)),
+        SceneError,
+        "did you mean 'under'?",
+    ),
+    "body misspelt": (
+        lambda: press(two_cubes(), materials={"lower": STEEL, "uper": STEEL}),
+        SceneError,
+        "did you mean 'upper'?",
+    ),
+    "PETSc option misspelt": (
+        lambda: first(solver=Solver(options={"pc_typ": "jacobi"})),
+        SceneError,
+        "did you mean 'pc_type'?",
+    ),
+    "option of hypre misspelt": (
+        lambda: first(solver=Solver(options={"pc_hypre_boomeramg_strong_treshold": 0.5})),
+        SceneError,
+        "did you mean 'pc_hypre_boomeramg_strong_threshold'?",
+    ),
+    "option that the solver does not have": (
+        lambda: first(solver=Solver(options={"pc_type": "jacobi", "pc_hypre_type": "ilu"})),
+        SceneError,
+        "another solver or preconditioner",
+    ),
+    "option of hypre with a wrong value": (
+        lambda: first(solver=Solver(options={"pc_hypre_boomeramg_strong_threshold": "much"})),
+        SolveError,
+        "PETSc does not take the solver's options, under the prefix fx_",
+    ),
+    "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
+    "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
+    "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),
+    "points of text": (
+        lambda: RootMesh("points", [list(range(8))], ("a",), [0]),
+        GeometryError,
+        "points must be an array of numbers",
+    ),
+    "rows of unequal length": (
+        lambda: RootMesh([[0, 0, 0], [1, 0]], [list(range(8))], ("a",), [0]),
+        GeometryError,
+        "equally long",
+    ),
+    "cells that are no whole numbers": (
+        lambda: RootMesh(grid()[0], grid()[1] + 0.5, ("a",), [0]),
+        GeometryError,
+        "cells must be an array of whole numbers",
+    ),
+    "complex points": (lambda: RootMesh(grid()[0] * 1j, grid()[1], ("a",), [0]), GeometryError, "numbers"),
+    "node beyond the last": (lambda: RootMesh(grid()[0], grid()[1] + 1, ("a",), [0]), GeometryError, "outside 0..7"),
+    "nothing but None": (lambda: RootMesh(None, None, None, None), FxContactError, "got None"),
+    "body without cells": (lambda: RootMesh(*grid(), ("a", "b"), [0]), SceneError, "'b' has no root cell"),
+    "body without name": (lambda: RootMesh(*grid(), ("",), [0]), SceneError, "a body must be a name"),
+    "surfaces in a list": (lambda: RootMesh(*grid(), ("a",), [0], [("s", [[0, 0]])]), SceneError, "must be a dict"),
+    "surface of text": (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), GeometryError, "'s' must be an array"),
+    "condition in a list": (lambda: Dirichlet(["base"], x=0.0), SceneError, "must be a name, got ['base']"),
     "zero direction": (lambda: ContactPair("a", "b", (0, 0, 0)), SceneError, "zero"),
     "surfaces out of line": (lambda: press(two_cubes(shift=0.1)), PairingError, "face 5 of root cell 0"),
     "surfaces paired twice": (
@@ -343,6 +579,43 @@ CASES = {
     ),
     "fields that cannot be written": (unwritable_fields, OutputError, "name another output"),
 }
+
+
+#: Wrong types and values, by what is given and where: each must be a SceneError that shows them.
+for given, spelt in {
+    "text": "'text'",
+    None: "None",
+    np.nan: "nan",
+    -np.inf: "-inf",
+    1j: "1j",
+    True: "True",
+    (1.0, 2.0): "(1.0, 2.0)",
+}.items():
+    CASES |= {
+        f"{place} is {given!r}": (partial(action, given), SceneError, spelt)
+        for place, action in {
+            "radius": lambda value: scenes.hertz(radius=value, comm=COMM),
+            "approach": lambda value: scenes.hertz(displacement=value, comm=COMM),
+            "side of the cube": lambda value: scenes.indentation(side=value),
+            "E": lambda value: Material(value, 0.3),
+            "nu": lambda value: Material(1.0, value),
+            "traction": lambda value: Traction("top", (0.0, value, 0.0)),
+            "tolerance": lambda value: adapt(press(two_cubes()), value, COMM),
+            "tolerance of the solver": lambda value: Solver(tolerance=value),
+            "most iterations": lambda value: Solver(max_krylov=value),
+            "most steps": lambda value: adapt(press(two_cubes()), 0.5, COMM, max_steps=value),
+            "coarse": lambda value: scenes.hertz(coarse=value, comm=COMM),
+            "symmetry of a scene": lambda value: press(two_cubes(), symmetry=value),
+            "symmetry": lambda value: scenes.hertz(symmetry=value, comm=COMM),
+            "partition": lambda value: adapt(press(two_cubes()), 0.5, COMM, partition_kind=value),
+            "preconditioner": lambda value: Solver(value),
+            "enforcement": lambda value: Enforcement(value),
+            "mesh": lambda value: press(value),
+            "materials": lambda value: press(two_cubes(), materials=value),
+            "contact": lambda value: press(two_cubes(), contact=value),
+            "communicator": lambda value: adapt(press(two_cubes()), 0.5, value),
+        }.items()
+    }
 
 
 def _with_surface(mesh):
@@ -378,3 +651,60 @@ def test_error_of_one_rank_reaches_all():
             with together(COMM):
                 if COMM.rank == culprit:
                     raise SceneError(f"rank {culprit}")
+
+
+def test_error_that_cannot_be_sent():
+    """Where the error itself cannot go to other ranks, what it says does."""
+
+    class Odd(Exception):
+        def __reduce__(self):
+            raise TypeError("not to be sent")
+
+    for culprit in range(COMM.size):
+        with pytest.raises((Odd, RuntimeError), match="odd"):
+            with together(COMM):
+                if COMM.rank == culprit:
+                    raise Odd("odd")
+
+
+def test_what_the_bad_cases_spoil_is_good():
+    """The file and the lists are taken where nothing is wrong with them; a script in a file is not run."""
+    mesh = from_file(CUBE)
+    assert mesh.bodies == ("cube",) and mesh.surfaces["base"].tolist() == [[0, 0]]
+    points, cells = grid()
+    mesh = RootMesh(
+        points.tolist(), cells.tolist(), ["a"], [0], {"base": [[0, 0]]}, {"corner": [0]}, {"edge": [[0, 0]]}
+    )
+    scene = Scene("lists", mesh, {"a": STEEL}, [Dirichlet("base", 0, 0, 0), Dirichlet("corner", x=0)])
+    assert scene.mesh.points.dtype == np.float64 and scene.mesh.body.dtype == np.int32
+    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
+    for name in ("a.geo", "a.msh", "a.txt"):
+        with pytest.raises(SceneError, match="no mesh file of Gmsh"):
+            from_file(f'SystemCall "touch {folder}/run";\n', name)
+    assert not list(Path(folder).iterdir())
+    COMM.Barrier()
+    if COMM.rank == 0:
+        Path(folder).rmdir()
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+@pytest.mark.parametrize(
+    "words, code, message",
+    [
+        ("--tolerence 0.1", 2, "unknown option '--tolerence'; did you mean '--tolerance'?"),
+        ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
+        ("-fx_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
+        ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
+        ("--restart", 2, "--restart needs --checkpoint"),
+    ],
+)
+def test_command_line(tmp_path, words, code, message):
+    """A demo ends with one line that says what is wrong, and with an exit code."""
+    demo = Path(__file__).parents[1] / "demos" / "hertz.py"
+    command = [
+        sys.executable,
+        str(demo),
+        *f"--order 1 --coarse 1 --tolerance 0.5 --output {tmp_path} {words}".split(),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=100)
+    assert done.returncode == code and message in done.stderr and "Traceback" not in done.stderr, done.stderr

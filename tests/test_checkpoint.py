@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, leaves, vertex_positions
+from conftest import WORLD, everywhere, leaves, outside, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt
@@ -319,13 +319,9 @@ class Life:
         self.checkpoint, self.records = folder / "kept" / NAME, folder / "steps.jsonl"
         command = f"mpirun -n {ranks} {sys.executable} {HERTZ} {self.SETTINGS} --output {folder}"
         command += f" --checkpoint {folder / 'kept'}" + " --restart" * self.checkpoint.exists()
-        above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
-        environment = {name: value for name, value in os.environ.items() if not name.startswith(above)}
-        # More ranks than cores; an mpirun above has taken this setting of the launcher away.
-        environment |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
         self.log = (folder / "log").open("a")
         self.process = subprocess.Popen(
-            command.split(), stdout=self.log, stderr=self.log, env=environment, start_new_session=True
+            command.split(), stdout=self.log, stderr=self.log, env=outside(), start_new_session=True
         )
 
     def end(self, patience=120):

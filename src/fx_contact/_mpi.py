@@ -9,6 +9,7 @@ is freed.  dolfinx frees the communicators of its objects whenever Python drops 
 the lock's removal can then hang for ever.  So collectives go to the user's communicator, never to one of dolfinx.
 """
 
+import pickle
 from contextlib import contextmanager
 
 import numpy as np
@@ -34,8 +35,17 @@ def together(comm):
         error = caught
     first = comm.allreduce(comm.size if error is None else comm.rank, MPI.MIN)
     if first < comm.size:
-        shared = comm.bcast(error, root=first)
+        shared = comm.bcast(_sendable(error), root=first)
         raise shared if error is None else error
+
+
+def _sendable(error):
+    """The error, or if it cannot be sent to other ranks, one that says the same.  Local."""
+    try:
+        pickle.loads(pickle.dumps(error))
+        return error
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 class Exchange:

@@ -6,13 +6,14 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.checkpoint import Checkpoint, prepare, save
+from fx_contact.checks import check_comm, check_count, check_name, shown
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import PartitionError, SceneError, SolveError
 from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
-from fx_contact.partition import repartition
+from fx_contact.partition import KINDS, repartition
 from fx_contact.quality import brief
 from fx_contact.stages import Stages
 from fx_contact.step import Settings, solve_step
@@ -105,11 +106,12 @@ def adapt(
     """
     enforcement = Enforcement() if enforcement is None else enforcement
     settings = Settings(scene, tolerance, geometry_order, enforcement, Solver() if solver is None else solver)
-    if not isinstance(max_steps, int) or max_steps < 1:
-        raise SceneError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
+    check_comm(comm)
+    check_count("max_steps", max_steps)
+    check_name("partition", partition_kind, KINDS)
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
-            raise SceneError(f"{name} must be a {kind.__name__}, got {value!r}")
+            raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
     if beginning is not None and restart is not None:
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}

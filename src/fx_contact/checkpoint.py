@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fx_contact._mpi import Directory, together
+from fx_contact.checks import as_path, check_comm
 from fx_contact.errors import CheckpointError, OutputError
 from fx_contact.estimate import Estimate, Gain
 from fx_contact.forest import Forest
@@ -38,7 +39,7 @@ def prepare(folder, comm, restart=None):
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
     """
-    path = Path(folder) / NAME
+    path = as_path("the folder for checkpoints", folder, OutputError) / NAME
     with together(comm):
         if comm.rank == 0:
             try:
@@ -134,7 +135,9 @@ class Checkpoint:
     """
 
     def __init__(self, folder, scene, comm):
-        self.path, self._scene, self._comm = Path(folder) / NAME, scene, comm
+        check_comm(comm)
+        self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
+        self._scene, self._comm = scene, comm
         self._file = RowFile(self.path, comm)
         content = self._file.content
         if not isinstance(content, dict) or content.get("kind") != KIND:

@@ -6,7 +6,6 @@ missing (J. C. Simo, T. A. Laursen, Comput. Struct. 42(1), 1992); elimination ho
 """
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from dolfinx.la import InsertMode, vector
@@ -14,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from fx_contact.checks import check_name, check_number
 from fx_contact.errors import SceneError
 
 #: The methods, the default first.
@@ -47,14 +47,12 @@ class Enforcement:
     gap_tolerance: float = 1e-6
 
     def __post_init__(self):
-        if self.method not in METHODS:
-            raise SceneError(f"unknown enforcement {self.method!r}; there are {', '.join(map(repr, METHODS))}")
+        check_name("enforcement", self.method, METHODS)
         for name in ("factor", "node_stiffness", "gap_tolerance"):
             value = getattr(self, name)
             if value is None and name != "gap_tolerance":
                 continue
-            if not isinstance(value, Real) or not (np.isfinite(value) and value > 0):
-                raise SceneError(f"the penalty {name} must be a positive number, got {value!r}")
+            check_number(f"the penalty {name}", value, positive=True)
         given = [name for name in ("factor", "node_stiffness") if getattr(self, name) is not None]
         if given and self.method == "exact":
             raise SceneError(

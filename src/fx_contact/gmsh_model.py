@@ -4,12 +4,16 @@ Physical groups name things: volumes are bodies; surfaces, curves and points are
 order of Gmsh's nodes is read from Gmsh itself, so that all orders work alike.
 """
 
-from pathlib import Path
+import os
+import signal
+import subprocess
+import sys
 
 import numpy as np
 
 from fx_contact import reference
 from fx_contact._mpi import together
+from fx_contact.checks import as_path, check_comm
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER, RootMesh
 
@@ -30,6 +34,7 @@ def root_mesh_from_gmsh(comm, build):
     Raises:
         GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, or an order above 6.
     """
+    check_comm(comm)
     parts = None
     with together(comm):
         if comm.rank == 0:
@@ -46,7 +51,7 @@ def root_mesh_from_file(comm, path):
 
     Args:
         comm: MPI communicator.
-        path: of a file that Gmsh reads, with hexahedra and physical groups.
+        path: of a .msh file, with hexahedra and physical groups.
 
     Returns:
         RootMesh, the same on all ranks.
@@ -55,19 +60,48 @@ def root_mesh_from_file(comm, path):
         SceneError: there is no such file, or Gmsh cannot read it.
         GeometryError: as `root_mesh_from_gmsh`.
     """
-    path = Path(path)
+    path = as_path("a mesh file", path)
 
     def read():
         import gmsh
 
         if not path.is_file():
             raise SceneError(f"there is no mesh file {str(path)!r}")
+        _check_head(path)
+        _check_reading(path)
         try:
             gmsh.open(str(path))
         except Exception as error:
-            raise SceneError(f"Gmsh cannot read {str(path)!r}: {error}") from None
+            reason = str(error).strip() or "its numbers make no sense"
+            raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
 
     return root_mesh_from_gmsh(comm, read)
+
+
+def _check_head(path):
+    """The file must begin as Gmsh's meshes do: what does not Gmsh runs as a script, which may call any command."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(100)
+    except OSError as error:
+        raise SceneError(f"cannot read the mesh file {str(path)!r}: {error.strerror}") from None
+    if not head:
+        raise SceneError(f"the mesh file {str(path)!r} is empty")
+    if not head.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
+        raise SceneError(
+            f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat; for a script use "
+            "root_mesh_from_gmsh"
+        )
+
+
+def _check_reading(path):
+    """A damaged file can crash Gmsh, and the run with it; so another process reads it first."""
+    trial = "import gmsh, sys; gmsh.initialize(readConfigFiles=False, interruptible=False); gmsh.open(sys.argv[1])"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
+    done = subprocess.run([sys.executable, "-c", trial, str(path)], env=environment, capture_output=True)
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        raise SceneError(f"Gmsh cannot read {str(path)!r}: it crashes ({name}); is it whole? write it again")
 
 
 def _with_gmsh(build):

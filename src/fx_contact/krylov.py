@@ -1,14 +1,16 @@
 """PCG with a preconditioner of hypre that is kept while the operator changes a little."""
 
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 
 import numpy as np
 from petsc4py import PETSc
 
+from fx_contact.checks import check_count, check_label, check_name, check_number, shown
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.memory import shortage
+from fx_contact.petsc_options import PetscOptions
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
 PRECONDITIONERS = {
@@ -81,19 +83,22 @@ class Solver:
     options: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        if self.preconditioner not in PRECONDITIONERS:
-            names = ", ".join(map(repr, PRECONDITIONERS))
-            raise SceneError(f"unknown preconditioner {self.preconditioner!r}; there are {names}")
+        check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
         for name in ("tolerance", "loose_tolerance"):
             value = getattr(self, name)
-            if not isinstance(value, Real) or not 0 < value < 1:
+            check_number(f"the solver's {name}", value, positive=True)
+            if value >= 1:
                 raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
         if self.loose_tolerance < self.tolerance:
             raise SceneError(f"loose_tolerance {self.loose_tolerance} is tighter than the tolerance {self.tolerance}")
         for name in ("max_krylov", "max_contact"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
-                raise SceneError(f"the solver's {name} must be a positive whole number, got {value!r}")
+            check_count(f"the solver's {name}", getattr(self, name))
+        if not isinstance(self.options, Mapping):
+            raise SceneError(f"the solver's options must be a dict of PETSc options, got {shown(self.options)}")
+        for name, value in self.options.items():
+            check_label("a PETSc option", name)
+            if not isinstance(value, (str, Real, type(None))):
+                raise SceneError(f"the PETSc option {name!r} must be a text or a number, got {shown(value)}")
 
 
 class ConjugateGradients:
@@ -121,21 +126,21 @@ class ConjugateGradients:
     def __init__(self, matrix, solver, energy_norm):
         self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
         self.iterations = []
-        options = PRECONDITIONERS[solver.preconditioner] | solver.options
-        self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, options)
+        self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
         self._x, self._b = self.matrix.createVecs()
 
-    def _create_ksp(self, comm, preconditioner, prefix, options):
-        """PCG with options that the user's command line may replace, under a prefix."""
-        self.preconditioner, self._prefix, self._options = preconditioner, prefix, options
+    def _create_ksp(self, comm, preconditioner, prefix, given):
+        """PCG with options that the user may replace, under a prefix."""
+        self.preconditioner, self._prefix = preconditioner, prefix
+        self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, self.PREFIX + "fallback_")
         self._ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
-        with _defaults(prefix, options):
+        with self._options.there():
             try:
                 ksp.setFromOptions()
             except PETSc.Error as error:
@@ -160,8 +165,9 @@ class ConjugateGradients:
         """Build the preconditioner for the present values of the matrix."""
         self._ksp.getPC().setReusePreconditioner(False)
         self._ksp.setOperators(self._operator, self.matrix)
-        with _defaults(self._prefix, self._options):
+        with self._options.there():
             self._ksp.setUp()
+        self._options.check_read()
         self._ksp.getPC().setReusePreconditioner(True)
         self._scale = self.matrix.getDiagonal()
         self._scale.sqrtabs()
@@ -246,7 +252,7 @@ class ConjugateGradients:
             return False
         comm, before, product = self._ksp.comm, self.matrix, self._product
         self._ksp.destroy()
-        self._create_ksp(comm, name, self.PREFIX + "fallback_", PRECONDITIONERS[name])
+        self._create_ksp(comm, name, self.PREFIX + "fallback_", {})
         kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.HYPRE
         if before.type != kind and not (direct and before.type.endswith("aij")):
             self._operator.destroy()
@@ -300,17 +306,3 @@ class _Product:
         self._matrix.mult(x, y)
         if self.correction is not None:
             self.correction(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
-
-
-@contextmanager
-def _defaults(prefix, options):
-    """PETSc options for as long as they are read, but for those that the user's command line gives."""
-    database = PETSc.Options(prefix)
-    ours = [name for name in options if not database.hasName(name)]
-    for name in ours:
-        database[name] = options[name]
-    try:
-        yield
-    finally:
-        for name in ours:
-            database.delValue(name)

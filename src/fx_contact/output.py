@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from pathlib import Path
 
 import basix.ufl
 import numpy as np
@@ -12,6 +11,7 @@ from dolfinx.io import VTXWriter
 
 from fx_contact import reference
 from fx_contact._mpi import together
+from fx_contact.checks import as_path
 from fx_contact.errors import OutputError
 from fx_contact.estimate import VOIGT
 
@@ -32,7 +32,7 @@ class RecordWriter:
     """
 
     def __init__(self, folder, comm, finished=()):
-        self.path = Path(folder) / "steps.jsonl"
+        self.path = as_path("the output folder", folder, OutputError) / "steps.jsonl"
         self._comm, self._last = comm, 0
         with together(comm):
             if comm.rank == 0:
@@ -117,7 +117,7 @@ def write_fields(step, folder):
     Raises:
         OutputError: a file cannot be written.
     """
-    leaf, mesh = step.leaf_mesh.leaf, step.leaf_mesh.mesh
+    leaf, mesh, folder = step.leaf_mesh.leaf, step.leaf_mesh.mesh, as_path("the output folder", folder, OutputError)
     cells = {
         "indicator": step.estimate.error,
         "level": step.forest.level[leaf],
@@ -126,13 +126,13 @@ def write_fields(step, folder):
     tensor = [VOIGT.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
     _write(
         step,
-        Path(folder) / "fields.bp",
+        folder / "fields.bp",
         lambda: [
             _nodal(mesh, "displacement", (3,), _corner_values(step.elasticity.u)),
             _nodal(mesh, "stress", (3, 3), _corner_values(step.estimate.stress)[:, :, tensor]),
         ],
     )
-    _write(step, Path(folder) / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
+    _write(step, folder / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
 
 
 def _write(step, path, fields):

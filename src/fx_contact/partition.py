@@ -18,7 +18,8 @@ from mpi4py import MPI
 
 from fx_contact import _compat, curve
 from fx_contact._mpi import Directory
-from fx_contact.errors import PartitionError, SceneError
+from fx_contact.checks import check_name
+from fx_contact.errors import PartitionError
 from fx_contact.smoothing import smoothed
 from fx_contact.units import Units, curve_keys
 
@@ -142,8 +143,7 @@ def repartition(forest, values, kind="contact-sfc"):
         SceneError: unknown kind.
         PartitionError: a rank would get no leaf.
     """
-    if kind not in KINDS:
-        raise SceneError(f"unknown partition {kind!r}; there are {', '.join(map(repr, KINDS))}")
+    check_name("partition", kind, KINDS)
     comm, pairs = forest.comm, KINDS[kind].pairs
     if comm.size > 1:
         if pairs:

@@ -4,6 +4,7 @@ The geometry of every leaf is the restriction of its root cell's map of order p,
 domain (super-parametric elements, section 2 of the paper).
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,16 +14,21 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact import reference
+from fx_contact.checks import check_label, shown, unknown
 from fx_contact.errors import GeometryError, SceneError
 
 MAX_ORDER = 6
 #: Lattices evaluated at once: few enough for the processor's cache.
 _CHUNK = 1 << 12
+#: Sizes below it, and above its inverse, have volumes or inertias that are no double precision numbers [m].
+_SMALLEST = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
 class RootMesh:
     """A conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks; checked when made.
+
+    Lists will do for arrays and tuples.
 
     Attributes:
         points: (npoints, 3) float64, node positions [m].
@@ -48,6 +54,7 @@ class RootMesh:
     curves: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
+        _take_arrays(self)
         _check_shapes(self)
         _check_jacobian(self)
         _check_conforming(self)
@@ -89,7 +96,7 @@ class RootMesh:
             SceneError: there is no such surface.
         """
         if name not in self.surfaces:
-            raise SceneError(f"unknown surface {name!r}; the root mesh has {_names(self.surfaces)}")
+            raise SceneError(unknown("surface", name, self.surfaces, "the root mesh has"))
         return self.surfaces[name]
 
     def facet_points(self, facets, order=None):
@@ -171,10 +178,61 @@ def _names(names):
     return ", ".join(repr(name) for name in names) or "none"
 
 
+def _take_arrays(mesh):
+    """Turn what was given into the arrays, tuples and dicts that the attributes are."""
+    groups = {
+        name: {key: _integers(repr(key), rows, dtype) for key, rows in _mapping(name, getattr(mesh, name)).items()}
+        for name, dtype in (("surfaces", np.int32), ("vertices", np.int64), ("curves", np.int32))
+    }
+    if isinstance(mesh.bodies, str) or not isinstance(mesh.bodies, Iterable):
+        raise SceneError(f"bodies must be different names, got {shown(mesh.bodies)}")
+    taken = {
+        "points": _array("points", mesh.points, "fiu", np.float64),
+        "cells": _integers("cells", mesh.cells),
+        "bodies": tuple(mesh.bodies),
+        "body": _integers("body", mesh.body, np.int32),
+        **groups,
+    }
+    for name, value in taken.items():
+        object.__setattr__(mesh, name, value)
+
+
+def _array(what, value, kinds, dtype, nature="numbers"):
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise GeometryError(
+            f"{what} must be an array of {nature}, its rows equally long, got {shown(value)}"
+        ) from None
+    if array.dtype.kind not in kinds and array.size:
+        raise GeometryError(f"{what} must be an array of {nature}, got {shown(value)}")
+    return array.astype(dtype)
+
+
+def _integers(what, value, dtype=np.int64):
+    array = _array(what, value, "iu", np.int64, "whole numbers")
+    if (array.astype(dtype) != array).any():
+        raise GeometryError(
+            f"{what} has a number beyond those of cells and nodes: {array.flat[np.abs(array).argmax()]}"
+        )
+    return array.astype(dtype)
+
+
+def _mapping(name, value):
+    if not isinstance(value, Mapping):
+        raise SceneError(f"{name} must be a dict of names and arrays, got {shown(value)}")
+    for key in value:
+        check_label(f"a key of {name}", key)
+    return value
+
+
 def _check_shapes(mesh):
-    if mesh.points.ndim != 2 or mesh.points.shape[1] != 3 or not np.isfinite(mesh.points).all():
-        raise GeometryError(f"points must be a finite (npoints, 3) array, got shape {mesh.points.shape}")
-    if mesh.cells.ndim != 2 or not len(mesh.cells):
+    if mesh.points.ndim != 2 or mesh.points.shape[1] != 3:
+        raise GeometryError(f"points must be a (npoints, 3) array, got shape {mesh.points.shape}")
+    if not np.isfinite(mesh.points).all():
+        node = int(np.argmin(np.isfinite(mesh.points).all(axis=1)))
+        raise GeometryError(f"points must be finite, node {node} is at {mesh.points[node]}")
+    if mesh.cells.ndim != 2 or not mesh.cells.size:
         raise GeometryError("the root mesh has no hexahedra; mesh the volumes with transfinite, recombined blocks")
     nodes = mesh.cells.shape[1]
     if nodes not in [(p + 1) ** 3 for p in range(1, MAX_ORDER + 1)]:
@@ -185,6 +243,9 @@ def _check_shapes(mesh):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
     if len(mesh.cells) > 2_000_000:
         raise GeometryError("more than 2 million root cells: coarsen the root mesh, the leaves refine it")
+    size = np.ptp(mesh.points, axis=0).max(initial=0.0)
+    if not _SMALLEST < size < 1 / _SMALLEST:
+        raise GeometryError(f"the root mesh is {size:.3g} m large, its volumes are no numbers: check the units")
 
 
 def _check_jacobian(mesh):
@@ -210,6 +271,10 @@ def _check_jacobian(mesh):
 
 
 def _check_conforming(mesh):
+    _, kind, count = np.unique(np.sort(mesh.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
+    twice = np.flatnonzero(count[kind.ravel()] > 1)
+    if len(twice):
+        raise GeometryError(f"root cell {twice[0]} is there twice, or another cell has the same corners")
     if mesh.face_neighbours.max() > 2:
         cell, face = np.argwhere(mesh.face_neighbours > 2)[0]
         raise GeometryError(f"more than two cells share face {face} of root cell {cell}")
@@ -263,8 +328,7 @@ def _check_tags(mesh):
         raise SceneError(f"two surfaces, curves or vertices have one name, among {_names(names)}")
     for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
         for name, rows in groups.items():
-            rows = np.asarray(rows)
-            if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows) or not np.issubdtype(rows.dtype, np.integer):
+            if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
                 raise SceneError(f"{name!r} must have at least one row (root cell, local {kind} 0..{count - 1})")
             if (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
                 raise SceneError(f"{name!r} names a root cell or local {kind} that the mesh does not have")
@@ -276,18 +340,23 @@ def _check_tags(mesh):
             cell, face = facets[inner][0]
             raise SceneError(f"surface {name!r} has face {face} of root cell {cell}, which is inside a body")
     for name, nodes in mesh.vertices.items():
-        if not len(nodes) or not np.isin(nodes, mesh.corners).all():
+        if nodes.ndim != 1 or not len(nodes) or not np.isin(nodes, mesh.corners).all():
             raise SceneError(f"vertex {name!r} is not a corner of root cells")
 
 
 def _check_bodies(mesh):
-    if isinstance(mesh.bodies, str) or len(set(mesh.bodies)) < len(mesh.bodies):
+    for name in mesh.bodies:
+        check_label("a body", name)
+    if len(set(mesh.bodies)) < len(mesh.bodies):
         raise SceneError(f"bodies must be different names, got {mesh.bodies!r}")
     if mesh.body.shape != (len(mesh.cells),):
         raise SceneError(f"body must have one entry a cell, got shape {mesh.body.shape}")
     if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
         cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
         raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
+    empty = np.setdiff1d(np.arange(len(mesh.bodies)), mesh.body)
+    if len(empty):
+        raise SceneError(f"body {mesh.bodies[empty[0]]!r} has no root cell")
     owner = np.full(len(mesh.points), -1)
     owner[mesh.cells] = mesh.body[:, None]
     common = (owner[mesh.cells] != mesh.body[:, None]).any(axis=1)

@@ -3,16 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
 
 import numpy as np
 
 from fx_contact import reference
+from fx_contact.checks import check_count, check_label, check_name, check_number, check_vector, shown, unknown
 from fx_contact.errors import SceneError
 from fx_contact.pairing import Pairing
+from fx_contact.plausibility import check_tractions, check_units
 from fx_contact.rootmesh import RootMesh
 
 COMPONENTS = "xyz"
+#: Softest material of which energies are double precision numbers, the inverse of the hardest [Pa].
+_SOFTEST = 1e-100
 
 
 @dataclass(frozen=True)
@@ -31,10 +34,12 @@ class Material:
     poisson: float
 
     def __post_init__(self):
-        _check_number("Young's modulus", self.young)
-        _check_number("Poisson's ratio", self.poisson)
+        check_number("Young's modulus", self.young)
+        check_number("Poisson's ratio", self.poisson)
         if self.young <= 0:
             raise SceneError(f"Young's modulus must be positive, got {self.young}")
+        if not _SOFTEST <= self.young <= 1 / _SOFTEST:
+            raise SceneError(f"energies of a Young's modulus of {self.young} Pa are no numbers: check its unit")
         if not -1 < self.poisson < 0.5:
             raise SceneError(f"Poisson's ratio must lie between -1 and 0.5 (excluded), got {self.poisson}")
 
@@ -62,11 +67,12 @@ class Dirichlet:
     z: float | None = None
 
     def __post_init__(self):
+        check_label("the place of a displacement condition", self.where)
         given = [c for c in COMPONENTS if getattr(self, c) is not None]
         if not given:
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
         for component in given:
-            _check_number(f"the displacement {component} on {self.where!r}", getattr(self, component))
+            check_number(f"the displacement {component} on {self.where!r}", getattr(self, component))
 
     @property
     def values(self):
@@ -90,7 +96,8 @@ class Traction:
     value: tuple[float, float, float]
 
     def __post_init__(self):
-        _check_vector(f"the traction on {self.surface!r}", self.value)
+        check_label("the surface of a traction", self.surface)
+        check_vector(f"the traction on {self.surface!r}", self.value)
 
 
 @dataclass(frozen=True)
@@ -111,10 +118,12 @@ class ContactPair:
     direction: tuple[float, float, float] | None = None
 
     def __post_init__(self):
+        for surface in (self.first, self.second):
+            check_label("a contact surface", surface)
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         if self.direction is not None:
-            _check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
+            check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
             if not np.linalg.norm(self.direction):
                 raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
 
@@ -150,23 +159,29 @@ class Scene:
 
     def __post_init__(self):
         mesh = self.mesh
+        check_label("the name of a scene", self.name)
+        if not isinstance(mesh, RootMesh):
+            raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
         for name, kind in (("dirichlet", Dirichlet), ("contact", ContactPair), ("tractions", Traction)):
             items = getattr(self, name)
             if not isinstance(items, (tuple, list)) or not all(isinstance(item, kind) for item in items):
-                raise SceneError(f"{name} must be a tuple of {kind.__name__}, got {items!r}")
-        if not isinstance(self.symmetry, int) or self.symmetry < 1:
-            raise SceneError(f"symmetry must be a positive whole number of copies, got {self.symmetry!r}")
-        _check_vector("contact_centre", self.contact_centre)
+                raise SceneError(f"{name} must be a tuple of {kind.__name__}, got {shown(items)}")
+        check_count("symmetry, the number of copies,", self.symmetry)
+        check_vector("contact_centre", self.contact_centre)
+        if not isinstance(self.materials, Mapping):
+            raise SceneError(f"materials must be a dict of body names and Material, got {shown(self.materials)}")
         for body in self.materials:
-            if body not in mesh.bodies:
-                raise SceneError(f"unknown body {body!r}; the root mesh has {', '.join(map(repr, mesh.bodies))}")
+            check_name("body", body, mesh.bodies, "the root mesh has")
         for body in mesh.bodies:
             if not isinstance(self.materials.get(body), Material):
-                raise SceneError(f"body {body!r} has no material")
+                given = self.materials.get(body)
+                raise SceneError(f"body {body!r} has no material" + ("" if given is None else f" but {shown(given)}"))
         for pair in self.contact:
             mesh.surface(pair.first), mesh.surface(pair.second)
         for traction in self.tractions:
             mesh.surface(traction.surface)
+        check_units(self)
+        check_tractions(self)
         _check_held(self)
 
     @cached_property
@@ -248,8 +263,8 @@ class Scene:
             return np.unique(mesh.corners[cell[:, None], reference.EDGE_CORNERS[edge]])
         if name in mesh.vertices:
             return mesh.vertices[name]
-        places = ", ".join(map(repr, [*mesh.surfaces, *mesh.curves, *mesh.vertices])) or "none"
-        raise SceneError(f"unknown surface, curve or vertex {name!r}; the root mesh has {places}")
+        places = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
+        raise SceneError(unknown("surface, curve or vertex", name, places, "the root mesh has"))
 
     def contact_directions(self, facets):
         """Direction in which gaps are measured at facets of first surfaces: as given, or the mean normal.
@@ -292,18 +307,6 @@ class Scene:
                     )
                 result[nodes, component] = value
         return result
-
-
-def _check_number(what, value):
-    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(value):
-        raise SceneError(f"{what} must be a finite number, got {value!r}")
-
-
-def _check_vector(what, value):
-    if np.shape(value) != (3,):
-        raise SceneError(f"{what} must have three components, got {value!r}")
-    for component in value:
-        _check_number(what, component)
 
 
 def _check_held(scene):

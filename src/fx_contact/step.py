@@ -1,11 +1,11 @@
 """One adaptive step: the solution on a given forest, its estimated error, and the record of both."""
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.checks import check_number, shown
 from fx_contact.conditions import load, prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
@@ -51,15 +51,18 @@ class Settings:
 
     def __post_init__(self):
         if not isinstance(self.scene, Scene):
-            raise SceneError(f"adapt needs a Scene, got {self.scene!r}")
+            raise SceneError(f"adapt needs a Scene, got {shown(self.scene)}")
         tolerance, order, orders = self.tolerance, self.geometry_order, range(1, self.scene.mesh.order + 1)
-        if not isinstance(tolerance, Real) or not (np.isfinite(tolerance) and tolerance > 0):
-            raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
+        check_number("the tolerance", tolerance, positive=True)
+        if tolerance >= 1:
+            raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
         for name, kind in (("enforcement", Enforcement), ("solver", Solver)):
             if not isinstance(getattr(self, name), kind):
-                raise SceneError(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
-        if order is not None and not (isinstance(order, int) and order in orders):
-            raise SceneError(f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {order}")
+                raise SceneError(f"{name} must be a {kind.__name__}, got {shown(getattr(self, name))}")
+        if order is not None and (isinstance(order, bool) or not isinstance(order, int) or order not in orders):
+            raise SceneError(
+                f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

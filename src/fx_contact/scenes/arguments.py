@@ -1,26 +1,24 @@
 """Checks that the ready scenes share."""
 
-import numpy as np
-
+from fx_contact.checks import check_count, check_name, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER
+
+#: Most root cells along a block: the root mesh is on every rank, it is for the leaves to be many.
+_MOST = 50
 
 
 def check_symmetry(symmetry):
     """Raises SceneError unless symmetry is "quarter" or "full".  Local."""
-    if symmetry not in ("quarter", "full"):
-        raise SceneError(f"unknown symmetry {symmetry!r}; there are 'quarter' and 'full'")
-
-
-def check_number(name, value, positive=False):
-    """Raises SceneError unless a number is finite, and positive if asked for.  Local."""
-    if not np.isfinite(value) or (positive and value <= 0):
-        raise SceneError(f"the {name} must be a {'positive' if positive else 'finite'} number, got {value}")
+    check_name("symmetry", symmetry, ("quarter", "full"))
 
 
 def check_mesh_size(order, coarse):
-    """Raises GeometryError for an order outside 1 to 6, SceneError unless coarse is a positive integer.  Local."""
-    if order not in range(1, MAX_ORDER + 1):
-        raise GeometryError(f"the order of the root mesh must be 1 to {MAX_ORDER}, got {order}")
-    if not (isinstance(coarse, (int, np.integer)) and coarse >= 1):
-        raise SceneError(f"coarse must be a positive number of root cells, got {coarse}")
+    """Raises GeometryError for an order outside 1 to 6, SceneError unless coarse is a number of root cells.  Local."""
+    if isinstance(order, bool) or not isinstance(order, int) or order not in range(1, MAX_ORDER + 1):
+        raise GeometryError(f"the order of the root mesh must be 1 to {MAX_ORDER}, got {shown(order)}")
+    check_count("coarse, the number of root cells,", coarse)
+    if coarse > _MOST:
+        raise SceneError(
+            f"coarse must be {_MOST} at most, got {coarse}: refinement makes the leaves, not the root mesh"
+        )

@@ -3,10 +3,11 @@
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.checks import check_number
 from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.reference import CORNERS, FACE_CORNERS
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
+from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
 from fx_contact.scenes.roundness import check_roundness
 
 

@@ -1,8 +1,9 @@
 """A stiff cube pressed into a soft block: the paper's second benchmark, affine geometry."""
 
+from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
+from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 

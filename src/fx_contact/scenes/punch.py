@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from fx_contact.checks import check_number
 from fx_contact.analytic import Hertz
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
+from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
 from fx_contact.scenes.indentation import cube_on_block, sideways
 from fx_contact.scenes.roundness import check_roundness
 

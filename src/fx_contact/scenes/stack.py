@@ -1,8 +1,9 @@
 """Blocks one on another between plates: as many bodies as wanted, in uniform compression."""
 
+from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_mesh_size, check_number
+from fx_contact.scenes.arguments import check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 

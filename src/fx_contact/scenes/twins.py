@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Traction
-from fx_contact.scenes.arguments import check_number
 
 
 def scaled(scene, length=1.0, stress=1.0):

@@ -1,0 +1,75 @@
+"""PETSc options under a prefix: defaults that the user's command line may replace, and options that nobody reads."""
+
+import ctypes
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+from fx_contact.checks import nearest
+from fx_contact.errors import SceneError
+
+#: Options that users try most, to find the one that a misspelt name was to be.
+COMMON = (
+    "ksp_type ksp_max_it ksp_rtol ksp_atol ksp_norm_type ksp_monitor ksp_monitor_true_residual ksp_converged_reason "
+    "ksp_view ksp_view_singularvalues ksp_error_if_not_converged ksp_initial_guess_nonzero pc_type pc_hypre_type "
+    "pc_factor_mat_solver_type pc_gamg_threshold pc_gamg_type mg_levels_ksp_type mg_levels_pc_type "
+    "pc_hypre_boomeramg_strong_threshold pc_hypre_boomeramg_max_iter pc_hypre_boomeramg_coarsen_type "
+    "pc_hypre_boomeramg_interp_type pc_hypre_boomeramg_P_max pc_hypre_boomeramg_agg_nl "
+    "pc_hypre_boomeramg_numfunctions pc_hypre_boomeramg_relax_type_all pc_hypre_boomeramg_relax_type_down "
+    "pc_hypre_boomeramg_relax_type_up pc_hypre_boomeramg_print_statistics pc_hypre_ilu_maxiter pc_hypre_ilu_tol"
+).split()
+
+
+class PetscOptions:
+    """The options of one PETSc object.
+
+    Local.
+
+    Args:
+        prefix: that the object has.
+        defaults: dict of the program's options.
+        given: dict of the user's options, which win over them; the command line wins over both.
+        others: prefix below this one that belongs to another object.
+    """
+
+    def __init__(self, prefix, defaults, given, others):
+        self._prefix, self._values = prefix, defaults | given
+        typed = [name for name in PETSc.Options(prefix).getAll() if not (prefix + name).startswith(others)]
+        self._unread = {*given, *typed}
+
+    @contextmanager
+    def there(self):
+        """The options are in PETSc's database for as long as the block runs, which reads them."""
+        database = PETSc.Options(self._prefix)
+        ours = [name for name in self._values if not database.hasName(name)]
+        unread = {name for name in self._unread if not _is_used(self._prefix + name)}
+        for name in ours:
+            database[name] = self._values[name]
+        try:
+            yield
+            self._unread = {name for name in unread if not _is_used(self._prefix + name)}
+        finally:
+            for name in ours:
+                database.delValue(name)
+
+    def check_read(self):
+        """Raises SceneError if an option of the user was in none of the blocks read: it is misspelt, or useless."""
+        for name in sorted(self._unread):
+            raise SceneError(
+                f"PETSc's solver does not read the option {name!r} (on the command line -{self._prefix}{name}): it is "
+                f"misspelt, or belongs to another solver or preconditioner{nearest(name, COMMON)}"
+            )
+
+
+def unread_options(prefix):
+    """Options of the command line that nothing has read so far, but for those under a prefix: list of str.  Local."""
+    late = "options_left", "objects_dump"  # PETSc reads them when it ends
+    given = [name for name in PETSc.Options().getAll() if not name.startswith((prefix, *late))]
+    return [name for name in given if not _is_used(name)]
+
+
+def _is_used(name):
+    """Whether an option in the database has been read; petsc4py does not tell, so PETSc itself is asked."""
+    ask = getattr(ctypes.CDLL(PETSc.__file__), "PetscOptionsUsed", None)
+    used = ctypes.c_int(0)
+    return ask is None or ask(None, name.encode(), ctypes.byref(used)) != 0 or bool(used.value)
