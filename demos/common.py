@@ -3,6 +3,7 @@
 import argparse
 import sys
 import traceback
+from dataclasses import asdict
 from pathlib import Path
 
 import petsc4py
@@ -24,9 +25,12 @@ petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything el
 from mpi4py import MPI  # noqa: E402
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
+from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.errors import FxContactError  # noqa: E402
 from fx_contact.output import RecordWriter, write_fields  # noqa: E402
+from fx_contact.overrefined import true_error  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
@@ -68,7 +72,15 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
+    add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
+    add("--true-error", type=float, metavar="E", help="go on to this tolerance to measure the true energy error")
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
+    add("--checkpoint", type=Path, help="folder that keeps the last step, to restart from")
+    add(
+        "--restart",
+        action="store_true",
+        help="go on from the step in the folder of --checkpoint, on any number of ranks",
+    )
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
 
@@ -79,13 +91,17 @@ def enforcement(arguments):
     return Enforcement(arguments.enforcement or METHODS[0 if stiffness == (None, None) else -1], *stiffness)
 
 
-def main(options, make_scene, exact=None):
+def main(options, make_scene, exact=None, *, best_scene=None, errors=None, beginning=None):
     """Parse, run, write; errors of the package end in one line and exit code 1 on all ranks.
 
     Args:
         options: ArgumentParser.
         make_scene: function of the arguments and a Material that makes the Scene.
         exact: function of the arguments, the Material and the force that makes a Hertz to compare with, or None.
+        best_scene: like make_scene, with the best geometry of the same root cells, for `--true-error`; None: the same.
+        errors: function of the arguments and the last Step that gives deviations from what is known, by name; or None.
+        beginning: function of the arguments, the Scene and the communicator that gives the Beginning, or None for the
+            root cells; None: `uniform`.
     """
     arguments, others = options.parse_known_args()
     comm, theirs = MPI.COMM_WORLD, petsc_options(sys.argv[1:])
@@ -93,8 +109,10 @@ def main(options, make_scene, exact=None):
     unknown += [word for word in theirs if f"-{word}" in options.format_help().split()]
     if unknown or (theirs and not theirs[0][1:2].isalpha()):
         options.error(f"unknown option {(unknown + theirs)[0]!r}; --help lists them, all with two dashes")
+    if arguments.restart and not arguments.checkpoint:
+        options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     try:
-        _run(comm, arguments, make_scene, exact)
+        _run(comm, arguments, make_scene, exact, best_scene or make_scene, errors, beginning or uniform)
     except FxContactError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)
@@ -104,35 +122,53 @@ def main(options, make_scene, exact=None):
         comm.Abort(1)
 
 
-def _run(comm, arguments, make_scene, exact):
-    records = RecordWriter(arguments.output, comm)
+def uniform(arguments, scene, comm):
+    """The Beginning that `--uniform` asks for, or None."""
+    return None if arguments.uniform is None else Beginning.uniform(scene, arguments.uniform, comm)
+
+
+def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     material = Material(young=arguments.young, poisson=arguments.poisson)
     scene = make_scene(arguments, material)
-    show = print if comm.rank == 0 else lambda *_, **__: None
-    show(table_head(), flush=True)
-    steps = []
-    for step in adapt(
+    before = Checkpoint(arguments.checkpoint, scene, comm) if arguments.restart else None
+    steps, once = list(before.records) if before else [], arguments.uniform is not None
+    run = adapt(
         scene,
         arguments.tolerance,
         comm,
-        max_steps=arguments.max_steps,
+        max_steps=1 if once else arguments.max_steps,
         geometry_order=arguments.geometry_order,
         enforcement=enforcement(arguments),
         solver=Solver(arguments.preconditioner),
         partition_kind=arguments.partition,
-    ):
-        records.write(step.record)
-        steps.append(step.record)
-        show(table_row(step.record), flush=True)
+        beginning=beginning(arguments, scene, comm) if before is None else None,
+        checkpoint=arguments.checkpoint,
+        restart=before,
+    )
+    records = RecordWriter(arguments.output, comm, steps)
+    show = print if comm.rank == 0 else lambda *_, **__: None
+    show("\n".join([table_head(), *map(table_row, steps)]), flush=True)
+    for step in run:
+        if step.record["step"] == len(steps):  # else the last one again, for its fields
+            records.write(step.record)
+            steps.append(step.record)
+            show(table_row(step.record), flush=True)
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     results = "steps.jsonl"
     if not arguments.records_only:
         results += ", fields.bp and cells.bp (for ParaView), " + _show(step, arguments.output, bool(exact), compared)
         record |= step.stages.costs(comm)
+    if errors:
+        record["errors"] = errors(arguments, step)
+    if arguments.true_error:
+        true = true_error(step, arguments.true_error, best_scene(arguments, material))
+        record["true_error"] = {**asdict(true), "relative": true.relative}
+        record["effectivity"] = record["estimate"] / true.relative
+    if record is steps[-1]:
         records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
-    if not record["ratio"] <= 1:
+    if not record["ratio"] <= 1 and not once:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
     if not record["active_pairs"]:
         show("The bodies do not touch.")
@@ -140,6 +176,10 @@ def _run(comm, arguments, make_scene, exact):
     if compared:
         show(f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m, ", end="")
         show(f"{compared.max_pressure:.5g} Pa")
+    for name, value in record.get("errors", {}).items():
+        show(f"{name.replace('_', ' ')}: {value:+.3%} from the reference")
+    if arguments.true_error:
+        show(f"true energy error {true.relative:.2%}, effectivity {record['effectivity']:.3f}")
     show(f"results in {arguments.output}: {results}")
 
 

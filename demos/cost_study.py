@@ -13,39 +13,13 @@ Tables and pictures go to results/cost.
 """
 
 import argparse
-import json
-import re
 import shlex
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-DEMOS = Path(__file__).parent
-STAGES = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine", "other")
-
-
-@dataclass(frozen=True)
-class Case:
-    """A run of a demo.
-
-    Attributes:
-        demo: name of its script.
-        options: of its command line.
-        ranks: MPI ranks.
-    """
-
-    demo: str
-    options: str
-    ranks: int = 2
-
-    @property
-    def command(self):
-        """As a user would type it."""
-        return f"mpirun -n {self.ranks} python3 demos/{self.demo}.py {self.options}"
-
+from runs import DEMOS, STAGES, Case, cpu, records, wall
 
 #: The README's table: targets in CPU seconds and kB a dof, where there are some.
 STANDARD = {
@@ -86,27 +60,6 @@ def output(command):
         print(f"failed: {command}\n{run.stderr[-2000:]}", file=sys.stderr)
         return None
     return run.stdout
-
-
-def records(case, folder):
-    """Step records of a case, run now if they are not there; None if it failed."""
-    place = folder / re.sub(r"[^\w.]+", "-", f"{case.demo} {case.options} on {case.ranks}")
-    steps, done = place / "steps.jsonl", place / "done"
-    if not done.exists():
-        if output(f"{case.command} --records-only --output {shlex.quote(str(place))}") is None:
-            return None
-        done.touch()
-    return [json.loads(line) for line in steps.read_text().splitlines()]
-
-
-def cpu(steps, stages=STAGES):
-    """CPU seconds of all ranks in some stages of all steps; those of a demo without output, compilation apart."""
-    return sum(step["cpu_seconds"][name] for step in steps for name in stages)
-
-
-def wall(steps):
-    """Wall seconds of all steps, compilation apart."""
-    return sum(step["seconds"]["total"] - step["seconds"]["compile"] for step in steps)
 
 
 def kilobytes(steps):

@@ -9,19 +9,27 @@ drawn, and the contact pressure against Hertz's.
 
 from common import main, parser
 
+from fx_contact.accuracy import contact_errors
 from fx_contact.analytic import Hertz
+from fx_contact.references import REFERENCES
+from fx_contact.rootmesh import MAX_ORDER
 from fx_contact.scenes import hertz
 
 options = parser(__doc__, tolerance=0.08, order=3, coarse=4, output="results/hertz")
 options.add_argument("--radius", type=float, default=1.0, help="of both spheres [m] (%(default)s)")
 options.add_argument("--displacement", type=float, default=0.01, help="approach of the flat faces [m] (%(default)s)")
+options.add_argument("--reference", choices=REFERENCES, help="record the deviations from these published values")
 
 
-def scene(arguments, material):
-    """The two half-spheres that the arguments describe."""
-    return hertz(
-        arguments.radius, arguments.displacement, material, arguments.order, arguments.coarse, arguments.symmetry
-    )
+def scene(arguments, material, order=None):
+    """The two half-spheres that the arguments describe, of another geometry order if one is given."""
+    order = order or arguments.order
+    return hertz(arguments.radius, arguments.displacement, material, order, arguments.coarse, arguments.symmetry)
+
+
+def best_scene(arguments, material):
+    """The same root cells with the geometry closest to a sphere."""
+    return scene(arguments, material, MAX_ORDER)
 
 
 def exact(arguments, material, force):
@@ -29,5 +37,10 @@ def exact(arguments, material, force):
     return Hertz.of_equal_spheres(arguments.radius, material, force)
 
 
+def errors(arguments, step):
+    """Deviations from the published values that were asked for."""
+    return contact_errors(step, REFERENCES[arguments.reference]()) if arguments.reference else {}
+
+
 if __name__ == "__main__":
-    main(options, scene, exact)
+    main(options, scene, exact, best_scene=best_scene, errors=errors)

@@ -51,7 +51,8 @@ def draw_prediction(predictions, dofs, path):
         path: of the PNG.
     """
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.4, 4.4), layout="constrained")
-    for kind, by_parts in predictions.items():
+    for kind in reversed(STYLES):  # contact-sfc on top
+        by_parts = predictions[kind]
         parts = np.array(list(by_parts))
         left.loglog(parts, [s["total"] for s in by_parts.values()], label=kind, ms=5, lw=1.4, **STYLES[kind])
     best = predictions["contact-sfc"]
@@ -59,7 +60,9 @@ def draw_prediction(predictions, dofs, path):
     for stage, colour in STAGE_COLOURS.items():
         right.loglog(parts, [s[stage] for s in best.values()], color=colour, marker="o", ms=4, lw=1.4, label=stage)
     for axes, stage, what in ((left, "total", "all stages"), (right, "solve", "contact-sfc by stage")):
-        axes.loglog(parts, best[parts[0]][stage] * parts[0] / parts, "--", color="#666666", lw=1, label="ideal")
+        axes.loglog(
+            parts, best[parts[0]][stage] * parts[0] / parts, "--", color="#666666", lw=1, label=f"ideal ({stage})"
+        )
         axes.set_title(f"MODEL: {dofs}, {what}", fontsize=11)
         axes.set_xticks(parts, [f"{p}" for p in parts], rotation=45, fontsize=8)
         axes.minorticks_off()

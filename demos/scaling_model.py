@@ -36,7 +36,9 @@ class Kernels:
             the matrix; recovery and indicator.
         setup, product, cycle: seconds a dof of a rank: set-up of the preconditioner, matrix times vector, V-cycle.
         iterations: of PCG, all solves of an adaptive step together.
-        exchanges: sparse all-to-all exchanges of an adaptive step outside the solver.
+        hashed: exchanges by hashed keys in an adaptive step: how often all ranks tell each other how many rows will
+            come, and how often rows travel, which they never do on one rank.
+        straightening: the same of the exchanges between neighbours that straighten the interfaces of contact-sfc.
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
 
@@ -48,7 +50,8 @@ class Kernels:
     product: float
     cycle: float
     iterations: int
-    exchanges: int
+    hashed: tuple
+    straightening: tuple
     levels: np.ndarray
 
 
@@ -60,7 +63,7 @@ SETUP_EXCHANGES = 12
 REDUCTIONS = 2
 
 
-def predict(quality, cells, dofs, kernels, network, scale=1.0):
+def predict(quality, cells, dofs, kernels, network, scale=1.0, straightened=False):
     """Seconds of the stages of one adaptive step.
 
     Args:
@@ -69,6 +72,7 @@ def predict(quality, cells, dofs, kernels, network, scale=1.0):
         kernels: Kernels.
         network: Network.
         scale: volume of the predicted mesh over that of the scored one; halos grow with the surface, scale^(2/3).
+        straightened: whether making the partition includes the straightening of its interfaces.
 
     Returns:
         dict: seconds of `STAGES` and of `total`, and `waiting`, the share of messages and reductions in the solve.
@@ -88,8 +92,13 @@ def predict(quality, cells, dofs, kernels, network, scale=1.0):
     levels = np.array([exchange(rows, entries / hierarchy[0, 1]) for rows, entries in hierarchy])
     messages = exchange() + PRODUCTS * levels.sum() + (REDUCTIONS + 1) * reduction
     iteration = most_dofs * (kernels.product + kernels.cycle) + messages
-    # A sparse all-to-all by hashed keys reaches as many ranks as a part has keys, at most all.
-    rendezvous = kernels.exchanges * (network.latency * min(parts - 1, 8 * most_cells) + reduction)
+    # The numbers of rows, four bytes for each rank, are passed on in log2 P rounds (Bruck's all-to-all); rows by hashed
+    # keys go to as many ranks as a part has keys, at most all; those of the straightening to the neighbours.
+    rounds = np.log2(max(parts, 2))
+    lengths = rounds * (network.latency + 2 * parts / network.bandwidth)
+    rendezvous = kernels.hashed[0] * lengths + kernels.hashed[1] * network.latency * min(parts - 1, 8 * most_cells)
+    if straightened:
+        rendezvous += kernels.straightening[0] * lengths + kernels.straightening[1] * network.latency * neighbours
     seconds = {
         "tree": most_cells * kernels.tree + rendezvous,
         "assemble": most_cells * kernels.assemble + exchange(),

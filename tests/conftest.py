@@ -21,6 +21,12 @@ from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
 
 WORLD = MPI.COMM_WORLD
 
+
+def pytest_addoption(parser):
+    """How often the runs of `test_checkpoint` are killed."""
+    parser.addoption("--kills", type=int, default=3, help="times that a run is killed and restarted (default 3)")
+
+
 # ---------------------------------------------------------------------------------------- ranks pass and fail together
 
 _MEETING = WORLD.Dup()

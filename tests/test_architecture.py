@@ -11,14 +11,17 @@ FOLDER = Path(fx_contact.__file__).parent
 
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
-    errors _mpi stages memory report
-    reference rootmesh gmsh_model lattice pairing curve analytic
+    errors _mpi stages memory report rowfile
+    reference rootmesh gmsh_model lattice pairing curve analytic references
     scene scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix krylov
     elasticity conditions enforcement contact
     activeset estimate solve
-    adapt
+    accuracy
+    step checkpoint
+    adapt manufactured
+    overrefined
     plot output
     __init__
 """.split()

@@ -61,7 +61,7 @@ def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=N
     start, forces = zero if start is None else start, zero if forces is None else forces
     matrix = elasticity.stiffness(pairs)
     return solve_contact(
-        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, enforcement, Stages()
+        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, Stages(), enforcement
     )
 
 

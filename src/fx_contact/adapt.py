@@ -1,67 +1,64 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
 
-from dataclasses import dataclass
-from numbers import Real
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.conditions import load, prescribed_displacements, shear_free_components
-from fx_contact.contact import node_pairs
-from fx_contact.elasticity import Elasticity
+from fx_contact.checkpoint import Checkpoint, prepare, save
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import PartitionError, SceneError, SolveError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
-from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.partition import repartition
 from fx_contact.quality import brief
-from fx_contact.report import versions
-from fx_contact.scene import Scene
-from fx_contact.solve import solve_contact
 from fx_contact.stages import Stages
-
-#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
-#: where the program chooses the geometry order.
-GEOMETRY_SHARE = 0.1
-#: Energy norms up to so many times the linear solver's error are noise: nothing is refined for them.
-NOISE = 1e3
+from fx_contact.step import Settings, solve_step
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """The state after one adaptive step.
+class Beginning:
+    """Where a run begins if not at the root cells.
 
     Attributes:
-        record: dict, the contract of `steps.jsonl`.
-        scene: Scene.
         forest: Forest.
-        leaf_mesh: LeafMesh.
-        elasticity: Elasticity; its `u` is the displacement.
-        pairs: NodePairs or None.
-        start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
-        contact: ContactSolution.
-        estimate: Estimate.
-        stages: Stages of this step, from the refinement that led to it.
+        values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
+            continuous trilinear fields, which go along through refinement and partition.
     """
 
-    record: dict
-    scene: object
     forest: Forest
-    leaf_mesh: object
-    elasticity: Elasticity
-    pairs: object
-    start: np.ndarray
-    contact: object
-    estimate: object
-    stages: Stages
+    values: np.ndarray
 
-    def __del__(self):
-        # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
-        # of dolfinx freed then hang in mpi4py (see `_mpi`).  Inside `__del__` the error is set aside.
-        self.__dict__.clear()
+    @classmethod
+    def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
+        """The root cells, all of them refined alike, at rest.
+
+        Collective on comm.
+
+        Args:
+            scene: Scene.
+            levels: times to refine.
+            comm: MPI communicator.
+        """
+        forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        for _ in range(levels):
+            forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+        return cls(forest, np.zeros((len(forest), 8, 3)))
+
+    @classmethod
+    def after(cls, step, marked):
+        """The forest of a step refined; the step's displacement is the first guess, and goes along.
+
+        Collective on the step's communicator.
+
+        Args:
+            step: Step.
+            marked: (n,) bool, leaves to refine.
+        """
+        forest, glue = step.forest.refined(marked)
+        return cls(forest, glue.carry(np.tile(step.corner_displacement, 2)))
 
 
 def adapt(
@@ -74,6 +71,9 @@ def adapt(
     enforcement=None,
     solver=None,
     partition_kind="contact-sfc",
+    beginning=None,
+    checkpoint=None,
+    restart=None,
 ):
     """Solve a scene to a prescribed accuracy, refining where the error is.
 
@@ -83,135 +83,92 @@ def adapt(
         scene: Scene, the same on all ranks.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
         comm: MPI communicator.
-        max_steps: most solves.
+        max_steps: most solves, with those before a restart.
         geometry_order: order of the leaf maps; None: the lowest that holds the root map to
-            `GEOMETRY_SHARE` times the tolerance.
+            `step.GEOMETRY_SHARE` times the tolerance.
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         partition_kind: a key of `partition.KINDS`.
+        beginning: Beginning; None: the root cells.
+        checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
+        restart: Checkpoint to go on from: with the next step, or with the same one again if that was the last.
 
-    Yields:
-        Step, until xi / (e omega) <= 1 or max_steps are done.
+    Returns:
+        Iterator of Step, until xi / (e omega) <= 1 or max_steps are done.
 
     Raises:
-        SceneError: a tolerance that is not positive, an order above that of the root mesh.
+        SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition.
+        PartitionError: a rank would get no leaf.
+        CheckpointError: the checkpoint is damaged, or of a run with another enforcement or geometry order.
+        OutputError: a checkpoint cannot be written, or would replace that of another run.
         SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
     """
     enforcement = Enforcement() if enforcement is None else enforcement
-    solver = Solver() if solver is None else solver
-    _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver)
-    carried, record, stages = None, None, Stages()
-    with stages("partition"):
-        forest = _first_forest(scene, comm, partition_kind)
-    for number in range(max_steps):
+    settings = Settings(scene, tolerance, geometry_order, enforcement, Solver() if solver is None else solver)
+    if not isinstance(max_steps, int) or max_steps < 1:
+        raise SceneError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
+    for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
+        if value is not None and not isinstance(value, kind):
+            raise SceneError(f"{name} must be a {kind.__name__}, got {value!r}")
+    if beginning is not None and restart is not None:
+        raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
+    options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
+    if restart is not None:
+        restart.check(options)
+    if checkpoint is not None:
+        prepare(checkpoint, comm, restart)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options)
+
+
+def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options):
+    """The steps that `adapt` yields."""
+    carried, records, gain, stages = None, [], Gain(), Stages()
+    if restart is not None:
+        with stages("refine"):
+            forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
+    elif beginning is not None:
+        forest, carried = beginning.forest, beginning.values
+    else:
         with stages("partition"):
-            if number:
+            forest = _first_forest(settings.scene, comm, partition_kind)
+    del beginning, restart
+    for number in range(len(records), max(max_steps, len(records) + 1)):
+        with stages("partition"):
+            if carried is not None:
                 forest, carried = repartition(forest, carried, partition_kind)
             quality = brief(forest, partition_kind)
         with stages("hanging"):
             prolongation = Prolongation(forest)
-            start, carried = _start(forest, prolongation, carried), None
+            start, along = _start(forest, prolongation, carried)
+            carried = None
         try:
-            step = _solve(
-                number,
-                scene,
-                forest,
-                prolongation,
-                start,
-                tolerance,
-                geometry_order,
-                enforcement,
-                solver,
-                stages,
-                quality,
-            )
+            step = solve_step(settings, number, forest, prolongation, start, along, stages, quality)
         except SolveError as error:
-            error.record, error.forest, error.displacement = record, forest, start
+            error.record, error.forest, error.displacement = records[-1] if records else None, forest, start
             raise
-        record = step.record
+        records.append(step.record)
+        if checkpoint is not None:
+            with stages("output"):
+                save(checkpoint, step, records, options, gain)
+            step.record.update(stages.costs(comm))
         yield step
-        if step.record["ratio"] <= 1 or number == max_steps - 1:
+        if step.record["ratio"] <= 1 or number >= max_steps - 1:
             return
         stages = Stages()
         with stages("refine"):
-            forest, carried = _refine(step, tolerance)
+            forest, carried = _refine(step, settings.tolerance, gain)
         del step
 
 
-def _check_arguments(scene, tolerance, max_steps, geometry_order, enforcement, solver):
-    if not isinstance(scene, Scene):
-        raise SceneError(f"adapt needs a Scene, got {scene!r}")
-    if not isinstance(tolerance, Real) or not (np.isfinite(tolerance) and tolerance > 0):
-        raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
-    if not isinstance(max_steps, int) or max_steps < 1:
-        raise SceneError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
-    for name, value, kind in (("enforcement", enforcement, Enforcement), ("solver", solver, Solver)):
-        if not isinstance(value, kind):
-            raise SceneError(f"{name} must be a {kind.__name__}, got {value!r}")
-    orders = range(1, scene.mesh.order + 1)
-    if geometry_order is not None and not (isinstance(geometry_order, int) and geometry_order in orders):
-        raise SceneError(
-            f"the geometry order must be 1 to {scene.mesh.order}, that of the root mesh, got {geometry_order}"
-        )
-
-
-def _solve(
-    number, scene, forest, prolongation, start, tolerance, geometry_order, enforcement, solver, stages, quality
-):
-    """One step on a given forest."""
-    comm = forest.comm
-    with stages("mesh"):
-        order = geometry_order or sufficient_order(forest, GEOMETRY_SHARE * tolerance)
-        cells = leaf_mesh(forest, order)
-    with stages("assemble"):
-        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
-        elasticity = Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], prolongation, stages)
-        pairs = node_pairs(scene, forest, prolongation, enforcement) if scene.contact else None
-        matrix = elasticity.stiffness(pairs)
-    with stages("system"):
-        prescribed = prescribed_displacements(scene, forest, prolongation)
-        forces = load(scene, forest, elasticity)
-    contact = solve_contact(
-        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, solver, enforcement, stages, scene
-    )
-    with stages("estimate"):
-        elasticity.set_displacement(contact.displacement)
-        shear_free = shear_free_components(scene, forest, prolongation)
-        error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
-        results = _contact_results(scene, pairs, contact, comm)
-        max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
-    record = {
-        "scene": scene.name,
-        "step": number,
-        "ranks": comm.size,
-        "cells": forest.size_global,
-        "dofs": 3 * prolongation.index_map.size_global,
-        "hanging_nodes": prolongation.hanging_global,
-        "max_level": max_level,
-        "geometry_order": order,
-        "enforcement": enforcement.method,
-        **results,
-        "contact_iterations": contact.contact_iterations,
-        "krylov_iterations": contact.krylov_iterations,
-        "preconditioner": contact.preconditioner,
-        "estimate": error.relative,
-        "tolerance": tolerance,
-        "ratio": error.relative / tolerance,
-        "partition": quality,
-        **stages.costs(comm),
-        "versions": versions(),
-    }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages)
-
-
 def _start(forest, prolongation, carried):
-    """First guess of the conforming displacement from the values that the leaves carry: (owned, 3)."""
+    """First guess of the conforming displacement (owned, 3) from the values that the leaves carry, and the others."""
     start = np.zeros((prolongation.owned, 3))
-    if carried is not None:
-        leaf, corner = prolongation.vertices.example.T
-        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-        start[prolongation.conforming[own]] = carried[leaf[own], corner[own]]
-    return start
+    if carried is None:
+        return start, np.zeros((len(forest), 8, 0))
+    leaf, corner = prolongation.vertices.example.T
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    start[prolongation.conforming[own]] = carried[leaf[own], corner[own], :3]
+    return start, carried[..., 3:].copy()
 
 
 def _first_forest(scene, comm, kind):
@@ -226,28 +183,19 @@ def _first_forest(scene, comm, kind):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
-def _refine(step, tolerance):
-    """The next forest and the displacement carried along, at the corners of its leaves (n, 8, 3)."""
+def _refine(step, tolerance, gain):
+    """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     marked = np.zeros(len(step.forest), dtype=bool)
-    marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance)
-    values = step.elasticity.prolongation.prolong(step.contact.displacement)
+    marked[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    values = np.concatenate([step.corner_displacement, step.along], axis=2)
     forest, glue = step.forest.refined(marked)
-    return forest, glue.carry(values[step.forest.vertices.cells])
+    return forest, glue.carry(values)
 
 
-def _contact_results(scene, pairs, contact, comm):
-    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
-    if pairs is None:
-        return dict(active_pairs=0, force=0.0, contact_radius=0.0, max_pressure=0.0, max_penetration=0.0)
-    force = contact.force
-    arm = pairs.position - scene.contact_centre
-    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
-    total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
-    pressure = comm.allreduce(float((force / pairs.area).max(initial=0.0)), op=MPI.MAX)
-    return {
-        "active_pairs": int(active),
-        "force": float(total * scene.symmetry),
-        "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
-        "max_pressure": pressure,
-        "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
-    }
+def _resumed(checkpoint, tolerance, max_steps):
+    """The forest to go on with, its displacement (n, 8, 3), the records of the steps that are done, and the Gain."""
+    state, records = checkpoint.load(), list(checkpoint.records)
+    if state.estimate.relative <= tolerance or len(records) >= max_steps:
+        return state.forest, state.displacement, records[:-1], state.gain
+    forest, glue = state.forest.refined(state.gain.marked(state.estimate, tolerance, state.forest.comm))
+    return forest, glue.carry(state.displacement), records, state.gain

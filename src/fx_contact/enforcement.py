@@ -34,8 +34,8 @@ class Enforcement:
             "penalty": the force is k_N times the penetration, as in equation (1).
         factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
         node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
-        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the largest relative
-            displacement of two paired nodes [-].
+        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the largest
+            displacement [-].
 
     Raises:
         SceneError: an unknown method, a value that is not positive, a penalty where the method takes none.

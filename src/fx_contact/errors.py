@@ -39,3 +39,7 @@ class SolveError(FxContactError):
 
 class OutputError(FxContactError):
     """Results cannot be written where the user asked for."""
+
+
+class CheckpointError(FxContactError):
+    """A checkpoint is missing, incomplete, damaged, of another format, or belongs to another problem."""

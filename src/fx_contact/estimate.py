@@ -14,6 +14,12 @@ from fx_contact.errors import SolveError
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
+#: The share of the tolerance at which the last refinement aims, and the levels of error between which it chooses.
+_AIM, _LEVELS = 0.9, 512
+#: The least that refinement is taken to bring, so that a step that brings nothing does not mark for ever.
+_LEAST_GAIN = 0.1
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Error and energy of a displacement field.
@@ -37,16 +43,67 @@ class Estimate:
         """xi / omega [-]."""
         return self.error_global / self.energy_norm if self.energy_norm else 0.0
 
-    def marked(self, tolerance):
-        """Cells to refine, criterion (2): xi_T > e omega / sqrt(N).  Local.
+    def marked(self, tolerance, comm, gain=1.0):
+        """Cells to refine, criterion (2): xi_T > e omega / sqrt(N), or as many of them as the tolerance needs.
+
+        Collective on comm.  Halved cells of Q1 lose three quarters of xi_T^2 where the solution is smooth.  If that
+        brings the whole below the tolerance, only the worst cells are marked: the last step does no work that was not
+        asked for.
 
         Args:
             tolerance: prescribed accuracy e [-].
+            comm: MPI communicator of the mesh's forest.
+            gain: what refinement brings, relative to a smooth solution [-].
+
+        Returns:
+            (ncells,) bool, and the expected loss of xi^2 for a gain of 1 [J].
+        """
+        error2, threshold = self.error**2, tolerance * self.energy_norm / np.sqrt(self.cells)
+        largest = comm.allreduce(float(self.error.max(initial=0)), op=MPI.MAX)
+        if largest <= threshold:
+            return np.zeros(len(error2), dtype=bool), 0.0
+        levels = np.geomspace(threshold, largest, _LEVELS) if threshold else np.linspace(0, largest, _LEVELS)
+        # What the cells above each level would lose, the highest level first.
+        above = np.searchsorted(levels, self.error)
+        lost = 0.75 * np.bincount(above, weights=error2, minlength=_LEVELS + 1)[:0:-1]
+        comm.Allreduce(MPI.IN_PLACE, lost, op=MPI.SUM)
+        lost = np.cumsum(lost)
+        need = (self.error_global**2 - (_AIM * tolerance * self.energy_norm) ** 2) / gain
+        enough = min(int(np.searchsorted(lost, need)), _LEVELS - 1)
+        return above >= _LEVELS - enough, float(lost[enough])
+
+
+@dataclass
+class Gain:
+    """What refinement has brought in a run, relative to a smooth solution; towards a singularity it brings less.
+
+    Attributes:
+        before: xi^2 of the mesh that was refined last [J].
+        expected: what refining it would have taken from that, had the solution been smooth; 0: nothing is known [J].
+    """
+
+    before: float = 0.0
+    expected: float = 0.0
+
+    def marked(self, error, tolerance, comm):
+        """Cells of the present mesh to refine.
+
+        Collective on comm.
+
+        Args:
+            error: Estimate on the present mesh.
+            tolerance: prescribed accuracy e [-].
+            comm: MPI communicator of the mesh's forest.
 
         Returns:
             (ncells,) bool.
         """
-        return self.error > tolerance * self.energy_norm / np.sqrt(self.cells)
+        gain, square = 1.0, error.error_global**2
+        if self.expected:
+            gain = min(max((self.before - square) / self.expected, _LEAST_GAIN), 1.0)
+        marked, self.expected = error.marked(tolerance, comm, gain)
+        self.before = square
+        return marked
 
 
 def estimate(elasticity, shear_free, stages, noise=0.0):

@@ -64,6 +64,19 @@ class Forest:
         """(n, 8, 3) int32, lattice coordinates of the leaf corners."""
         return lattice.leaf_corners(self.anchor, self.level)
 
+    def corner_coordinates(self, leaf, corner):
+        """Reference coordinates in their root cells of corners of leaves, as `RootMesh.evaluate` takes them.
+
+        Local.
+
+        Args:
+            leaf, corner: (m,) int.
+
+        Returns:
+            (m, 3, 1) float64 in [0, 1].
+        """
+        return self.corners[leaf, corner][:, :, None] / SIDE
+
     @cached_property
     def representatives(self):
         """(n,) int64, code of the leaf that stands for each group of facing leaves.  Local."""

@@ -48,6 +48,8 @@ PRECONDITIONERS = {
 _FACTOR_BYTES = 300
 
 
+#: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
+_NO_LIMIT = 1e30
 #: Relative error of a product with the operator, by rounding, with some room.
 _ROUNDING = 1e-14
 
@@ -220,7 +222,7 @@ class ConjugateGradients:
             b.array[:] = residual.ravel()
             least = max(tolerance * energy, self._rounding_error(u))
             # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
-            self._set_tolerances(rtol=tolerance, atol=least, max_it=self._solver.max_krylov)
+            self._set_tolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             ksp.solve(b, x)
             self._count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()

@@ -38,7 +38,8 @@ class BlockMatrix:
     def in_hypre_format(self):
         """A copy with the rows in hypre's format; the blocks may be destroyed then.
 
-        Collective on mat.comm.  Entries that are there can be changed later, new ones cannot be added.
+        Collective on mat.comm.  Entries that are there can be changed later, new ones cannot be added.  All that have
+        room must be there, zeros too (`PenaltyTerm.reserve`): PETSc reads rows to their allocated ends.
 
         Returns:
             PETSc Mat of type hypre.

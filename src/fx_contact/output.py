@@ -1,6 +1,7 @@
 """Results on disk: step records as JSON lines, fields for ParaView."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -21,19 +22,21 @@ class RecordWriter:
     Collective on comm.
 
     Args:
-        folder: for the results; made if it is not there, and `steps.jsonl` in it begun anew.
+        folder: for the results; made if it is not there.
         comm: MPI communicator.
+        finished: records of the steps before a restart.  With them the lines of `steps.jsonl` stay, but for a last one
+            that is not complete, and those that are missing are added; without, the file is begun anew.
 
     Raises:
         OutputError: the folder cannot be made or written.
     """
 
-    def __init__(self, folder, comm):
+    def __init__(self, folder, comm, finished=()):
         self.path = Path(folder) / "steps.jsonl"
         self._comm, self._last = comm, 0
         with together(comm):
             if comm.rank == 0:
-                self._try(lambda: (self.path.parent.mkdir(parents=True, exist_ok=True), self.path.write_text("")))
+                self._try(lambda: self._begin(finished))
 
     def write(self, record):
         """Append one record.
@@ -65,6 +68,19 @@ class RecordWriter:
             if self._comm.rank == 0:
                 self._try(lambda: self._append(json.dumps(record) + "\n", self._last))
 
+    def _begin(self, finished):
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        before = self.path.read_bytes() if finished and self.path.exists() else b""
+        lines = before[: before.rfind(b"\n") + 1]
+        if not lines:
+            self.path.write_bytes(b"")
+        elif lines != before:
+            os.truncate(self.path, len(lines))
+        there = {_step_of(line) for line in lines.splitlines()}
+        for record in finished:
+            if record["step"] not in there:
+                self._append(json.dumps(record) + "\n")
+
     def _append(self, line, position=None):
         with self.path.open("r+") as file:
             self._last = file.seek(0, 2) if position is None else file.seek(position)
@@ -78,6 +94,14 @@ class RecordWriter:
             raise OutputError(
                 f"cannot write {str(self.path)!r}: {error.strerror}; name another output folder"
             ) from None
+
+
+def _step_of(line):
+    """Number of the step that a line of `steps.jsonl` tells of, None if it tells of none."""
+    try:
+        return json.loads(line)["step"]
+    except (ValueError, KeyError, TypeError):
+        return None
 
 
 def write_fields(step, folder):

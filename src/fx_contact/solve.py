@@ -37,7 +37,7 @@ class ContactSolution:
     energy_error: float
 
 
-def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, enforcement, stages, scene=None):
+def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, stages, enforcement=None, scene=None):
     """Solve K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0, the latter as the enforcement has it.
 
     Collective on matrix.mat.comm.  Active sets change until one repeats itself; the linear systems are solved loosely
@@ -51,8 +51,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, e
         start: (owned, 3) float64 first guess [m]; its penetrations are the first guess of the active set.
         energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
         solver: Solver.
-        enforcement: Enforcement, with which the pairs were made.
         stages: Stages, for the times.
+        enforcement: Enforcement, with which the pairs were made; None without pairs.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
 
     Returns:
@@ -226,7 +226,7 @@ class _ClosedPairs:
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
         left = np.abs(penetration[self._active & self._jump.movable & beyond_noise]).max(initial=0.0)
-        moved = np.abs(penetration + pairs.gap).max(initial=0.0)
+        moved = np.abs(u).max(initial=0.0)
         largest = np.array([left, moved])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         if largest[0] <= self._enforcement.gap_tolerance * largest[1]:

@@ -7,6 +7,7 @@ from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.reference import CORNERS, FACE_CORNERS
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
 from fx_contact.scenes.arguments import check_mesh_size, check_number, check_symmetry
+from fx_contact.scenes.roundness import check_roundness
 
 
 def hertz(
@@ -35,13 +36,16 @@ def hertz(
         Scene.
 
     Raises:
-        SceneError, GeometryError: an argument outside its range.
+        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
     """
     check_symmetry(symmetry)
     check_number("radius", radius, positive=True)
     check_number("displacement", displacement)
     check_mesh_size(order, coarse)
     mesh = root_mesh_from_gmsh(comm, lambda: _half_balls(float(radius), order, coarse, symmetry))
+    if displacement > 0:  # each sphere has half of the approach; Hertz: a^2 = R* delta
+        contact_radius = np.sqrt(radius / 2 * displacement)
+        check_roundness(mesh, "upper pole", (0.0, 0.0, radius), radius, contact_radius, displacement / 2)
     half = displacement / 2
     conditions = [Dirichlet("top", z=-half), Dirichlet("bottom", z=half)]
     if symmetry == "quarter":

@@ -1,0 +1,36 @@
+"""A chosen displacement on a quarter of a ring: how good is the estimate, and how fast does the error fall?
+
+The load is made from the displacement, a smooth bump on the curved inside, so that the true error is known. A line is
+printed for every step: estimated and true error in the energy norm, their ratio, the error in L2.
+
+    mpirun -n 2 python3 demos/manufactured.py --tolerance 0.04
+    mpirun -n 2 python3 demos/manufactured.py --uniform
+"""
+
+from pathlib import Path
+
+from common import RankZeroParser
+from mpi4py import MPI
+
+from fx_contact.manufactured import adapt_manufactured
+from fx_contact.output import RecordWriter
+
+if __name__ == "__main__":
+    options = RankZeroParser(description=__doc__.split("\n\n")[0])
+    options.add_argument("--tolerance", type=float, default=0.08, help="relative error (%(default)s)")
+    options.add_argument("--order", type=int, default=3, help="of the root mesh's geometry, 1 to 6 (%(default)s)")
+    options.add_argument("--coarse", type=int, default=4, help="root cells across the ring (%(default)s)")
+    options.add_argument("--uniform", action="store_true", help="refine all cells in every step")
+    options.add_argument("--output", type=Path, default=Path("results/manufactured"), help="folder (%(default)s)")
+    given = options.parse_args()
+    records = RecordWriter(given.output, MPI.COMM_WORLD)
+    show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
+    show("     dofs  hanging  estimate    true  effectivity      L2")
+    for step in adapt_manufactured(given.tolerance, order=given.order, coarse=given.coarse, uniform=given.uniform):
+        r = step.record
+        records.write(r)
+        row = (
+            "{dofs:9,}  {hanging_nodes:7,}  {estimate:8.2%}  {true_error:6.2%}  {effectivity:11.3f}  {l2_error:6.3%}"
+        )
+        show(row.format(**r), flush=True)
+    show(f"results in {given.output}: steps.jsonl")

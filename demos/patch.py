@@ -1,0 +1,49 @@
+"""The patch test of contact: two columns of different materials end to end, on a mesh with hanging vertices.
+
+The exact pressure is uniform. What deviates is the enforcement's: a penalty lets the columns overlap a little, and by
+more where the facets are larger.
+
+    mpirun -n 2 python3 demos/patch.py --penalty 1e4
+"""
+
+import numpy as np
+from common import main, parser
+from mpi4py import MPI
+
+from fx_contact import Material
+from fx_contact.adapt import Beginning
+from fx_contact.lattice import SIDE
+from fx_contact.scenes import stack
+
+LOWER, UPPER = Material(young=1.0, poisson=0.3), Material(young=3.0, poisson=0.2)
+DISPLACEMENT = 0.01
+PRESSURE = DISPLACEMENT / (1 / LOWER.young + 1 / UPPER.young)
+
+options = parser(__doc__, tolerance=0.04, order=1, coarse=2, output="results/patch")
+
+
+def scene(arguments, _material):
+    """The two columns; their materials are fixed."""
+    half = arguments.coarse
+    return stack((LOWER, UPPER), DISPLACEMENT, order=arguments.order, cells=(half, half, 2 * half))
+
+
+def beginning(_arguments, scene, comm):
+    """The leaves around the axis refined where the columns meet, twice."""
+    forest = Beginning.uniform(scene, 0, comm).forest
+    for reach in (0.4, 0.2):
+        centre = forest.mesh.evaluate(forest.cell, forest.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
+        forest, _ = forest.refined(np.linalg.norm(centre - [0, 0, 1], axis=1) < reach)
+    return Beginning(forest, np.zeros((len(forest), 8, 3)))
+
+
+def errors(_arguments, step):
+    """Deviations from the exact solution: of the force, and of the pressure in the L2 norm over the surface."""
+    pairs = step.pairs
+    off = step.contact.force / pairs.area - PRESSURE
+    total, area = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area.sum()]), op=MPI.SUM)
+    return {"force": step.record["force"] / PRESSURE - 1, "pressure": float(np.sqrt(total / area) / PRESSURE)}
+
+
+if __name__ == "__main__":
+    main(options, scene, errors=errors, beginning=beginning)

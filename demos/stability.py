@@ -1,0 +1,216 @@
+"""The stress matrix: hundreds of stiff and extreme scenes, each scored, each to be run again by one command.
+
+Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
+bodies, tilted planes, bodies that contact alone holds, gaps and overlaps, order of the geometry.  Each scene must
+balance its forces, have no tension and store the work done on it, and agree with a reference, or with a twin in other
+units, another direction or on another mesh; `stability_checks.py` says how closely, and why.  Each runs on one rank in
+a process of its own with a time limit, so that a crash or a hang is a score too.
+
+    python3 demos/stability.py --quick            # a tenth of the scenes, spread over all rows: a minute
+    python3 demos/stability.py                    # all: 20 minutes on two cores
+    python3 demos/stability.py --only NAME        # one scene, with all its checks
+
+A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,
+table.md and matrix.png.
+"""
+
+import argparse
+import difflib
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from mpi4py import MPI
+from stability_checks import LOST, Exact, State
+from stability_figures import draw_matrix, table, write_csv
+from stability_scenes import cases, sample
+
+from fx_contact import Enforcement, adapt
+from fx_contact.enforcement import METHODS
+from fx_contact.errors import FxContactError
+
+#: Refinement ends above so many unknowns, whether the accuracy is reached or not.
+MOST_DOFS = 40_000
+#: Seconds that a scene may take.
+TIME_LIMIT = 90.0
+
+
+def solve(scene, case, tolerance, default=False):
+    """The state at the end of a run: accuracy reached, or too many unknowns."""
+    own = default or case.method is None
+    enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
+    for step in adapt(scene, tolerance, MPI.COMM_SELF, enforcement=enforcement):
+        if step.record["dofs"] > MOST_DOFS:
+            break
+    return State(step, enforcement.method)
+
+
+def score(case):
+    """Run a scene and what it is compared with.
+
+    Args:
+        case: Case.
+
+    Returns:
+        dict: name and place in the matrix, "score" (a key of `stability_figures.SCORES`), the checks, the record.
+    """
+    start = time.process_time()
+    result = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
+    try:
+        result |= _judged(case)
+    except FxContactError as error:
+        refused = "refused" if case.reference is None else "error"
+        result |= {"score": refused, "message": f"{type(error).__name__}: {error}"}
+    return result | {"cpu_seconds": time.process_time() - start}
+
+
+def _judged(case):
+    state = solve(case.scene(), case, case.tolerance)
+    record, reference = state.record, case.reference
+    result = {"softness": state.softness, "noise": state.noise}
+    for name in (
+        "step",
+        "cells",
+        "dofs",
+        "max_level",
+        "active_pairs",
+        "estimate",
+        "ratio",
+        "force",
+        "max_penetration",
+    ):
+        result[name] = record[name]
+    result["iterations"] = record["contact_iterations"] + sum(record["krylov_iterations"])
+    if reference is None:
+        return result | {"score": "wrong", "message": "there is no solution, but one was delivered"}
+    sound = state.checks()
+    if isinstance(reference, Exact):
+        compared = state.against_exact(reference)
+    else:
+        other = solve(reference.scene(), case, case.tolerance * reference.tolerance, reference.default)
+        compared = state.against_twin(other, reference)
+    result["checks"] = [[c.name, c.deviation, c.allowed, c.holds] for c in (*sound, *compared)]
+    reached = record["ratio"] <= 1
+    if not all(c.holds for c in sound) or (reached and not all(c.holds for c in compared)):
+        return result | {"score": "wrong", "message": "; ".join(c.name for c in (*sound, *compared) if not c.holds)}
+    if not reached:
+        return result | {
+            "score": "unreached",
+            "message": f"estimated error {record['estimate']:.0%}, {MOST_DOFS} dofs",
+        }
+    if state.noise > LOST:
+        return result | {"score": "noisy"}
+    return result | {"score": "soft" if state.softness > case.tolerance**2 else "right"}
+
+
+# --------------------------------------------------------------------------------------------------------- the study
+
+
+def command(name):
+    """What runs one scene again."""
+    return f"python3 demos/stability.py --only {shlex.quote(name)}"
+
+
+def read(path):
+    """Scores of a file, the last one of each name; a line that was cut off is passed over."""
+    result = {}
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            one = json.loads(line)
+        except ValueError:
+            continue
+        result[one["name"]] = one
+    return result
+
+
+def keep(path, one):
+    """Append a score to a file, in one write."""
+    with path.open("ab", buffering=0) as file:
+        file.write((json.dumps(one) + "\n").encode())
+
+
+def attempt(case, path):
+    """Score a scene in a process of its own, which keeps the score; keep one for it if it dies.
+
+    Returns:
+        dict, the score.
+    """
+    words = [sys.executable, __file__, "--only", case.name, "--output", str(path.parent)]
+    start = time.monotonic()
+    try:
+        run = subprocess.run(words, capture_output=True, text=True, timeout=TIME_LIMIT, env=dict(os.environ))
+        dead, last = run.returncode != 0, run.stderr.strip().splitlines()[-1:]
+        failure = ("crash", f"exit code {run.returncode}: {''.join(last)}")
+    except subprocess.TimeoutExpired:
+        dead, failure = True, ("hang", f"not done in {TIME_LIMIT:.0f} s")
+    if dead:
+        place = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
+        keep(path, place | dict(zip(("score", "message"), failure)) | {"cpu_seconds": time.monotonic() - start})
+    return read(path)[case.name]
+
+
+def study(chosen, path):
+    """Score what has no score yet, as many at once as there are cores; a line for each."""
+    done = read(path)
+    todo = [case for case in chosen.values() if case.name not in done]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+        for number, one in enumerate(workers.map(lambda case: attempt(case, path), todo), start=1):
+            print(f"{number:4}/{len(todo)}  {line(one)}", flush=True)
+
+
+def line(one):
+    """A score in one line."""
+    worst = max((c for c in one["checks"]), key=lambda c: c[1] / (c[2] or 1e-300), default=None)
+    about = f"{worst[0]}: {worst[1]:.1e} of {worst[2]:.1e}" if worst else ""
+    return f"{one['score']:9}  {one['name']:55} {one['cpu_seconds']:5.1f} s  {one.get('message') or about}"
+
+
+def show(one):
+    """A score with all its checks."""
+    print(line(one))
+    for name, deviation, allowed, holds in one["checks"]:
+        print(f"    {'holds' if holds else 'FAILS'}  {name:32} {deviation:9.2e}, allowed {allowed:9.2e}")
+    skip = ("name", "axis", "row", "value", "checks", "score", "message")
+    print("   ", ", ".join(f"{k} {v:.4g}" for k, v in one.items() if k not in skip))
+
+
+def main():
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a tenth of the scenes, spread over all rows")
+    parser.add_argument("--only", metavar="NAME", help="run one scene, whether it has a score or not")
+    parser.add_argument("--list", action="store_true", help="print the names of the scenes")
+    parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
+    arguments = parser.parse_args()
+    named = cases(METHODS)
+    if arguments.list:
+        print("\n".join(named))
+        return
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    path = arguments.output / "scores.jsonl"
+    if arguments.only is not None:
+        if arguments.only not in named:
+            near = difflib.get_close_matches(arguments.only, named, cutoff=0.3)
+            parser.error(f"no scene {arguments.only!r}; the nearest are {', '.join(near)}; --list shows all")
+        one = score(named[arguments.only])
+        keep(path, one)
+        show(one)
+        return
+    chosen = sample(named) if arguments.quick else named
+    study(chosen, path)
+    known = read(path)
+    scores = [known[name] for name in chosen if name in known]
+    write_csv(scores, arguments.output / "scores.csv")
+    draw_matrix(scores, arguments.output / "matrix.png")
+    text = table(scores, command)
+    (arguments.output / "table.md").write_text(text)
+    print(f"\n{text}\nresults in {arguments.output}: scores.jsonl, scores.csv, table.md, matrix.png")
+
+
+if __name__ == "__main__":
+    main()

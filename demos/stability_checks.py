@@ -1,0 +1,249 @@
+"""What a solution must satisfy, each with the deviation that is allowed and where that comes from.
+
+The allowed deviations are not chosen: they follow from what the run itself states.
+
+linear solver   The solver ends when its error, as the preconditioner sees it, is `energy_error` in the operator's norm.
+                The true one is larger by the square root of the condition number, which n iterations to a
+                tolerance t betray: 2 n / ln(2/t).  The sum of forces on a body is the product of the error with the
+                operator and the body's translation v, at most |v| times that in the operator's norm, where
+                |v|^2 = v^T K v + sum k.  Products with K and k round off.  1e-7 at least, the contract; 1 % at most,
+                for who loses more than that without a word fails.
+discretisation  The energy of a displacement-driven body errs by the square of the relative error in the energy norm,
+                and the force with it; the estimate catches at least 0.8 of that error: 1.5 xi^2 / omega^2.
+round contact   Gaps are known at nodes only; between them, h apart, the sphere bulges by h^2/8R.  Against an approach
+                a^2/R with n pairs on pi a^2 and F ~ approach^(3/2) that is 1.5 pi / (8 n).
+penalty         To first order a penalty lowers the force by s = sum(f penetration) / (F approach), in a linear problem
+                from F to F (1 - s) exactly: forces are corrected by it, and what is left is of the order of s^2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_contact import Solver
+from fx_contact.conditions import load, prescribed_displacements
+
+#: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
+CONTRACT = 1e-7
+#: The most that linear solver and rounding may change in forces.
+LOST = 0.01
+#: Pairs may overlap by this part of the displacement, or be apart and carry force: the gap tolerance of the program.
+GAP_TOLERANCE = 1e-6
+#: Roundings that add up in a product with the stiffness matrix: 81 entries a row.
+ROUNDING = 81 * np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that must hold.
+
+    Attributes:
+        name: what.
+        deviation: how far it is from holding, relative.
+        allowed: how far it may be.
+    """
+
+    name: str
+    deviation: float
+    allowed: float
+
+    @property
+    def holds(self):
+        """Whether it does; a deviation that is not a number does not."""
+        return bool(self.deviation <= self.allowed)
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A known answer.
+
+    Attributes:
+        force: of the whole bodies, in each contact pair [N]; None where a load prescribes it.
+        approach: of the bodies since they touch [m].
+        energy: stored in the bodies, twice, of the whole [J]; where the force is prescribed.
+        linear: whether the contact area stays the same.
+        curved: whether the contact is round.
+        unsure: relative error of the reference itself.
+    """
+
+    force: float | None = None
+    approach: float | None = None
+    energy: float | None = None
+    linear: bool = False
+    curved: bool = False
+    unsure: float = 0.0
+
+
+@dataclass(frozen=True)
+class Twin:
+    """Another run that must give the same answer.
+
+    Attributes:
+        scene: function that makes it.
+        force, energy, pressure: what one of this scene is in the twin.
+        same_mesh: whether equal numbers of cells and active pairs mean the same discrete problem.
+        same_contact: whether contact is as soft in both.
+        curved: whether the contact is round.
+        tolerance: of the twin's run, relative to that of the run.
+        default: whether its contact is enforced as the program chooses, however that of the run is.
+    """
+
+    scene: object
+    force: float = 1.0
+    energy: float = 1.0
+    pressure: float = 1.0
+    same_mesh: bool = True
+    same_contact: bool = True
+    curved: bool = False
+    tolerance: float = 1.0
+    default: bool = False
+
+
+class State:
+    """What the checks need of the last step of a run, for the modelled part.
+
+    Args:
+        step: Step of a run on one rank.
+        method: how contact is enforced, a name of `enforcement.METHODS`.
+
+    Attributes:
+        record: of the step.
+        force: sum of all contact forces [N].
+        energy: twice the energy stored in the bodies [J].
+        work: of loads and reactions [J].
+        yielded: sum of force times penetration: twice what the penalty stores [J].
+        scale: a force to measure others by: contact, load or, without either, what may be lost [N].
+        noise: what linear solver and rounding may change in forces, relative.
+    """
+
+    def __init__(self, step, method):
+        self.record, self._step, self._penalty = step.record, step, method == "penalty"
+        self.pairs, contact = step.pairs, step.contact
+        u = contact.displacement
+        stiffness = step.elasticity.stiffness().mat
+        stiffness.assemble()
+        x, y = stiffness.createVecs()
+        x.array[:] = u.ravel()
+        stiffness.mult(x, y)
+        inner = y.array.reshape(-1, 3).copy()
+        prolongation = step.elasticity.prolongation
+        prescribed = prescribed_displacements(step.scene, step.forest, prolongation)
+        self._load = load(step.scene, step.forest, step.elasticity)
+        held = ~np.isnan(prescribed)
+        self._contact = np.zeros_like(u)
+        push = contact.force[:, None] * self.pairs.normal
+        np.add.at(self._contact, self.pairs.first, -push)
+        np.add.at(self._contact, self.pairs.second, push)
+        self._reaction = np.where(held, inner - self._load - self._contact, 0.0)
+        self._body = _bodies(step.forest, prolongation)
+        self.copies = step.scene.symmetry
+
+        lever2 = 0.0  # of the translation that takes most energy where prescribed displacements hold the body
+        for body in range(len(step.scene.mesh.bodies)):
+            for axis in range(3):
+                x.array[:] = 0
+                x.array.reshape(-1, 3)[:, axis] = (self._body == body) & ~held[:, axis]
+                stiffness.mult(x, y)
+                lever2 = max(lever2, x.dot(y))
+        diagonal = np.sqrt((stiffness.getDiagonal().array ** 2).sum())
+        stiffness.destroy()
+
+        self.penetration = self.pairs.penetration(u)
+        self.force = float(np.abs(contact.force).sum())
+        self.energy = float((u * inner).sum())
+        self.work = float((u * (self._load + self._reaction)).sum())
+        self.yielded = float(contact.force @ self.penetration)
+        self.size = float(np.abs(u).max())
+        springs = self.pairs.stiffness[contact.active].sum() if method != "exact" else 0.0
+        spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
+        loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
+        loss += ROUNDING * (diagonal + springs) * self.size
+        self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
+        self.noise = CONTRACT + min(float(loss / self.scale), LOST)
+
+    @property
+    def softness(self):
+        """Share of the energy that is in the penalty."""
+        return self.yielded / self.energy if self.force and self.energy > 0 else 0.0
+
+    def error(self, curved):
+        """What discretisation may change in force and energy, relative."""
+        pairs = max(1, self.record["active_pairs"] * self.copies)
+        return 1.5 * self.record["estimate"] ** 2 + (1.5 * np.pi / (8 * pairs) if curved else 0.0)
+
+    def interfaces(self):
+        """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
+        between, place = np.unique(self.pairs.bodies, axis=0, return_inverse=True)
+        sums = np.bincount(place.ravel(), self._step.contact.force, minlength=len(between))
+        return self.copies * sums
+
+    def checks(self):
+        """What any solution must satisfy: list of Check."""
+        contact = self._step.contact
+        all_forces = self._reaction + self._load + self._contact
+        bodies = range(len(self._step.scene.mesh.bodies))
+        unbalanced = max(np.linalg.norm(all_forces[self._body == body].sum(axis=0)) for body in bodies)
+        tension = -min(contact.force.min(), 0.0) / max(contact.force.max(), self.noise * self.scale)
+        overlap = np.where(contact.active, 0.0 if self._penalty else np.abs(self.penetration), self.penetration)
+        overlap = max(overlap.max(), 0.0)
+        clapeyron = self.work - self.energy - contact.force @ (self.pairs.gap + self.penetration)
+        parts = abs(self.work) + self.energy + np.abs(contact.force * self.pairs.gap).sum() + abs(self.yielded)
+        lost = self.noise * self.scale * self.size
+        return [
+            Check("balance of each body", unbalanced / self.scale, self.noise),
+            Check("no tension", tension, self.noise * np.sqrt(len(self.pairs))),
+            Check("no overlap but the penalty's", overlap / (self.size or 1.0), GAP_TOLERANCE),
+            Check(
+                "work is stored", abs(clapeyron) / (parts + lost or 1.0), self.noise + lost / (parts + lost or 1.0)
+            ),
+        ]
+
+    def against_exact(self, exact):
+        """Comparison with a known answer: list of Check."""
+        allowed = self.noise + self.error(exact.curved) + exact.unsure
+        if exact.force is None:
+            energy = self.energy * self.copies
+            return [Check("energy against the reference", abs(energy / exact.energy - 1), allowed)]
+        if not exact.force:
+            return [Check("no contact force", self.force / self.scale, 0.0)]
+        forces = self.interfaces()
+        soft = self.yielded * self.copies / (forces.mean() * exact.approach) if self.force else 0.0
+        if not exact.linear:
+            allowed += soft**2
+        return [Check("force against the reference", np.abs(forces / (1 - soft) / exact.force - 1).max(), allowed)]
+
+    def against_twin(self, other, twin):
+        """Comparison with the last step of a twin: list of Check."""
+        allowed = self.noise + other.noise
+        same = twin.same_mesh and all(self.record[name] == other.record[name] for name in ("cells", "active_pairs"))
+        if not same:
+            allowed += self.error(twin.curved) + other.error(twin.curved)
+        if not twin.same_contact:
+            allowed += self.softness + other.softness
+        force, energy = (
+            [getattr(state, name) * state.copies for state in (self, other)] for name in ("force", "energy")
+        )
+        result = [
+            Check("force against the twin", _off(force[0] * twin.force, force[1]), allowed),
+            Check("energy against the twin", _off(energy[0] * twin.energy, energy[1]), allowed),
+        ]
+        if same and twin.same_contact:
+            pressure = self.record["max_pressure"] * twin.pressure
+            allowed *= np.sqrt(len(self.pairs))
+            result.append(Check("pressure against the twin", _off(pressure, other.record["max_pressure"]), allowed))
+        return result
+
+
+def _off(value, expected):
+    if not expected:
+        return 0.0 if not value else np.inf
+    return float(abs(value / expected - 1))
+
+
+def _bodies(forest, prolongation):
+    """Body of each owned conforming vertex: (owned,) int."""
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    result = np.empty(prolongation.owned, dtype=np.int64)
+    leaf = prolongation.vertices.example[own, 0]
+    result[prolongation.conforming[own]] = forest.mesh.body[forest.cell[leaf]]
+    return result

@@ -1,0 +1,139 @@
+"""Matrix, table and CSV of the stress study."""
+
+import csv
+
+#: Scores from best to worst: letter in the matrix, grey of its cell, colour of its edge, what it means.
+SCORES = {
+    "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
+    "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
+    "soft": ("s", "#e8e8e8", "#9a9a9a", "agrees with so soft a penalty, which errs by more than the error asked for"),
+    "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
+    "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
+    "error": ("E", "#a8a8a8", "#E69F00", "a typed error where there is a solution"),
+    "hang": ("T", "#606060", "#D55E00", "not done in time"),
+    "crash": ("X", "#606060", "#D55E00", "died without a typed error"),
+    "wrong": ("W", "#000000", "#D55E00", "SILENT FAILURE: delivered as converged, and wrong"),
+}
+
+
+def write_csv(scores, path):
+    """One line a scene.
+
+    Args:
+        scores: dicts.
+        path: of the file.
+    """
+    names = ["name", "score", "worst", "deviation", "allowed"]
+    lines = []
+    for one in scores:
+        worst = max(one["checks"], key=lambda c: c[1] / (c[2] or 1e-300), default=("", "", "", ""))
+        more = {k: v for k, v in one.items() if k not in ("checks", "axis", "row", "value")}
+        lines.append(more | dict(zip(("worst", "deviation", "allowed"), worst)))
+        names += [k for k in lines[-1] if k not in names]
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows(lines)
+
+
+def table(scores, command):
+    """Counts of scores for each axis, then every scene that has not the best one, with its command.
+
+    Args:
+        scores: dicts.
+        command: function of a name.
+
+    Returns:
+        str, Markdown.
+    """
+    scores = list(scores)
+    kinds = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
+    lines = [f"| axis | scenes | {' | '.join(kinds)} | iterations | CPU |", "|---|" + "--:|" * (len(kinds) + 3)]
+    for axis in [*dict.fromkeys(one["axis"] for one in scores), None]:
+        here = [one for one in scores if axis in (None, one["axis"])]
+        counts = [sum(one["score"] == kind for one in here) or "" for kind in kinds]
+        effort = [one["iterations"] for one in here if "iterations" in one]
+        effort = f"{min(effort)} to {max(effort)}" if effort else ""
+        seconds = f"{sum(one['cpu_seconds'] for one in here):.0f} s"
+        lines.append(f"| {axis or 'all'} | {len(here)} | {' | '.join(map(str, counts))} | {effort} | {seconds} |")
+    lines.append("")
+    for kind in reversed(kinds):
+        about = [one for one in scores if one["score"] == kind and kind not in ("right", "refused")]
+        if about:
+            lines.append(f"{kind}: {SCORES[kind][3]}\n")
+            lines += [f"- `{command(one['name'])}`: {one.get('message') or _worst(one)}" for one in about]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def _worst(one):
+    name, deviation, allowed, _ = max(one["checks"], key=lambda c: c[1] / (c[2] or 1e-300))
+    return f"{name} {deviation:.1e} of {allowed:.1e}"
+
+
+def draw_matrix(scores, path):
+    """A row for each family of each axis, a cell a scene: its value, below it the letter of its score or iterations.
+
+    Args:
+        scores: dicts.
+        path: of the PNG.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Patch
+
+    rows, columns = {}, ([], [])
+    for one in scores:
+        rows.setdefault((one["axis"], one["row"]), []).append(one)
+    for place, (axis, row) in enumerate(rows):
+        split = columns[1] or (place > 0.45 * len(rows) and columns[0][-1][0] != axis)
+        columns[bool(split)].append((axis, row))
+    columns = [keys for keys in columns if keys]
+    wide = [3.2 + max(len(rows[key]) for key in keys) for keys in columns]
+    height = max(len(keys) + 0.7 * len({axis for axis, _ in keys}) for keys in columns)
+    size = (0.62 * sum(wide) + 0.4, 1.5 + 0.36 * height)
+    figure, panels = plt.subplots(
+        1, len(columns), figsize=size, layout="constrained", squeeze=False, width_ratios=wide
+    )
+    for axes, keys, width in zip(panels[0], columns, wide):
+        y, last = 0.0, None
+        for axis, row in keys:
+            if axis != last:
+                y, last = y + 0.7, axis
+                axes.text(-0.15, y - 0.06, axis, ha="right", va="bottom", fontsize=9.5, weight="bold")
+            axes.text(-0.15, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
+            for x, one in enumerate(rows[axis, row]):
+                _draw_cell(axes, x, y, one)
+            y += 1
+        axes.set(xlim=(-3.2, width - 3.2), ylim=(height + 0.1, 0))
+        axes.axis("off")
+    present = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
+    handles = []
+    for kind in present:
+        letter, grey, edge, meaning = SCORES[kind]
+        count = sum(one["score"] == kind for one in scores)
+        about = f"{letter or 'number'}: {meaning} ({count})"
+        handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
+    title = f"{len(scores)} scenes; the number in a cell: iterations of PCG and contact, last step"
+    figure.suptitle(title, fontsize=10)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _draw_cell(axes, x, y, one):
+    """A rectangle with the value of a scene, and the letter of its score or its iterations."""
+    from matplotlib.patches import Rectangle
+
+    letter, grey, edge, _ = SCORES[one["score"]]
+    line = 1.8 if letter else 0.6
+    axes.add_patch(Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=grey, edgecolor=edge, lw=line))
+    ink = "white" if grey in ("#000000", "#606060") else "black"
+    value, small = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz"), {"fontsize": 6.8}
+    if len(value) > 9:
+        value, small = value.replace(" ", "\n", 1), {"fontsize": 5, "linespacing": 0.85}
+    axes.text(x + 0.5, y + 0.3, value, ha="center", va="center", color=ink, **small)
+    style = {"fontsize": 9, "weight": "bold", "color": ink} if letter else {"fontsize": 6.8, "color": "#555555"}
+    axes.text(x + 0.5, y + 0.69, letter or str(one["iterations"]), ha="center", va="center", **style)

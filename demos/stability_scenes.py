@@ -1,0 +1,495 @@
+"""The scenes of the stress matrix, from tables: each axis of stress, what it stresses, and what the answer must be."""
+
+import re
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+from mpi4py import MPI
+from scipy.interpolate import PchipInterpolator
+from stability_checks import Exact, Twin
+
+from fx_contact import ContactPair, Dirichlet, Material, Scene, reference, scenes
+from fx_contact.analytic import Hertz
+from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+
+hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)
+PLAIN = Material(young=1.0, poisson=0.3)
+#: Force of the project's first benchmark: an axisymmetric computation, which does not use this program.
+HERTZ_A = Exact(force=5.37755e-4, approach=0.01, curved=True, unsure=1e-5)
+#: By how much half-spheres pressed by their flat faces, free sideways, are stiffer than Hertz's half-spaces, over
+#: Hertz's contact radius / R; the same axisymmetric computation, nu = 0.3, three digits.
+STIFFER = PchipInterpolator([0.0, 0.02, 0.05, 0.1, 0.2], [0.0, 0.009, 0.026, 0.057, 0.126])
+
+FACTORS = [10.0**n for n in range(13)]
+RATIOS = [10.0**n for n in range(-6, 7)]
+POISSON = [0.0, 0.2, 0.4, 0.45, 0.49, 0.499, 0.4999]
+DEPTHS = [*(10.0**n for n in range(-8, 0)), 0.3]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene of the matrix.
+
+    Attributes:
+        axis: what is stressed.
+        family: the row of the axis.
+        value: the place in the row.
+        scene: function of no argument.
+        reference: Exact, or Twin; None where the scene must be refused.
+        method, factor: how contact is enforced; None: as the program chooses.
+        tolerance: prescribed relative error.
+    """
+
+    axis: str
+    family: str
+    value: str
+    scene: object
+    reference: object
+    method: str | None = None
+    factor: float | None = None
+    tolerance: float = 0.16
+
+    @property
+    def row(self):
+        """Label of its row."""
+        return f"{self.axis}: {self.family}"
+
+    @property
+    def name(self):
+        """By which it is run again."""
+        return "/".join(re.sub(r"[^\w.+-]+", "-", part) for part in (self.axis, self.family, self.value))
+
+
+def material(young=1.0, poisson=0.3):
+    """A Material."""
+    return Material(young=young, poisson=poisson)
+
+
+# ------------------------------------------------------------------------------------------------- what must come out
+
+
+def hertz_force(displacement, upper=PLAIN, lower=PLAIN, order=6, **more):
+    """Two half-spheres of radius 1, and Hertz's force for the approach, corrected for their size.
+
+    The correction is known for one Poisson's ratio and equal bodies; else it is as uncertain as it is large.
+    """
+
+    def make():
+        scene = hertz(1.0, displacement, PLAIN, order, **more)
+        return replace(scene, materials={"lower": lower, "upper": upper})
+
+    modulus = 1 / (1 / upper.plane_strain_modulus + 1 / lower.plane_strain_modulus)
+    known = upper.poisson == lower.poisson == 0.3 and upper == lower
+    size = float(STIFFER(np.sqrt(displacement / 2)))
+    force = 4 / 3 * modulus * np.sqrt(0.5) * displacement**1.5 * (1 + size)
+    exact = Exact(force=force, approach=displacement, curved=True, unsure=1e-3 if known else size + 1e-3)
+    return {"scene": make, "reference": exact}
+
+
+def punch_force(displacement, **more):
+    """A punch pressed in little: Hertz on a half-space; both bodies finite, so off by about a/R."""
+    modulus = PLAIN.plane_strain_modulus / 2
+    force = 4 / 3 * modulus * displacement**1.5
+    size = Hertz(1.0, modulus, force).contact_radius
+    exact = Exact(force=force * (1 + size), approach=displacement, curved=True, unsure=size)
+    return {"scene": partial(punch, displacement=displacement, **more), "reference": exact}
+
+
+def stack_force(materials, displacement=0.01, height=1.0, gap=0.0, **more):
+    """Blocks between plates: a uniform pressure."""
+    approach = displacement - gap * (len(materials) - 1)
+    pressure = max(approach, 0.0) / sum(height / m.young for m in materials)
+    return {
+        "scene": partial(stack, materials, displacement, height=height, gap=gap, **more),
+        "reference": Exact(force=pressure, approach=approach, linear=True),
+    }
+
+
+def stack_pressed(materials, pressure, **more):
+    """Blocks under a pressure, which store p^2 / E a volume."""
+    energy = sum(pressure**2 / m.young for m in materials)
+    return {
+        "scene": partial(stack, materials, pressure=pressure, **more),
+        "reference": Exact(energy=energy, linear=True),
+    }
+
+
+def with_twin(make, transform, **known):
+    """A scene and a transformed one."""
+    return {"scene": make, "reference": Twin(lambda: transform(make()), **known)}
+
+
+def units_of(length, stress):
+    """What a twin in other units has, as keyword arguments of Twin."""
+    return {"force": stress * length**2, "energy": stress * length**3, "pressure": stress}
+
+
+#: Twins whose penalty errs otherwise, and twins on another mesh.
+OTHER_CONTACT = {"same_contact": False, "curved": True}
+OTHER_MESH = {"same_mesh": False, "same_contact": False}
+
+
+def refused(make):
+    """A scene without solution."""
+    return {"scene": make, "reference": None}
+
+
+# ------------------------------------------------------------------------------------------------- what only stresses
+
+
+def clamped(scene, displacement=0.01):
+    """The modelled part alone, its lower and upper faces held in all directions: no axis and no plane is special."""
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
+    return replace(scene, dirichlet=held, symmetry=1)
+
+
+def sheared_nodes(scene, amount, axes):
+    """Inner nodes of all root cells moved along axes towards one side, until the cells degenerate at amount = 1.
+
+    The bodies keep their shape: only the maps of the cells change, x -> x + amount x (1 - x) in each cell.
+    """
+    mesh = scene.mesh
+    place = reference.lattice(mesh.order) / mesh.order
+    moved = place.copy()
+    moved[:, axes] += amount * place[:, axes] * (1 - place[:, axes])
+    trilinear = np.prod(np.where(reference.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)
+    points = mesh.points.copy()
+    points[mesh.cells] = trilinear @ mesh.points[mesh.corners]
+    return replace(scene, mesh=replace(mesh, points=points))
+
+
+def without(scene, *places):
+    """The scene without its conditions on some places."""
+    return replace(scene, dirichlet=tuple(d for d in scene.dirichlet if d.where not in places))
+
+
+def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN), order=1):
+    """A cube pressed into the corner of a floor and a wall that stands on it: three bodies, three contact pairs."""
+    boxes = Boxes(order)
+    boxes.add("floor", (-1.0, 0.0, -1.0), (1.0, 1.0, 0.0), (4, 2, 2))
+    boxes.add("wall", (-1.0, 0.0, 0.0), (0.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    ground = boxes.facets(UP, 0.0, "floor")
+    under_cube = ground[:, 0] % 4 >= 2
+    surfaces = {
+        "bottom": boxes.facets(DOWN, -1.0),
+        "floor left": boxes.facets(LEFT, -1.0, "floor"),
+        "wall left": boxes.facets(LEFT, -1.0, "wall"),
+        "wall top": boxes.facets(UP, 1.0, "wall"),
+        "cube top": boxes.facets(UP, 1.0, "cube"),
+        "cube right": boxes.facets(RIGHT, 1.0, "cube"),
+        "y = 0": boxes.facets(FRONT, 0.0),
+        "y = 1": boxes.facets(BACK, 1.0),
+        "ground of wall": ground[~under_cube],
+        "ground of cube": ground[under_cube],
+        "wall foot": boxes.facets(DOWN, 0.0, "wall"),
+        "cube foot": boxes.facets(DOWN, 0.0, "cube"),
+        "wall face": boxes.facets(RIGHT, 0.0, "wall"),
+        "cube side": boxes.facets(LEFT, 0.0, "cube"),
+    }
+    held = [("bottom", "z", 0.0), ("floor left", "x", 0.0), ("wall left", "x", 0.0), ("wall top", "z", -push)]
+    held += [("cube top", "z", -push), ("cube right", "x", -push), ("y = 0", "y", 0.0), ("y = 1", "y", 0.0)]
+    return Scene(
+        "corner",
+        boxes.mesh(surfaces),
+        dict(zip(("floor", "wall", "cube"), materials)),
+        tuple(Dirichlet(where, **{axis: value}) for where, axis, value in held),
+        (
+            ContactPair("ground of wall", "wall foot", direction=(0.0, 0.0, 1.0)),
+            ContactPair("ground of cube", "cube foot", direction=(0.0, 0.0, 1.0)),
+            ContactPair("wall face", "cube side", direction=(1.0, 0.0, 0.0)),
+        ),
+    )
+
+
+def about(axis, degrees):
+    """Rotation matrix about an axis (Rodrigues)."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(degrees)
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+# ---------------------------------------------------------------------------------------------------------- the tables
+
+
+def exponent(value):
+    """1e-6 and the like, as short as it goes."""
+    return (
+        re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), f"{value:.0e}")
+        if value not in (0, 1)
+        else str(int(value))
+    )
+
+
+def enforcements(methods):
+    """Enforcement and its factor; families: round, flat, flat and unlike, round and loaded by force."""
+    families = {
+        "spheres": {"scene": partial(hertz, 1.0, 0.01), "reference": HERTZ_A},
+        "stack": stack_force([PLAIN] * 2),
+        "stack 1 : 1000": stack_force([PLAIN, material(1e3)]),
+        "punch by force": with_twin(partial(punch, force=1e-3), lambda scene: scene, default=True, **OTHER_CONTACT),
+    }
+    for method, (family, what) in product(methods, families.items()):
+        for factor in [None] if method == "exact" else FACTORS:
+            value = "exact" if factor is None else exponent(factor)
+            row = family if method in ("penalty", "exact") else f"{family}, {method}"
+            yield Case("penalty factor", row, value, **what, method=method, factor=factor)
+
+
+def ratios():
+    """Stiffness ratio of the bodies: of two, of the middle one of three, of punch and block, of two spheres."""
+    for ratio in RATIOS:
+        other, value = material(ratio), exponent(ratio)
+        yield Case("stiffness ratio", "2 blocks", value, **stack_force([PLAIN, other]))
+        yield Case("stiffness ratio", "3 blocks", value, **stack_force([PLAIN, other, PLAIN]))
+        make = partial(punch, punch=other)
+        yield Case("stiffness ratio", "punch, swapped", value, **with_twin(make, swapped, **OTHER_CONTACT))
+        yield Case("stiffness ratio", "spheres", value, **hertz_force(1e-3, PLAIN, other))
+
+
+def compressibility():
+    """Poisson's ratio up to nearly incompressible."""
+    for poisson in POISSON:
+        both, value = material(1.0, poisson), f"{poisson:g}"
+        yield Case("Poisson", "spheres", value, **hertz_force(1e-3, both, both))
+        yield Case("Poisson", "3 blocks", value, **stack_force([PLAIN, both, both]))
+        for name, make, curved in (
+            ("punch, finer", partial(punch, block=both, punch=both), True),
+            ("indentation, finer", partial(indentation, block=both, cube=material(100.0, poisson)), False),
+        ):
+            known = {"curved": curved, "tolerance": 0.5} | OTHER_MESH
+            yield Case("Poisson", name, value, **with_twin(make, lambda scene: scene, **known), tolerance=0.25)
+
+
+def aspects():
+    """Aspect of the cells, flat and tall."""
+    for aspect in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0):
+        yield Case("aspect", "blocks", f"{aspect:g}", **stack_force([PLAIN, material(3.0)], 1e-4, height=aspect))
+    unlike = [PLAIN, material(3.0)]
+    for aspect, cells in (
+        (0.01, (1, 1, 200)),
+        (0.03, (1, 1, 66)),
+        (0.1, (2, 2, 40)),
+        (1.0, (4, 4, 8)),
+        (10.0, (10, 10, 2)),
+        (30.0, (15, 15, 1)),
+        (100.0, (50, 50, 1)),
+    ):
+        make, twin = (partial(stack, unlike, cells=c) for c in (cells, (4, 4, 8)))
+        yield Case(
+            "aspect",
+            "clamped, cubes",
+            f"{aspect:g}",
+            lambda make=make: clamped(make()),
+            Twin(lambda twin=twin: clamped(twin()), **OTHER_MESH),
+            tolerance=0.25,
+        )
+
+
+def degenerate():
+    """Cells close to degenerate: inner nodes moved to one side, punches as wide as their sphere."""
+    unlike = [PLAIN, material(3.0)]
+    for axes, name in (((2,), "nodes moved along z"), ((0, 1, 2), "nodes moved along x, y, z")):
+        for amount in (0.5, 0.9, 0.99, 0.999, 0.9999):
+
+            def make(amount=amount, axes=axes):
+                return sheared_nodes(clamped(stack(unlike, order=2)), amount, list(axes))
+
+            twin = Twin(lambda: clamped(stack(unlike)), **OTHER_MESH)
+            if ((1 - amount) / (1 + amount)) ** len(axes) < 1e-8:  # the Jacobian determinant: degenerate by contract
+                twin = None
+            yield Case("degenerate cells", name, f"{amount:g}", make, twin, tolerance=0.25)
+    for side in (1.0, 1.2, 1.3, 1.38, 1.41, 1.414):
+        make = partial(punch, side=side, order=4)
+        twin = with_twin(make, swapped, **OTHER_CONTACT)
+        yield Case("degenerate cells", "steep punch, swapped", f"{side:g}", **twin)
+
+
+def depths():
+    """Approach relative to the radius, and with it the contact radius and the levels that it takes."""
+    for depth in DEPTHS:
+        value = exponent(depth)
+        if depth <= 0.08:
+            yield Case("approach", "spheres, order 6", value, **hertz_force(depth))
+        else:
+            make = partial(hertz, 1.0, depth)
+            yield Case(
+                "approach",
+                "spheres, order 6",
+                value,
+                **with_twin(make, partial(scaled, length=1e-3), **units_of(1e-3, 1.0)),
+            )
+        if depth <= 0.01:
+            # The poles of order 3 leave the sphere by 1.4e-7 R where 1e-6 R is pressed: refused, as too coarse.
+            small = {"reference": None} if depth <= 1e-5 else {}
+            yield Case("approach", "spheres, order 3", value, **hertz_force(depth, order=3) | small)
+        if depth <= 1e-3:
+            yield Case("approach", "punch", value, **punch_force(depth, order=6))
+        else:
+            make = partial(punch, displacement=depth)
+            yield Case("approach", "punch", value, **with_twin(make, swapped, **OTHER_CONTACT))
+        # Without a gap forces are proportional to displacements.
+        make, factor = partial(indentation, displacement=depth), 0.01 / depth
+        twin = Twin(indentation, force=factor, energy=factor**2, pressure=factor)
+        yield Case("approach", "indentation", value, make, twin, tolerance=0.2)
+
+
+def units():
+    """Units of length and stress from nano to giga."""
+    for length, young in product((1e-9, 1e-6, 1e-3, 1.0, 1e3), (1e-6, 1e-3, 1.0, 1e6, 1e12)):
+        if length == young == 1:
+            continue
+        back = units_of(1 / length, 1 / young)
+        make = partial(hertz, length, 0.01 * length, material(young), order=2, coarse=2)
+        twin = Twin(partial(hertz, 1.0, 0.01, order=2, coarse=2), **back)
+        yield Case("units E", f"spheres, L = {exponent(length)}", exponent(young), make, twin)
+    for length, young in product((1e-9, 1e3), (1e-6, 1.0, 1e12)):
+        make = partial(punch, length, force=1e-3 * young * length**2, block=material(young), punch=material(young))
+        twin = Twin(partial(punch, force=1e-3), **units_of(1 / length, 1 / young))
+        yield Case("units E", f"punch by force, L = {exponent(length)}", exponent(young), make, twin)
+
+
+def grading():
+    """Meshes of 8 levels and more."""
+    known = {"coarse": 2}
+    for depth in (1e-4, 1e-5, 1e-6):
+        value = exponent(depth)
+        yield Case("8 levels", "spheres, 2 root cells", value, **hertz_force(depth, **known))
+        if depth >= 1e-5:  # below, two cells of order 6 are not round enough
+            yield Case("8 levels", "punch, 2 root cells", value, **punch_force(depth, order=6, **known))
+
+
+def many_bodies():
+    """Stacks, loaded by displacement and by pressure, and a cube in a corner."""
+    for count in (2, 3, 4, 6, 8, 12):
+        bodies = [material(10.0 ** (n % 3), 0.1 * (n % 4)) for n in range(count)]
+        yield Case("bodies", "stack", str(count), **stack_force(bodies))
+        yield Case("bodies", "stack by pressure", str(count), **stack_pressed(bodies, 0.01))
+    third, unlike = about((1, 1, 1), 120), [material(1.0), material(10.0), material(100.0, 0.0)]
+    for name, make in (("alike", corner), ("unlike", partial(corner, materials=unlike))):
+        for transform, label in ((swapped, "swapped"), (partial(turned, rotation=third), "turned")):
+            twin = with_twin(make, transform)
+            yield Case("bodies", "cube in a corner, 3 pairs", f"{name}, {label}", **twin, tolerance=0.25)
+
+
+def tilts():
+    """No axis is special: planes of contact in any direction, conditions on any axis."""
+
+    def along_normals(scene):
+        return replace(scene, contact=tuple(replace(pair, direction=None) for pair in scene.contact))
+
+    families = {
+        "punch": lambda: clamped(punch()),
+        "blocks": lambda: clamped(stack([PLAIN, material(3.0)])),
+        "blocks, along normals": lambda: along_normals(clamped(stack([PLAIN, material(3.0)]))),
+        "spheres": lambda: clamped(hertz(1.0, 0.01, order=2), 0.01),
+    }
+    x, space = (1, 0, 0), (1, 2, 3)
+    for family, make in families.items():
+        for axis, degrees in ((x, 10), (x, 30), (x, 45), (x, 80), (space, 50), (space, 170)):
+            value = f"{degrees} about {'x' if axis == x else '(1,2,3)'}"
+            rotation = about(axis, degrees)
+            twin = with_twin(make, partial(turned, rotation=rotation))
+            twin = {"scene": twin["reference"].scene, "reference": Twin(make)}
+            yield Case("tilt", family, value, **twin, tolerance=0.25)
+    right = {"x to y": np.roll(np.eye(3), 1, axis=0), "x to z": np.roll(np.eye(3), 2, axis=0)}
+    right |= {"y down": np.array(about(x, 90)).round(), "upside down": np.diag([-1.0, 1.0, -1.0])}
+    for value, rotation in right.items():
+        for family, make in (("quarter of spheres", partial(hertz, coarse=2)), ("indentation", indentation)):
+            yield Case("tilt", family, value, lambda make=make, by=rotation: turned(make(), by), Twin(make))
+
+
+def held_by_contact():
+    """Bodies that contact alone holds, and bodies that nothing holds."""
+    for exponents in range(-8, 0):
+        force = 10.0**exponents
+        make = partial(punch, force=force, order=6 if force < 1e-4 else 2)
+        twin = with_twin(make, partial(scaled, length=1e-3, stress=1e6), **units_of(1e-3, 1e6))
+        yield Case("held by contact", "punch by force", exponent(force), **twin)
+    for ratio in (1e-6, 1e-3, 1e3, 1e6):
+        stacked = stack_pressed([PLAIN, material(ratio), PLAIN], 0.01)
+        yield Case("held by contact", "blocks by pressure, ratio", exponent(ratio), **stacked)
+    for value, make in {
+        "pulled up": partial(punch, force=-1e-3),
+        "pulled stack": partial(stack, pressure=-0.01),
+        "free sideways": lambda: without(punch(), "x = 0"),
+        "block between gaps": partial(stack, displacement=0.01, gap=0.1),
+        "middle block free": lambda: without(stack(), "x = 0", "y = 0"),
+    }.items():
+        yield Case("held by contact", "refused", value, **refused(make))
+
+
+def gaps():
+    """Overlap before anything moves, gaps wider than the bodies, and no contact at all."""
+    unlike = [PLAIN, material(3.0)]
+    for gap in (-0.1, -1e-2, -1e-4, -1e-6, 1e-6, 1e-2, 1.0, 100.0):
+        value = f"{'-' * (gap < 0)}{exponent(abs(gap))}"
+        displacement = gap + 0.01 if gap > 0 else 0.0
+        yield Case("gap", "stack", value, **stack_force(unlike, displacement, gap=gap))
+        if abs(gap) >= 1e-4:
+            depth = displacement - gap
+            make = partial(punch, displacement=displacement, gap=gap, order=6)
+            twin = Twin(partial(punch, displacement=depth, order=6))
+            yield Case("gap", "punch", value, make, twin)
+    nothing = Exact(force=0.0)
+    for gap in (0.02, 1.0, 100.0):
+        value = exponent(gap)
+        yield Case("gap", "blocks apart", value, partial(stack, unlike, 0.01, gap=gap), nothing)
+        yield Case("gap", "punch apart", value, partial(punch, displacement=0.01, gap=gap), nothing)
+    yield Case("gap", "spheres apart", "0", partial(hertz, 1.0, 0.0), nothing)
+    yield Case("gap", "spheres apart", "0.01", partial(hertz, 1.0, -0.01), nothing)
+
+
+def orders():
+    """Order of the root mesh."""
+    for order in range(1, 7):
+        value = str(order)
+        if order == 1:  # straight-sided: another body than a sphere, which only its twins know
+            make = partial(hertz, 1.0, 0.01, order=1)
+            spheres = with_twin(make, partial(scaled, length=1e3, stress=1e-3), **units_of(1e3, 1e-3))
+        else:
+            spheres = {"scene": partial(hertz, 1.0, 0.01, order=order), "reference": HERTZ_A}
+        yield Case("order", "spheres", value, **spheres)
+        yield Case("order", "stack", value, **stack_force([PLAIN, material(3.0)], order=order))
+        yield Case(
+            "order", "indentation", value, partial(indentation, order=order), Twin(indentation), tolerance=0.25
+        )
+        if order > 1:
+            finest = Twin(partial(punch, order=6), curved=True, **OTHER_MESH)
+            yield Case("order", "punch", value, partial(punch, order=order), finest)
+
+
+def cases(methods):
+    """All scenes, by name.
+
+    Args:
+        methods: ways to enforce contact that the program has.
+
+    Returns:
+        dict name -> Case, axis by axis.
+    """
+    tables = [ratios, compressibility, aspects, degenerate, depths, units, grading, many_bodies, tilts]
+    tables += [held_by_contact, gaps, orders]
+    listed = [*enforcements(methods), *(case for table in tables for case in table())]
+    result = {case.name: case for case in listed}
+    if len(result) < len(listed):
+        raise ValueError("two scenes have one name")
+    return result
+
+
+def sample(named, share=10):
+    """A part of the scenes, spread over all rows: every row's turn comes at another of its values."""
+    rows = {}
+    for case in named.values():
+        rows.setdefault(case.row, []).append(case)
+    chosen = {}
+    for number, row in enumerate(rows.values()):
+        count = max(1, round(len(row) / share))
+        for k in range(count):
+            case = row[(7 * number + k * share) % len(row)]
+            chosen[case.name] = case
+    return chosen

@@ -1,0 +1,163 @@
+"""Error against run time: for a given accuracy, which settings are cheapest, and can the estimate be trusted?
+
+Every point is a command of its own, run as anyone would; it is printed in the tables, to be rerun by whoever doubts it.
+Times are those of all steps, medians of the repetitions, without compilation; errors are true ones: against references
+that do not come from this program, and in the energy norm against over-refined solutions. Runs that fail are shown as
+failed. An interrupted study goes on where it stopped.
+
+    python3 demos/work_precision.py              # all points: under 40 minutes on two cores
+    python3 demos/work_precision.py --quick      # a third of them, small ones, each once: under 2 minutes
+    python3 demos/work_precision.py --plot-only  # tables and plots of the runs that are there
+
+Results go to results/work_precision: runs.jsonl (each run), points.csv, table.md, readme.md, targets.md and the plots
+as PNG and SVG.
+"""
+
+import argparse
+import json
+import os
+import platform
+import time
+from pathlib import Path
+
+from tqdm import tqdm
+from work_precision_figures import draw_all
+from work_precision_points import points
+from work_precision_tables import commands, medians, readme_table, table, targets, write_csv
+
+from runs import RunFailed, cpu, run, wall
+
+REPEATS = 3
+#: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].
+_ONCE, _LIMIT = 12.0, 600.0
+
+
+def machine():
+    """What the times depend on: processor, cores, load at the moment."""
+    info = Path("/proc/cpuinfo")
+    models = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+    return {
+        "processor": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": platform.python_version(),
+    }
+
+
+def one_run(point, repeat, folder):
+    """Run a point once: the line of runs.jsonl."""
+    record = {"command": point.case.command, "repeat": repeat, "date": time.strftime("%Y-%m-%d %H:%M:%S")}
+    record |= {"machine": machine()}
+    try:
+        case = point.timing if repeat else point.case
+        steps, seconds = run(case, folder / "runs" / case.name, _LIMIT)
+    except RunFailed as error:
+        return record | {"failed": str(error)}
+    last = {
+        name: value for name, value in steps[-1].items() if name not in ("memory_bytes", "seconds", "cpu_seconds")
+    }
+    counted = {"wall": wall(steps), "cpu": cpu(steps), "steps": len(steps), "process_seconds": seconds}
+    counted["compile"] = sum(step["seconds"]["compile"] for step in steps)
+    history = [{name: s[name] for name in HISTORY if name in s} for s in steps]
+    return record | counted | {"last": last, "history": history}
+
+
+#: What is kept of the steps before the last.
+HISTORY = ("cells", "dofs", "estimate", "true_error", "l2_error", "effectivity", "force")
+
+
+def expected(point):
+    """Guessed seconds of a point's first run, for the time left on the progress bar."""
+    words = point.case.options.split()
+    given = dict(zip(words, words[1:]))
+    size = (0.04 / float(given.get("--tolerance", 0.04))) ** 3
+    levels = int(given.get("--uniform", 0)) if point.case.demo == "hertz" else 0
+    if levels:
+        size = 3.0 * (float(given["--coarse"]) / 4 * 2 ** (levels - 3)) ** 3
+    return 3 + 9 * size + (50 * size if "--true-error" in given else 0)
+
+
+def measure(wanted, folder, repeats):
+    """Run what has not been run: runs.jsonl grows by a line a run."""
+    path = folder / "runs.jsonl"
+    done = load(path)
+    count = {}
+    for record in done:
+        count.setdefault(record["command"], []).append(record)
+    total = sum(expected(point) for point in wanted)
+    form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} done, {remaining} left"
+    with tqdm(total=total, bar_format=form, dynamic_ncols=True) as bar, path.open("a") as file:
+        for point in wanted:
+            runs = count.setdefault(point.case.command, [])
+            bar.set_description_str(f"{point.line}"[:32].ljust(32))
+            while len(runs) < repeats and not any(_settled(r) for r in runs):
+                runs.append(one_run(point, len(runs), folder))
+                file.write(json.dumps(runs[-1]) + "\n")
+                file.flush()
+            bar.update(expected(point))
+
+
+def _settled(record):
+    """Whether a run is not to be repeated: it failed or took long."""
+    return "failed" in record or record["wall"] > _ONCE
+
+
+def load(path):
+    """The runs in a file, none if it is not there; a line cut short by an interruption is dropped from it."""
+    if not path.exists():
+        return []
+    records, good = [], ""
+    for line in path.read_text().splitlines(keepends=True):
+        try:
+            records.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+        good += line if line.endswith("\n") else line + "\n"
+    path.write_text(good)
+    return records
+
+
+def main():
+    """Run, write tables, draw."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--quick", action="store_true", help="few small points, each once: under 2 minutes")
+    options.add_argument(
+        "--plot-only", action="store_true", help="run nothing: tables and plots of the runs there are"
+    )
+    options.add_argument("--repeats", type=int, help=f"runs of a point that takes under {_ONCE:.0f} s ({REPEATS})")
+    options.add_argument("--output", type=Path, default=Path("results/work_precision"), help="folder (%(default)s)")
+    arguments = options.parse_args()
+    folder = arguments.output.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = points(arguments.quick)
+    if not arguments.plot_only:
+        measure(wanted, folder, arguments.repeats or (1 if arguments.quick else REPEATS))
+    runs = load(folder / "runs.jsonl")
+    found = medians(wanted, runs)
+    if not found:
+        options.error(f"there are no runs in {folder}")
+    write_csv(found, folder / "points.csv")
+    for name, text in (
+        ("table.md", "\n\n".join([_told(runs), table(found), commands(found)])),
+        ("readme.md", readme_table(found)),
+        ("targets.md", targets(found)),
+    ):
+        (folder / name).write_text(text + "\n")
+    print(table(found), targets(found), sep="\n\n")
+    pictures = draw_all(found, folder, _told(runs))
+    print(
+        f"results in {arguments.output}: runs.jsonl, points.csv, table.md, readme.md, targets.md, {', '.join(pictures)}"
+    )
+
+
+def _told(runs):
+    """Machine and versions in one line."""
+    good = [record for record in runs if "failed" not in record]
+    versions = good[-1]["last"].get("versions", {}) if good else {}
+    machine = runs[-1]["machine"]
+    parts = [f"{name} {version}" for name, version in versions.items()]
+    return f"{machine['processor']}, {machine['cores']} cores; {', '.join(parts)}; {runs[-1]['date'][:10]}"
+
+
+if __name__ == "__main__":
+    main()

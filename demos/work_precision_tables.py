@@ -1,0 +1,252 @@
+"""Medians and tables of the work-precision study, and what they say about its targets."""
+
+import csv
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from work_precision_points import DEFAULT, Point
+
+#: Errors of a contact by their name in the records: heading.
+ERRORS = {
+    "force": "force",
+    "max_pressure": "p0",
+    "contact_radius": "radius",
+    "pressure": "pressure, L2",
+    "axis_stress": "axis stress",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """A point and what its runs gave.
+
+    Attributes:
+        point: Point.
+        runs: number of runs that ended well.
+        failed: why it failed, or None.
+        wall, cpu: medians [s].
+        last: record of the last step.
+        history: of all steps, in short.
+        true: relative energy error, or None where it is not known.
+    """
+
+    point: Point
+    runs: int
+    failed: str | None
+    wall: float
+    cpu: float
+    last: dict
+    history: list
+    true: float | None
+
+    @property
+    def error(self):
+        """The true error, or the estimate where that is not known [-]."""
+        return self.true or self.last["estimate"]
+
+    @property
+    def effectivity(self):
+        """Estimate over true error, or None."""
+        return self.last["estimate"] / self.true if self.true else None
+
+
+def medians(points, runs):
+    """One Result for each point that has been run.
+
+    Args:
+        points: Points.
+        runs: records of `runs.jsonl`.
+    """
+    by_command = {}
+    for record in runs:
+        by_command.setdefault(record["command"], []).append(record)
+    found = []
+    for point in points:
+        mine = by_command.get(point.case.command, [])
+        good = [record for record in mine if "failed" not in record]
+        if mine and not good:
+            found.append(Result(point, 0, mine[-1]["failed"], np.nan, np.nan, {}, [], None))
+        elif good:
+            last, true = good[0]["last"], good[0]["last"].get("true_error")
+            true = true["relative"] if isinstance(true, dict) else true
+            if point.same and true is None:
+                true = _same_true(last, by_command.get(point.same.command, []))
+            wall, cpu = (median(record[name] for record in good) for name in ("wall", "cpu"))
+            found.append(Result(point, len(good), None, wall, cpu, last, good[0]["history"], true))
+    return found
+
+
+def _same_true(last, others):
+    """The true error of the same discrete solution, if its force shows that it is the same."""
+    for other in others:
+        if "failed" not in other and abs(other["last"]["force"] / last["force"] - 1) < 1e-6:
+            return other["last"]["true_error"]["relative"]
+    return None
+
+
+def table(found):
+    """All points, in Markdown; numbers in the first column lead to `commands`."""
+    heads = ["", "line", "dofs", "estimate", "true error", "effectivity", *ERRORS.values(), "wall", "CPU", "runs"]
+    lines = [_row(heads), _row(["--:", "---", *["--:"] * (len(heads) - 2)])]
+    for number, result in enumerate(found, 1):
+        if result.failed:
+            lines.append(_row([number, result.point.line, f"failed: {result.failed}", *[""] * (len(heads) - 3)]))
+            continue
+        last, errors = result.last, result.last.get("errors", {})
+        cells = [number, result.point.line, f"{last['dofs']:,}", f"{last['estimate']:.2%}", _percent(result.true)]
+        cells += [f"{result.effectivity:.3f}" if result.true else ""]
+        cells += [_signed(errors[name]) if name in errors else "" for name in ERRORS]
+        cells += [f"{result.wall:.2f} s", f"{result.cpu:.2f} s", result.runs]
+        lines.append(_row(cells))
+    return "\n".join(lines)
+
+
+def commands(found):
+    """The command of each point, by its number in `table`."""
+    return "\n".join(f"{number}. `./with-dolfinx {r.point.case.command}`" for number, r in enumerate(found, 1))
+
+
+def readme_table(found):
+    """The points of the main plot, each with its command, in Markdown."""
+    heads = ["line", "dofs", "true error", "effectivity", "force", "wall", "CPU", "command, after `mpirun -n`"]
+    lines = [_row(heads), _row(["---", *["--:"] * 6, "---"])]
+    for result in found:
+        if result.point.group not in ("adaptivity", "geometry"):
+            continue
+        words = f"`{result.point.case.command.removeprefix('mpirun -n ')}`"
+        if result.failed:
+            lines.append(_row([result.point.line, f"failed: {result.failed}", *[""] * 5, words]))
+            continue
+        true = _percent(result.true) or f"({result.last['estimate']:.2%})"
+        cells = [result.point.line, f"{result.last['dofs']:,}", true]
+        cells += [f"{result.effectivity:.2f}" if result.true else "", _signed(result.last["errors"]["force"])]
+        lines.append(_row([*cells, f"{result.wall:.1f} s", f"{result.cpu:.1f} s", words]))
+    return "\n".join(lines)
+
+
+def _row(cells):
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def _percent(value):
+    return "" if value is None else f"{value:.2%}"
+
+
+def _signed(value):
+    return f"{value:+.2%}" if abs(value) >= 5e-5 else f"{value:+.1e}"
+
+
+def write_csv(found, path):
+    """All points with all figures.
+
+    Args:
+        found: Results.
+        path: of the CSV file.
+    """
+    names = [
+        "cells",
+        "dofs",
+        "hanging_nodes",
+        "geometry_order",
+        "estimate",
+        "force",
+        "contact_radius",
+        "max_pressure",
+    ]
+    names += ["max_penetration", "l2_error", "peak_memory_bytes"]
+    heads = ["group", "line", "ranks", "command", "failed", "runs", "wall_s", "cpu_s", "true_error", "effectivity"]
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([*heads, *names, *(f"error_{name}" for name in ERRORS)])
+        for r in found:
+            point, errors = r.point, r.last.get("errors", {})
+            row = [point.group, point.line, point.case.ranks, point.case.command, r.failed, r.runs, r.wall, r.cpu]
+            row += [r.true, r.effectivity, *(r.last.get(name) for name in names)]
+            writer.writerow([*row, *(errors.get(name) for name in ERRORS)])
+
+
+def slope(x, y):
+    """Slope of the logarithms of y over those of x, by least squares."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def targets(found):
+    """What the study promises, beside what was measured, in Markdown."""
+    good = [r for r in found if not r.failed]
+    lines = [_row(["promise", "measured"]), _row(["---", "---"])]
+    for promise, measured in (*_manufactured(good), *_trust(good), *_against_uniform(good), *_promised(good)):
+        lines.append(_row([promise, measured]))
+    return "\n".join(lines)
+
+
+def _line(good, name):
+    return [r for r in good if r.point.line == name]
+
+
+def _manufactured(good):
+    for r in _line(good, "manufactured, uniform")[-1:]:
+        steps = r.history[-2:]
+        if len(steps) < 2:
+            continue
+        dofs, energy, l2 = ([step[name] for step in steps] for name in ("dofs", "true_error", "l2_error"))
+        orders = f"{-3 * slope(dofs, energy):.2f} and {-3 * slope(dofs, l2):.2f}"
+        yield "manufactured, uniform: order 1 in energy, 2 in L2", orders
+    lasts = [r.last for r in _line(good, "manufactured, adaptive")]
+    if len(lasts) > 1:
+        rate = slope([last["dofs"] for last in lasts], [last["true_error"] for last in lasts])
+        yield "manufactured, adaptive: energy error like N^(-1/3)", f"N^({rate:.2f})"
+
+
+def _trust(good):
+    """Effectivity at e <= 8 % where the geometry is curved and the enforcement hard: there the estimate sees all."""
+    lines = (DEFAULT, "order 2", "order 6", "uniform, order 3", "penalty c = 1e4", "penalty c = 1e8")
+    hertz = [r.effectivity for r in good if r.point.line in lines and r.true and r.last["estimate"] <= 0.08]
+    ring = [
+        step["effectivity"]
+        for r in good
+        if r.point.line.startswith("manufactured")
+        for step in r.history
+        if step["estimate"] <= 0.08
+    ]
+    for name, values in (("manufactured", ring), ("Hertz", hertz)):
+        if values:
+            yield f"effectivity at e <= 8 %, {name}: 0.9 to 1.1", f"{min(values):.3f} to {max(values):.3f}"
+
+
+def _against_uniform(good):
+    """Adaptive at 4 % against uniform: as measured on the largest uniform mesh, and extrapolated to the same error."""
+    best = [r for r in _line(good, DEFAULT) if r.last["tolerance"] == 0.04]
+    uniform = sorted(_line(good, "uniform, order 3"), key=lambda r: r.last["dofs"])
+    if not best or len(uniform) < 2:
+        return
+    best, largest = best[0], uniform[-1]
+    yield (
+        "adaptive reaches 4 % with 10 x fewer dofs and 5 x less time than uniform",
+        f"uniform is at {largest.error:.1%} with {largest.last['dofs'] / best.last['dofs']:.1f} x the dofs and "
+        f"{largest.wall / best.wall:.1f} x the time; extrapolated by N^(-1/3) to {best.error:.1%}: "
+        f"{largest.last['dofs'] / best.last['dofs'] * (largest.error / best.error) ** 3:.0f} x the dofs",
+    )
+
+
+def _promised(good):
+    for r in _line(good, DEFAULT):
+        if r.true and r.last["tolerance"] == 0.04:
+            yield "true error at e = 4 %: 2 to 4.4 %", f"{r.true:.2%}"
+    for name in (DEFAULT, "order 6"):
+        rows = [r for r in _line(good, name) if r.true and r.last["tolerance"] <= 0.08]
+        if len(rows) > 1:
+            rate = slope([r.true for r in rows], [abs(r.last["errors"]["force"]) for r in rows])
+            signed = ", ".join(_signed(r.last["errors"]["force"]) for r in rows)
+            yield f"force error like the square of the energy error, {name}", f"power {rate:.2f} ({signed})"
+
+
+def digits(error):
+    """Digits of accuracy: -log10 of the relative error."""
+    return -np.log10(error)
+
+
+def efficacy(result):
+    """Digits of error times time: -log10(error x wall seconds); more is better."""
+    return -np.log10(result.error * result.wall)

@@ -1,0 +1,226 @@
+"""The state after an adaptive step on disk, from which any number of ranks can go on.
+
+Leaves and vertices are named by keys that do not depend on the ranks: a leaf with its indicator takes 16 bytes, a
+vertex with its displacement 32.  The displacement is also the start of the next active set.  A checkpoint knows the
+problem it belongs to, and has the records of all steps so far.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fx_contact._mpi import Directory, together
+from fx_contact.errors import CheckpointError, OutputError
+from fx_contact.estimate import Estimate, Gain
+from fx_contact.forest import Forest
+from fx_contact.lattice import Lattice
+from fx_contact.pairing import decode_leaf, leaf_code
+from fx_contact.rowfile import RowFile, write
+
+NAME = "checkpoint"
+KIND = "checkpoint of fx_contact, version 1"
+_LEVEL_BITS = 4
+
+
+def prepare(folder, comm, restart=None):
+    """Make the folder for the checkpoints of a run.
+
+    Collective on comm.
+
+    Args:
+        folder: for the checkpoints.
+        comm: MPI communicator.
+        restart: Checkpoint from which the run goes on, the only one that may be in the folder already; or None.
+
+    Raises:
+        OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
+    """
+    path = Path(folder) / NAME
+    with together(comm):
+        if comm.rank == 0:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                if path.exists() and not (restart is not None and path.samefile(restart.path)):
+                    raise OutputError(
+                        f"{str(path)!r} is the checkpoint of an earlier run and would be replaced: go on from it with "
+                        "restart, remove it, or name another folder"
+                    )
+            except OSError as error:
+                raise OutputError(
+                    f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
+                ) from None
+
+
+def save(folder, step, records, options, gain):
+    """Replace the checkpoint in a folder by the state after a step.
+
+    Collective on the step's comm.
+
+    Args:
+        folder: for the checkpoint, which `prepare` has seen.
+        step: Step.
+        records: list of dict, of all steps up to this one.
+        options: dict that JSON can hold, the options that must not change.
+        gain: Gain of the run, before it has seen this step.
+
+    Raises:
+        OutputError: the checkpoint cannot be written; the one before is still there.
+    """
+    forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
+    indicator = np.empty(len(forest))
+    indicator[step.leaf_mesh.leaf] = error.error
+    names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
+    names |= forest.level.astype(np.uint64)
+    # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
+    rows = prolongation.conforming < prolongation.owned
+    write(
+        Path(folder) / NAME,
+        forest.comm,
+        {
+            "kind": KIND,
+            "problem": problem(step.scene),
+            "options": options,
+            "records": records,
+            "estimate": [error.error_global, error.energy_norm, error.cells],
+            "gain": [gain.before, gain.expected],
+        },
+        {
+            "leaves": names[:, None],
+            "indicator": indicator[:, None],
+            "vertices": prolongation.vertices.keys[rows, None],
+            "displacement": prolongation.prolong(step.contact.displacement)[rows],
+        },
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What a checkpoint holds, distributed in some way.
+
+    Attributes:
+        forest: Forest.
+        displacement: (n, 8, 3) float64, at the corners of the leaves [m].
+        estimate: Estimate without stress, its errors in the order of the leaves.
+        gain: Gain of the run, before it has seen this step.
+    """
+
+    forest: Forest
+    displacement: np.ndarray
+    estimate: Estimate
+    gain: Gain
+
+
+class Checkpoint:
+    """The last checkpoint in a folder.
+
+    Collective on comm.
+
+    Args:
+        folder: in which a run has left it.
+        scene: Scene, the same as that of the run.
+        comm: MPI communicator, of any size.
+
+    Attributes:
+        path: of the file.
+        records: list of dict, of all steps so far.
+
+    Raises:
+        CheckpointError: there is none, it is not complete, damaged, of another format, or belongs to another scene.
+    """
+
+    def __init__(self, folder, scene, comm):
+        self.path, self._scene, self._comm = Path(folder) / NAME, scene, comm
+        self._file = RowFile(self.path, comm)
+        content = self._file.content
+        if not isinstance(content, dict) or content.get("kind") != KIND:
+            raise CheckpointError(f"{str(self.path)!r} is no {KIND}")
+        self._compare(content["problem"], problem(scene))
+        self.records = content["records"]
+
+    def check(self, options):
+        """Raises CheckpointError unless the run had these options, a dict that JSON can hold.  Local."""
+        self._compare(self._file.content["options"], options)
+
+    def _compare(self, before, now):
+        now = json.loads(json.dumps(now, default=float))
+        differences = [
+            f"{name} ({_brief(before.get(name))} then, {_brief(now.get(name))} now)"
+            for name in {**before, **now}
+            if before.get(name) != now.get(name)
+        ]
+        if differences:
+            raise CheckpointError(
+                f"{str(self.path)!r} belongs to another problem: {'; '.join(differences)}; go on with what the "
+                "run was begun with, or begin anew in another folder"
+            )
+
+    def load(self):
+        """Read the state.
+
+        Collective on comm.
+
+        Returns:
+            State, its leaves in equal blocks on the ranks.
+
+        Raises:
+            CheckpointError: the file is damaged.
+        """
+        scene, comm = self._scene, self._comm
+        leaves = self._file.table("leaves")[:, 0]
+        level = (leaves & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
+        cell, anchor = decode_leaf((leaves >> np.uint64(_LEVEL_BITS)).astype(np.int64))
+        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, cell, level, anchor)
+        keys, rows = np.unique(self._file.table("vertices")[:, 0], return_index=True)
+        values = self._file.table("displacement")[rows]
+        values, found = Directory(comm, keys).lookup(forest.vertices.keys, values, np.ones(len(keys), dtype=bool))
+        with together(comm):
+            if not found.all():
+                raise CheckpointError(f"{str(self.path)!r} is damaged: it lacks vertices of its leaves")
+        error = self._file.table("indicator")[:, 0]
+        estimate = Estimate(None, error, *self._file.content["estimate"])
+        gain = Gain(*self._file.content["gain"])
+        return State(forest, values[forest.vertices.cells], estimate, gain)
+
+
+def problem(scene):
+    """What a scene asks for, part by part, as JSON can hold it; the root mesh by a digest.
+
+    Local.  Positions are rounded to 1e-9 of the mesh's size: what another machine's Gmsh rounds otherwise is the same.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        dict.
+    """
+    mesh = scene.mesh
+    size = np.ptp(mesh.points, axis=0).max()
+    digest = hashlib.sha256(repr([mesh.bodies, float(f"{size:.9g}")]).encode())
+    for array in (np.rint(mesh.points / size * 1e9), mesh.cells, mesh.body):
+        digest.update(np.ascontiguousarray(array, np.int64))
+    for kind in (mesh.surfaces, mesh.vertices, mesh.curves):
+        for name in sorted(kind):
+            digest.update(repr([name, np.shape(kind[name])]).encode())
+            digest.update(np.ascontiguousarray(kind[name], np.int64))
+    return {
+        "root mesh": digest.hexdigest()[:16],
+        "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
+        "displacement conditions": [[c.where, *_floats((c.x, c.y, c.z))] for c in scene.dirichlet],
+        "contact pairs": [
+            [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact
+        ],
+        "tractions": [[t.surface, *_floats(t.value)] for t in scene.tractions],
+        "symmetry": [int(scene.symmetry), *_floats(scene.contact_centre)],
+    }
+
+
+def _floats(values):
+    return [None if value is None else float(value) for value in values]
+
+
+def _brief(value):
+    text = json.dumps(value)
+    return text if len(text) <= 200 else text[:197] + "..."

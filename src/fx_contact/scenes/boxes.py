@@ -1,0 +1,105 @@
+"""Bodies made of box cells: the structured root meshes of the ready scenes."""
+
+import numpy as np
+
+from fx_contact import reference
+from fx_contact.rootmesh import RootMesh
+
+#: Local faces of a box cell by where they look.
+DOWN, FRONT, LEFT, RIGHT, BACK, UP = range(6)
+
+
+class Boxes:
+    """Boxes of equal cells, each a body of its own, named by where they are before anything is bent.
+
+    Local.
+
+    Args:
+        order: of the cell maps.
+    """
+
+    def __init__(self, order):
+        self._order = order
+        self._points, self._cells, self._bodies, self._body = [], [], [], []
+        self._count = 0
+
+    def add(self, name, low, high, counts):
+        """Add a body.
+
+        Args:
+            name: of the body.
+            low, high: its corners (3,) [-].
+            counts: cells along x, y, z.
+        """
+        order, counts = self._order, np.asarray(counts, dtype=np.int64)
+        axes = [np.linspace(a, b, order * n + 1) for a, b, n in zip(low, high, counts)]
+        z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+        strides = np.cumprod([1, order * counts[0] + 1, order * counts[1] + 1])
+        corner = np.meshgrid(*[np.arange(n) for n in counts[::-1]], indexing="ij")[::-1]
+        first = order * np.stack(corner, axis=-1).reshape(-1, 3) @ strides
+        self._cells.append(self._count + first[:, None] + reference.lattice(order) @ strides)
+        self._points.append(np.stack([x, y, z], axis=-1).reshape(-1, 3))
+        self._body.append(np.full(len(first), len(self._bodies), dtype=np.int32))
+        self._bodies.append(name)
+        self._count += x.size
+
+    def facets(self, face, level, body=None, within=np.inf):
+        """Faces of cells that look one way and lie in a plane.
+
+        Args:
+            face: `DOWN`, `UP`, ...
+            level: of the plane along its normal [-].
+            body: name of the only body to look at, or None.
+            within: half width of the square about the z axis that the facets' centres lie in [-].
+
+        Returns:
+            (n, 2) int32 rows (cell, local face).
+        """
+        low, high = self._ends()
+        axis, end = reference.FACE_AXIS[face], (low, high)[reference.FACE_SIDE[face]]
+        here = np.abs(end[:, axis] - level) < 1e-9
+        here &= (np.abs(low + high)[:, :2] < 2 * within).all(axis=1)
+        if body is not None:
+            here &= np.concatenate(self._body) == self._bodies.index(body)
+        cell = np.flatnonzero(here)
+        return np.stack([cell, np.full(len(cell), face)], axis=1).astype(np.int32)
+
+    def vertical_edges(self, body, place):
+        """Edges along z above one place of the plane, of the cells whose far corner is there.
+
+        Args:
+            body: name.
+            place: x and y [-].
+
+        Returns:
+            (n, 2) int32 rows (cell, local edge).
+        """
+        here = (np.abs(self._ends()[1][:, :2] - place) < 1e-9).all(axis=1)
+        cell = np.flatnonzero(here & (np.concatenate(self._body) == self._bodies.index(body)))
+        edge = np.flatnonzero((reference.EDGE_CORNERS == [3, 7]).all(axis=1))[0]
+        return np.stack([cell, np.full(len(cell), edge)], axis=1).astype(np.int32)
+
+    def mesh(self, surfaces, curves=None, place=None):
+        """The root mesh.
+
+        Args:
+            surfaces, curves: name -> rows, as in RootMesh.
+            place: function of a body's name and its (n, 3) float64 points [-] that says where they are [m].
+
+        Returns:
+            RootMesh.
+        """
+        points = [place(name, x) for name, x in zip(self._bodies, self._points)] if place else self._points
+        return RootMesh(
+            np.concatenate(points),
+            np.concatenate(self._cells),
+            tuple(self._bodies),
+            np.concatenate(self._body),
+            surfaces,
+            curves=curves or {},
+        )
+
+    def _ends(self):
+        """Low and high corners of all cells: two (n, 3) float64."""
+        points, cells = np.concatenate(self._points), np.concatenate(self._cells)
+        return points[cells[:, 0]], points[cells[:, -1]]

@@ -1,0 +1,48 @@
+"""Whether a root mesh is round enough for the contact that is asked for."""
+
+import numpy as np
+
+from fx_contact import reference
+from fx_contact.errors import GeometryError
+
+#: Share of the approach by which a surface may leave its sphere where it touches; the force is then off by half of it.
+ROUND_ENOUGH = 0.05
+
+
+def check_roundness(mesh, surface, centre, radius, contact_radius, approach):
+    """Raises GeometryError if a surface leaves its sphere by too much of the approach, within twice the contact radius.
+
+    Polynomials follow a sphere to some small part of its radius, and two of them meet in a small angle; what is small
+    for one approach is a spike or a dent for one a thousand times smaller, and the computed contact would be theirs.
+    Straight-sided cells are not checked: who asks for order 1 asks for a polyhedron.
+
+    Local.
+
+    Args:
+        mesh: RootMesh.
+        surface: name of the round surface, whose pole is a vertex.
+        centre: of the sphere, (3,) [m].
+        radius: of the sphere [m].
+        contact_radius: expected, by Hertz [m].
+        approach: of the bodies [m].
+    """
+    if mesh.order == 1 or not approach > 0:
+        return
+    facets = mesh.surface(surface)
+    corners = mesh.facet_points(facets, order=1)
+    arm = np.hypot(*np.moveaxis(corners[:, :, :2] - centre[:2], 2, 0))
+    facets, arm = facets[arm.min(axis=1) < 1e-6 * radius], arm[arm.min(axis=1) < 1e-6 * radius]
+    cell, face = facets.T
+    along = np.linspace(0, 1, 25)[None] * np.minimum(1, 2 * contact_radius / arm.max(axis=1))[:, None]
+    pole, rows = arm.argmin(axis=1), np.arange(len(facets))
+    coordinates = np.empty((len(facets), 3, along.shape[1]))
+    coordinates[rows, reference.FACE_AXIS[face]] = reference.FACE_SIDE[face][:, None]
+    for bit, tangent in enumerate(reference.FACE_TANGENTS[face].T):
+        coordinates[rows, tangent] = np.where((pole >> bit & 1)[:, None], 1 - along, along)
+    distance = np.linalg.norm(mesh.evaluate(cell, coordinates) - centre, axis=2)
+    off = np.abs(distance - radius).max()
+    if off > ROUND_ENOUGH * approach:
+        raise GeometryError(
+            f"the root mesh of order {mesh.order} leaves the sphere of {surface!r} by {off:.2g} m near the pole, which "
+            f"is {off / approach:.0%} of the approach of {approach:.2g} m: take a higher order or more root cells"
+        )

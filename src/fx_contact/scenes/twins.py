@@ -1,0 +1,115 @@
+"""Twins of a scene: the same problem in other units, another direction, or with its contact surfaces exchanged.
+
+Whatever a program computes for a scene it must compute for its twins, up to the factor that the twin is known by.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fx_contact.errors import SceneError
+from fx_contact.scene import ContactPair, Dirichlet, Material, Traction
+from fx_contact.scenes.arguments import check_number
+
+
+def scaled(scene, length=1.0, stress=1.0):
+    """The scene in other units: forces grow by stress x length^2, displacements by length.
+
+    Local.
+
+    Args:
+        scene: Scene.
+        length: factor of all lengths [-].
+        stress: factor of moduli and tractions [-].
+
+    Returns:
+        Scene.
+
+    Raises:
+        SceneError: a factor that is not positive.
+    """
+    check_number("factor of length", length, positive=True)
+    check_number("factor of stress", stress, positive=True)
+
+    def times(factor, values):
+        return [None if np.isnan(v) else factor * float(v) for v in values]
+
+    return replace(
+        scene,
+        mesh=replace(scene.mesh, points=length * scene.mesh.points),
+        materials={name: Material(stress * m.young, m.poisson) for name, m in scene.materials.items()},
+        dirichlet=tuple(Dirichlet(d.where, *times(length, d.values)) for d in scene.dirichlet),
+        tractions=tuple(Traction(t.surface, tuple(times(stress, t.value))) for t in scene.tractions),
+        contact_centre=tuple(times(length, scene.contact_centre)),
+    )
+
+
+def turned(scene, rotation):
+    """The scene seen from another direction: the same forces and displacements, turned.
+
+    Local.
+
+    Args:
+        scene: Scene.
+        rotation: (3, 3) float64, orthogonal; with determinant 1, since a mirrored cell is inverted.
+
+    Returns:
+        Scene.
+
+    Raises:
+        SceneError: not a rotation, or a condition on some components only that turns out of the axes.
+    """
+    rotation = np.asarray(rotation, dtype=np.float64)
+    if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-12:
+        raise SceneError("a rotation must be an orthogonal 3 x 3 matrix")
+    if np.linalg.det(rotation) < 0:
+        raise SceneError("a reflection would invert the cells: the rotation must have determinant 1")
+
+    def turn(vector):
+        return tuple((rotation @ np.asarray(vector, dtype=np.float64)).tolist())
+
+    return replace(
+        scene,
+        mesh=replace(scene.mesh, points=scene.mesh.points @ rotation.T),
+        dirichlet=tuple(_turned_condition(d, rotation) for d in scene.dirichlet),
+        contact=tuple(
+            pair if pair.direction is None else replace(pair, direction=turn(pair.direction))
+            for pair in scene.contact
+        ),
+        tractions=tuple(Traction(t.surface, turn(t.value)) for t in scene.tractions),
+        contact_centre=turn(scene.contact_centre),
+    )
+
+
+def swapped(scene):
+    """The scene with first and second surface of every contact pair exchanged: the same forces.
+
+    Local.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Scene.
+    """
+    return replace(
+        scene,
+        contact=tuple(
+            ContactPair(pair.second, pair.first, None if pair.direction is None else tuple(-np.array(pair.direction)))
+            for pair in scene.contact
+        ),
+    )
+
+
+def _turned_condition(condition, rotation):
+    values = condition.values
+    given = ~np.isnan(values)
+    image = np.abs(rotation[:, given])
+    if not given.all() and not np.allclose(image.max(axis=0), 1):
+        raise SceneError(
+            f"the condition on {condition.where!r} holds some components only, which turn out of the axes: prescribe "
+            "all three, or turn by right angles"
+        )
+    moved = rotation[:, given] @ values[given]
+    held = np.ones(3, dtype=bool) if given.all() else image.max(axis=1) > 0.5
+    return Dirichlet(condition.where, *(float(v) if h else None for v, h in zip(moved, held)))

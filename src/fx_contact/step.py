@@ -1,0 +1,197 @@
+"""One adaptive step: the solution on a given forest, its estimated error, and the record of both."""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.conditions import load, prescribed_displacements, shear_free_components
+from fx_contact.contact import node_pairs
+from fx_contact.elasticity import Elasticity
+from fx_contact.enforcement import Enforcement
+from fx_contact.errors import SceneError
+from fx_contact.estimate import estimate
+from fx_contact.forest import Forest
+from fx_contact.krylov import Solver
+from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.report import versions
+from fx_contact.scene import Scene
+from fx_contact.solve import solve_contact
+from fx_contact.stages import Stages
+
+#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
+#: where the program chooses the geometry order.
+GEOMETRY_SHARE = 0.1
+#: Energy norms up to so many times the linear solver's error are noise: nothing is refined for them.
+NOISE = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What is asked of every step of a run.
+
+    Attributes:
+        scene: Scene.
+        tolerance: prescribed relative error e in the energy norm, (6) [-].
+        geometry_order: order of the leaf maps; None: the lowest that holds the root map to `GEOMETRY_SHARE` times the
+            tolerance.
+        enforcement: Enforcement of the contact conditions.
+        solver: Solver.
+
+    Raises:
+        SceneError: a value of another type, a tolerance that is not positive, an order above that of the root mesh.
+    """
+
+    scene: Scene
+    tolerance: float
+    geometry_order: int | None
+    enforcement: Enforcement
+    solver: Solver
+
+    def __post_init__(self):
+        if not isinstance(self.scene, Scene):
+            raise SceneError(f"adapt needs a Scene, got {self.scene!r}")
+        tolerance, order, orders = self.tolerance, self.geometry_order, range(1, self.scene.mesh.order + 1)
+        if not isinstance(tolerance, Real) or not (np.isfinite(tolerance) and tolerance > 0):
+            raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
+        for name, kind in (("enforcement", Enforcement), ("solver", Solver)):
+            if not isinstance(getattr(self, name), kind):
+                raise SceneError(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
+        if order is not None and not (isinstance(order, int) and order in orders):
+            raise SceneError(f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {order}")
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The state after one adaptive step.
+
+    Attributes:
+        record: dict, the contract of `steps.jsonl`.
+        scene: Scene.
+        forest: Forest.
+        leaf_mesh: LeafMesh.
+        elasticity: Elasticity; its `u` is the displacement.
+        pairs: NodePairs or None.
+        start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
+        contact: ContactSolution.
+        estimate: Estimate.
+        stages: Stages of this step, from the refinement that led to it.
+        along: (n, 8, k) float64 at the corners of the leaves, further fields that go along.
+    """
+
+    record: dict
+    scene: object
+    forest: Forest
+    leaf_mesh: object
+    elasticity: Elasticity
+    pairs: object
+    start: np.ndarray
+    contact: object
+    estimate: object
+    stages: Stages
+    along: np.ndarray
+
+    def __del__(self):
+        # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
+        # of dolfinx freed then hang in mpi4py (see `_mpi`).  Inside `__del__` the error is set aside.
+        self.__dict__.clear()
+
+    @property
+    def corner_displacement(self):
+        """Displacement at the corners of this rank's leaves: (n, 8, 3) [m].  Collective."""
+        values = self.elasticity.prolongation.prolong(self.contact.displacement)
+        return values[self.forest.vertices.cells]
+
+
+def solve_step(settings, number, forest, prolongation, start, along, stages, quality):
+    """Solve on a forest and estimate the error.
+
+    Collective on forest.comm.
+
+    Args:
+        settings: Settings.
+        number: of the step.
+        forest: Forest.
+        prolongation: Prolongation of the forest.
+        start: (owned, 3) float64, first guess of the displacement [m].
+        along: (n, 8, k) float64, fields that go along.
+        stages: Stages, with the times so far.
+        quality: dict, `partition` of the record.
+
+    Returns:
+        Step.
+
+    Raises:
+        SolveError: the solve fails.
+    """
+    scene, comm = settings.scene, forest.comm
+    with stages("mesh"):
+        order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
+        cells = leaf_mesh(forest, order)
+    with stages("assemble"):
+        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
+        elasticity = Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], prolongation, stages)
+        pairs = node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
+        matrix = elasticity.stiffness(pairs)
+    with stages("system"):
+        prescribed = prescribed_displacements(scene, forest, prolongation)
+        forces = load(scene, forest, elasticity)
+    contact = solve_contact(
+        matrix,
+        forces,
+        pairs,
+        prescribed,
+        start,
+        elasticity.energy_norm,
+        settings.solver,
+        stages,
+        settings.enforcement,
+        scene,
+    )
+    with stages("estimate"):
+        elasticity.set_displacement(contact.displacement)
+        shear_free = shear_free_components(scene, forest, prolongation)
+        error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
+        results = _contact_results(scene, pairs, contact, comm)
+        max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
+    record = {
+        "scene": scene.name,
+        "step": number,
+        "ranks": comm.size,
+        "cells": forest.size_global,
+        "dofs": 3 * prolongation.index_map.size_global,
+        "hanging_nodes": prolongation.hanging_global,
+        "max_level": max_level,
+        "geometry_order": order,
+        "enforcement": settings.enforcement.method,
+        **results,
+        "contact_iterations": contact.contact_iterations,
+        "krylov_iterations": contact.krylov_iterations,
+        "preconditioner": contact.preconditioner,
+        "estimate": error.relative,
+        "tolerance": settings.tolerance,
+        "ratio": error.relative / settings.tolerance,
+        "partition": quality,
+        **stages.costs(comm),
+        "versions": versions(),
+    }
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages, along)
+
+
+def _contact_results(scene, pairs, contact, comm):
+    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
+    if pairs is None:
+        return dict(active_pairs=0, force=0.0, contact_radius=0.0, max_pressure=0.0, max_penetration=0.0)
+    force = contact.force
+    arm = pairs.position - scene.contact_centre
+    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
+    total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
+    pressure = comm.allreduce(float((force / pairs.area).max(initial=0.0)), op=MPI.MAX)
+    return {
+        "active_pairs": int(active),
+        "force": float(total * scene.symmetry),
+        "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
+        "max_pressure": pressure,
+        "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
+    }

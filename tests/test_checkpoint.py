@@ -1,0 +1,405 @@
+"""Checkpoints: the same run goes on from them on any number of ranks; whatever is killed, no finished step is lost."""
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere, leaves
+from mpi4py import MPI
+
+from fx_contact import Enforcement, Material, Traction, adapt
+from fx_contact.checkpoint import NAME, Checkpoint
+from fx_contact.errors import CheckpointError, FxContactError, OutputError, SceneError
+from fx_contact.output import RecordWriter
+from fx_contact.pairing import leaf_code
+from fx_contact.rowfile import RowFile, write
+from fx_contact.scenes import hertz
+
+HERTZ = Path(__file__).parents[1] / "demos" / "hertz.py"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hertz(order=2, coarse=2)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """One folder for all ranks."""
+    return WORLD.bcast(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def through(scene):
+    """A run that nothing stops: the leaves and the force of each step."""
+    result = [summary(step) for step in adapt(scene, 0.25)]
+    assert len(result) >= 4 and len(result[-1][0]) > 2 * len(result[1][0])
+    return result
+
+
+def summary(step):
+    return leaves(step.forest), step.record["force"]
+
+
+@contextmanager
+def some(count):
+    """A communicator of the first ranks, None on the others, which wait."""
+    comm = WORLD.Split(0 if WORLD.rank < count else MPI.UNDEFINED)
+    yield None if comm == MPI.COMM_NULL else comm
+    WORLD.Barrier()
+
+
+@pytest.mark.parametrize(
+    "writers, readers",
+    [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
+)
+def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
+    """The steps after a restart have the leaves and the forces, to 1e-7, of a run that nothing stopped."""
+    with some(writers) as comm:
+        if comm:
+            *_, stopped = adapt(scene, 0.25, comm, max_steps=2, checkpoint=folder)
+            assert stopped.record["step"] == 1
+    with some(readers) as comm:
+        if comm:
+            before = Checkpoint(folder, scene, comm)
+            assert [r["step"] for r in before.records] == [0, 1] and before.records[0]["ranks"] == writers
+            after = [
+                (step.record["step"], summary(step))
+                for step in adapt(scene, 0.25, comm, checkpoint=folder, restart=before)
+            ]
+            assert [number for number, _ in after] == list(range(2, len(through)))
+            for number, (cells, force) in after:
+                assert np.array_equal(cells, through[number][0]), f"step {number} has other leaves"
+                assert abs(force / through[number][1] - 1) < 1e-7, f"step {number} has another force"
+            assert len(Checkpoint(folder, scene, comm).records) == len(through)
+
+
+def test_holds_what_the_step_had(scene, folder):
+    """Leaves, displacements and indicators come back as they were, in another distribution."""
+    *_, step = adapt(scene, 0.25, max_steps=4, checkpoint=folder)
+    assert step.record["hanging_nodes"] > 50
+    values = step.elasticity.prolongation.prolong(step.contact.displacement)[step.forest.vertices.cells]
+    indicator = np.empty(len(step.forest))
+    indicator[step.leaf_mesh.leaf] = step.estimate.error
+
+    def by_leaf(forest, *columns):
+        code = np.concatenate(WORLD.allgather(leaf_code(forest.cell, forest.anchor)))
+        return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
+
+    state = Checkpoint(folder, scene, WORLD).load()
+    everywhere(np.array_equal(leaves(step.forest), leaves(state.forest)), "other leaves")
+    (displacement, error), (again, error_again) = (
+        by_leaf(step.forest, values, indicator),
+        by_leaf(state.forest, state.displacement, state.estimate.error),
+    )
+    assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
+    # Of a hanging vertex ranks have values that differ by rounding.
+    assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
+    size = (folder / NAME).stat().st_size
+    assert size < 16 * step.record["cells"] + 40 * (step.record["dofs"] / 3 + step.record["hanging_nodes"]) + 2**14
+
+
+def test_finished_run(scene, folder, through):
+    """From the last step the same step comes again; with a tighter tolerance the run goes further."""
+    list(adapt(scene, 0.4, checkpoint=folder))
+    before = Checkpoint(folder, scene, WORLD)
+    (again,) = adapt(scene, 0.4, checkpoint=folder, restart=before)
+    assert again.record["step"] == before.records[-1]["step"]
+    assert abs(again.record["force"] / before.records[-1]["force"] - 1) < 1e-7
+    assert len(Checkpoint(folder, scene, WORLD).records) == len(before.records)
+    *_, further = adapt(scene, 0.25, restart=before)
+    assert further.record["step"] > again.record["step"] and further.record["ratio"] <= 1
+
+
+# ------------------------------------------------------------------------------------------- what is wrong with a file
+
+
+def caught(kind, action):
+    """The message of an error that all ranks raise alike."""
+    with pytest.raises(FxContactError) as error:
+        action()
+    told = set(WORLD.allgather((error.type.__name__, str(error.value))))
+    assert told == {(kind.__name__, str(error.value))}
+    return str(error.value)
+
+
+def alone(action):
+    """Run on rank 0, the others wait."""
+    if WORLD.rank == 0:
+        action()
+    WORLD.Barrier()
+
+
+def test_every_byte_counts(folder):
+    """A file of which one byte is changed, or that ends early or late, is refused, wherever that is."""
+    path = folder / "file"
+    rng = np.random.default_rng(WORLD.rank)
+    tables = {
+        "numbers": rng.random((40 + WORLD.rank, 3)),
+        "keys": rng.integers(0, 2**62, (30, 1)),
+        "empty": np.zeros((0, 2)),
+    }
+    write(path, WORLD, {"text": "é", "list": [1, None]}, tables)
+
+    def read():
+        file = RowFile(path, WORLD)
+        return file.content, {name: file.table(name) for name in tables}
+
+    content, back = read()
+    assert content == {"text": "é", "list": [1, None]}
+    for name, rows in tables.items():
+        before, after = (np.concatenate(WORLD.allgather(r)) for r in (rows, back[name]))
+        assert before.dtype == after.dtype and np.array_equal(before, after)
+    good = WORLD.bcast(path.read_bytes() if WORLD.rank == 0 else None)
+    chosen = np.random.default_rng(1).choice(len(good), 60, replace=False)
+    bad = [good[:at] + bytes([good[at] ^ 1 << at % 8]) + good[at + 1 :] for at in {*range(32), *chosen.tolist()}]
+    bad += [good[:at] for at in (0, 5, 32, 100, len(good) // 2, len(good) - 1)] + [good + b"\0", good[::-1]]
+    for data in bad:
+        alone(lambda: path.write_bytes(data))
+        assert "file" in caught(CheckpointError, read)
+    alone(lambda: path.write_bytes(good))
+    read()
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda path: path.unlink(), "No such file"),
+        (lambda path: (path.unlink(), path.mkdir()), "Is a directory"),
+        (lambda path: path.write_bytes(b""), "not complete"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not complete"),
+        (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not complete"),
+        (lambda path: path.write_text("step cells\n" * 99), "no checkpoint of this program"),
+        (lambda path: path.write_bytes(path.read_bytes()[:8] + b"\2" + path.read_bytes()[9:]), "version 2"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8] + b"\1" * 8), "checksum of its table 'displacement'"),
+        (lambda path: path.write_bytes(path.read_bytes()[:99] + b"##" + path.read_bytes()[101:]), "of its header"),
+    ],
+)
+def test_damaged(scene, folder, spoil, words):
+    """What is wrong with a checkpoint is said on all ranks."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: spoil(folder / NAME))
+    assert words in caught(
+        CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    )
+
+
+def test_another_file_of_rows(scene, folder):
+    """A whole file with other content is refused."""
+    write(folder / NAME, WORLD, {"kind": "checkpoint of fx_contact, version 0"}, {})
+    assert "is no checkpoint of fx_contact, version 1" in caught(
+        CheckpointError, lambda: Checkpoint(folder, scene, WORLD)
+    )
+
+
+def test_belongs_to_another_problem(scene, folder):
+    """What differs is named."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    soft = {name: Material(0.5, 0.3) for name in scene.materials}
+    for changed, words in (
+        (replace(scene, materials=soft), "materials ({"),
+        (hertz(displacement=0.02, order=2, coarse=2), "displacement conditions ([["),
+        (
+            replace(scene, dirichlet=scene.dirichlet[::-1], tractions=(Traction("top", (0, 0, 1)),)),
+            "tractions ([] then",
+        ),
+        (replace(scene, contact=(replace(scene.contact[0], direction=(0, 0, 2)),)), "contact pairs ([["),
+        (replace(scene, symmetry=2), "symmetry ([4"),
+        (hertz(order=2, coarse=3), "root mesh"),
+        (hertz(order=1, coarse=2), "root mesh"),
+    ):
+        message = caught(CheckpointError, lambda: Checkpoint(folder, changed, WORLD))
+        assert "another problem" in message and words in message
+    before = Checkpoint(folder, replace(scene, name="other"), WORLD)
+    for options, words in (
+        ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
+        ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
+    ):
+        assert words in caught(CheckpointError, lambda: adapt(scene, 0.25, restart=before, **options))
+    assert "got True" in caught(SceneError, lambda: adapt(scene, 0.25, restart=True))
+
+
+# -------------------------------------------------------------------------------------------------- nothing is lost
+
+
+def test_checkpoint_of_another_run_stays(scene, folder):
+    """A run that is not a restart does not replace a checkpoint."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    WORLD.Barrier()
+    before = (folder / NAME).read_bytes()
+    assert "would be replaced" in caught(OutputError, lambda: adapt(scene, 0.25, checkpoint=folder))
+    assert (folder / NAME).read_bytes() == before
+    (folder / "elsewhere").mkdir(exist_ok=True)
+    assert "cannot keep" in caught(OutputError, lambda: adapt(scene, 0.25, checkpoint="/dev/null/run"))
+
+
+def test_disk_full_on_one_rank(folder):
+    """Where one rank cannot write, all raise, and the file before is still there; what is left over does not matter."""
+    rows = np.arange(4000.0).reshape(-1, 1) + WORLD.rank
+    write(folder / "file", WORLD, "old", {"rows": rows})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if WORLD.rank == WORLD.size - 1:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (WORLD.rank * 32000 + 1000, limits[1]))
+    try:
+        message = caught(OutputError, lambda: write(folder / "file", WORLD, "new", {"rows": rows + 1}))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "make room" in message
+    file = RowFile(folder / "file", WORLD)
+    assert file.content == "old" and np.concatenate(WORLD.allgather(file.table("rows")))[-1] == 3999 + WORLD.size - 1
+    alone(lambda: (folder / "file.new").write_bytes(b"garbage" * 99999))
+    write(folder / "file", WORLD, "newest", {"rows": rows})
+    assert RowFile(folder / "file", WORLD).content == "newest" and not (folder / "file.new").exists()
+
+
+@pytest.mark.parametrize(
+    "there, expected",
+    [
+        (None, "0 1 2 3"),
+        ("", "0 1 2 3"),
+        ('{"st', "0 1 2 3"),
+        ('{"step": 0, "kept": 1}\n{"step": 1}\n', "0+ 1 2 3"),
+        ('{"step": 0}\n{"step": 1}\n{"step": 2, "kept": 1}\n{"step": 3, "fo', "0 1 2+ 3"),
+        ('{"step": 0}\n{"step": 1}\n{"step": 2}', "0 1 2 3"),
+        ('\xff\n[1]\n{"step": 0}\n', "? ? 0 1 2 3"),
+    ],
+)
+def test_records_go_on(folder, there, expected):
+    """Finished lines stay as they are, half of a last one goes, missing ones are added."""
+    path = folder / "steps.jsonl"
+    if there is not None:
+        alone(lambda: path.write_text(there, encoding="latin-1"))
+    writer = RecordWriter(folder, WORLD, [{"step": number} for number in range(3)])
+    writer.write({"step": 3, "draft": 1})
+    writer.amend({"step": 3})
+    WORLD.Barrier()
+    found = []
+    for line in path.read_text(encoding="latin-1").splitlines():
+        record = json.loads(line) if line.startswith("{") else {"step": "?"}
+        found.append(f"{record['step']}{'+' * ('kept' in record)}")
+        assert "draft" not in record
+    assert " ".join(found) == expected
+
+
+class Life:
+    """A run of `demos/hertz.py` in a session of its own, to be killed."""
+
+    SETTINGS = "--order 2 --coarse 2 --tolerance 0.12 --records-only"
+
+    def __init__(self, folder, ranks):
+        self.checkpoint, self.records = folder / "kept" / NAME, folder / "steps.jsonl"
+        command = f"mpirun -n {ranks} {sys.executable} {HERTZ} {self.SETTINGS} --output {folder}"
+        command += f" --checkpoint {folder / 'kept'}" + " --restart" * self.checkpoint.exists()
+        above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(above)}
+        # More ranks than cores; an mpirun above has taken this setting of the launcher away.
+        environment |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+        self.log = (folder / "log").open("a")
+        self.process = subprocess.Popen(
+            command.split(), stdout=self.log, stderr=self.log, env=environment, start_new_session=True
+        )
+
+    def end(self, patience=120):
+        """Wait for the end; the exit code."""
+        return self.process.wait(patience)
+
+    def until(self, moment):
+        """Whether the run still lives when a moment has come: seconds, or None for the writing of a checkpoint."""
+        start, writing = time.monotonic(), self.checkpoint.with_name(NAME + ".new")
+        while not (writing.exists() if moment is None else time.monotonic() > start + moment):
+            if self.process.poll() is not None:
+                return False
+            time.sleep(2e-4)
+        return self.process.poll() is None
+
+    def members(self):
+        """Process numbers of the session, and of its ranks."""
+        members, ranks = [], []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    name, rest = (entry / "stat").read_text().rsplit(")", 1)
+                except OSError:
+                    continue
+                state, _, _, session = rest.split()[:4]
+                if int(session) == self.process.pid and state != "Z":
+                    members.append(int(entry.name))
+                    ranks += [int(entry.name)] if "(python" in name else []
+        return members, ranks
+
+    def kill(self, one, rng):
+        """Kill one rank, or all and mpirun, and see that nothing of the run is left."""
+        members, ranks = self.members()
+        for victim in [rng.choice(sorted(ranks))] if one and ranks else members:
+            _kill(victim)
+        try:
+            self.process.wait(30)
+        except subprocess.TimeoutExpired:
+            pass
+        while members := self.members()[0]:
+            for victim in members:
+                _kill(victim)
+            time.sleep(0.01)
+        self.process.wait()
+
+
+def _kill(pid):
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+
+
+def complete_lines(path):
+    text = path.read_text() if path.exists() else ""
+    return text[: text.rfind("\n") + 1].splitlines()
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts runs of its own, on 1, 2 and 3 ranks")
+def test_killed_at_random_moments(tmp_path, request):
+    """kill -9 of one rank or of all, restarts on 1 to 3 ranks: no finished step is lost, and the end is the same."""
+    rng, kills, wanted, lives = random.Random(7), 0, request.config.getoption("--kills"), 0
+    (tmp_path / "whole").mkdir()
+    start = time.monotonic()
+    whole = Life(tmp_path / "whole", 2)
+    assert whole.end() == 0, (tmp_path / "whole" / "log").read_text()
+    duration = time.monotonic() - start
+    expected = [json.loads(line) for line in complete_lines(whole.records)]
+    while kills < wanted:
+        folder, done, kept = tmp_path / f"run-{lives}", [], 0
+        folder.mkdir()
+        lives += 1
+        while True:
+            life = Life(folder, rng.randint(1, 3))
+            killed = kills < wanted and life.until(None if rng.random() < 1 / 3 else rng.uniform(0.1, duration))
+            if not killed:
+                break
+            life.kill(rng.random() < 0.5, rng)
+            kills += 1
+            lines = complete_lines(life.records)
+            assert lines[: len(done)] == done, "a finished line was lost"
+            if life.checkpoint.exists():
+                steps = RowFile(life.checkpoint, MPI.COMM_SELF).content["records"]
+                assert len(steps) >= max(len(lines), kept), "the checkpoint lost a finished step"
+                kept = len(steps)
+            else:
+                assert not lines, "a step was recorded, but not kept"
+            done = lines
+        assert life.end() == 0, (folder / "log").read_text()
+        lines = complete_lines(life.records)
+        assert lines[: len(done)] == done, "a finished line was lost"
+        records = [json.loads(line) for line in lines]
+        assert [r["step"] for r in records] == list(range(len(expected)))
+        for one, other in zip(records, expected):
+            assert one["cells"] == other["cells"] and one["active_pairs"] == other["active_pairs"]
+            assert abs(one["force"] / other["force"] - 1) < 1e-7

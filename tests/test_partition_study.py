@@ -1,0 +1,64 @@
+"""The partition study from end to end on small meshes: scores, kernels on the ranks, prediction, tables, pictures."""
+
+import csv
+import sys
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, everywhere
+from mpi4py import MPI
+
+from fx_contact.partition import KINDS
+from fx_contact.scenes import hertz
+
+DEMOS = Path(__file__).parents[1] / "demos"
+
+
+@pytest.fixture
+def study(monkeypatch):
+    """The module of the demo, with one small benchmark."""
+    monkeypatch.syspath_prepend(str(DEMOS))
+    import partition_study
+
+    small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.3, 0.3, 18.3e6, 0.25)}
+    monkeypatch.setattr(partition_study, "BENCHMARKS", small)
+    monkeypatch.setattr(partition_study, "TOLERANCES", (0.3, 0.3))
+    return partition_study
+
+
+@pytest.mark.skipif(WORLD.size > 2, reason="each rank scores a benchmark by itself: two show all")
+def test_study(study, monkeypatch, tmp_path):
+    """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
+    folder = Path(WORLD.bcast(str(tmp_path)))
+    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--parts", "32", "--output", str(folder)])
+    study.main()
+    if WORLD.rank > 0:
+        return
+    rows = list(csv.DictReader((folder / "quality.csv").open()))
+    assert len(rows) == 5 * (len(KINDS) + 1)
+    for row in rows:
+        assert (row["kind"] == "sfc") == (int(row["split_pairs"]) > 0), row
+    rows = list(csv.DictReader((folder / "prediction.csv").open()))
+    assert len(rows) == len(KINDS) + 1
+    from scaling_model import STAGES
+
+    for row in rows:
+        stages = [float(row[name]) for name in STAGES]
+        assert min(stages) > 0 and sum(stages) == pytest.approx(float(row["total"]))
+    assert "MODEL" in (folder / "prediction.md").read_text()
+    for name in ("cut", "prediction_hertz", *(f"hertz_{kind}_32" for kind in KINDS)):
+        assert (folder / f"{name}.png").stat().st_size > 10_000, name
+
+
+def test_kernels(study):
+    """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
+    from scaling_kernels import measure
+
+    kernels = measure(WORLD, 0.3)
+    for name in ("tree", "assemble", "estimate", "setup", "product", "cycle"):
+        everywhere(getattr(kernels, name) > 0, name)
+    assert {"hashed", "straightening"} <= {field.name for field in fields(kernels)}
+    assert kernels.hashed[0] > 10 and (kernels.hashed[1] > kernels.hashed[0]) == (WORLD.size > 1)
+    assert min(kernels.straightening) >= 0 and (kernels.straightening[1] > 0) == (WORLD.size > 1)

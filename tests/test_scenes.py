@@ -1,0 +1,134 @@
+"""The ready scenes: uniform compression of stacks, a punch against Hertz, and twins that must give the same answer."""
+
+import numpy as np
+import pytest
+
+from fx_contact import Material, adapt
+from fx_contact.errors import GeometryError, SceneError, SolveError
+from fx_contact.scenes import hertz, punch, scaled, stack, swapped, turned
+
+SOFT, STIFF = Material(1.0, 0.3), Material(1e3, 0.0)
+CYCLE = np.roll(np.eye(3), 1, axis=0)
+
+
+def last(scene, tolerance=0.2):
+    """The record of the last step."""
+    *_, step = adapt(scene, tolerance)
+    return step.record
+
+
+@pytest.mark.parametrize("materials", [(SOFT, STIFF), (SOFT, STIFF, SOFT, SOFT)])
+@pytest.mark.parametrize("gap", [0.0, 0.3, -0.005])
+def test_stack_is_in_uniform_compression(materials, gap):
+    """Each contact carries (approach) / sum(h/E), less what the penalty gives way: at most 2 % in all."""
+    pairs = len(materials) - 1
+    record = last(stack(materials, displacement=0.01 + pairs * gap, gap=gap, side=2.0, height=0.7))
+    exact = 4 * 0.01 / sum(0.7 / m.young for m in materials)
+    assert -0.02 < record["force"] / pairs / exact - 1 <= 1e-7
+    assert record["estimate"] < 1e-6 and record["active_pairs"] == 9 * pairs
+
+
+def test_stack_under_pressure():
+    """Blocks that contact alone holds pass the load on."""
+    assert abs(last(stack((SOFT, STIFF), pressure=0.01))["force"] / 0.01 - 1) < 1e-7
+
+
+def test_stack_that_does_not_touch():
+    """A gap wider than the displacement leaves no force, and a block between two others without hold."""
+    assert last(stack((SOFT, STIFF), displacement=0.1, gap=0.2))["force"] == 0
+    with pytest.raises(SolveError, match="block 1"):
+        last(stack(displacement=0.1, gap=0.2))
+
+
+def test_punch_is_hertz():
+    """Pressed in little the punch is a sphere on a half-space: force to 3 %, pressure through the force to 5 %."""
+    record = last(punch(displacement=1e-3, order=4), 0.15)
+    modulus = SOFT.plane_strain_modulus / 2
+    assert abs(record["force"] / (4 / 3 * modulus * 1e-3**1.5) - 1) < 0.03
+    highest = (6 * record["force"] * modulus**2 / np.pi**3) ** (1 / 3)
+    assert abs(record["max_pressure"] / highest - 1) < 0.05
+
+
+def test_punch_by_force():
+    """Force and displacement are two ways to the same state."""
+    pressed = last(punch())
+    held = last(punch(force=pressed["force"]))
+    assert abs(held["force"] / pressed["force"] - 1) < 1e-7
+    assert abs(held["contact_radius"] / pressed["contact_radius"] - 1) < 0.05
+
+
+@pytest.mark.parametrize(
+    "twin, factor",
+    [
+        (lambda scene: scaled(scene, 1e-6, 1e9), 1e-3),
+        (lambda scene: turned(scene, CYCLE), 1.0),
+        (lambda scene: turned(scene, [[-1, 0, 0], [0, 1, 0], [0, 0, -1]]), 1.0),
+        (swapped, 1.0),
+    ],
+    ids=["scaled", "turned", "upside down", "swapped"],
+)
+@pytest.mark.parametrize(
+    "scene", [lambda: hertz(order=2, coarse=2), lambda: punch(force=1e-3, block=STIFF), stack], ids="abc"
+)
+def test_twins(scene, twin, factor):
+    """Twins have the same cells, error and contact force, whatever holds or loads the bodies."""
+    one = last(scene(), 0.3)
+    other = last(twin(scene()), 0.3)
+    assert one["cells"] == other["cells"] and one["force"] > 0
+    # Tributary areas are those of the first surface: exchanged, a curved one differs from a flat one by its slope.
+    close = 1e-4 if twin is swapped else 1e-6
+    assert abs(other["force"] / one["force"] / factor - 1) < close
+    assert abs(other["estimate"] - one["estimate"]) < close
+
+
+def test_turned_out_of_the_axes():
+    """Fully prescribed displacements turn with the scene; those of single components cannot."""
+    tilt = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+    with pytest.raises(SceneError, match="out of the axes"):
+        turned(stack(), tilt)
+    with pytest.raises(SceneError, match="orthogonal"):
+        turned(stack(), 2 * CYCLE)
+    with pytest.raises(SceneError, match="determinant"):
+        turned(stack(), -CYCLE)
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: punch(side=1.5), "sqrt"),
+        (lambda: punch(coarse=3), "even"),
+        (lambda: punch(force=np.nan), "force"),
+        (lambda: stack([SOFT]), "two blocks"),
+        (lambda: stack(cells=(2, 0, 2)), "coarse"),
+        (lambda: stack(height=0.0), "height"),
+        (lambda: scaled(stack(), length=-1.0), "length"),
+    ],
+)
+def test_arguments(make, message):
+    """What cannot be built is refused."""
+    with pytest.raises(SceneError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    "make, order",
+    [
+        (lambda order: hertz(order=order, displacement=1e-6), 3),
+        (lambda order: punch(order=order, displacement=1e-6), 3),
+        (lambda order: punch(order=order, force=1e-9), 3),
+        (lambda order: punch(1e-6, 1e-8, gap=9.999e-9, order=order, symmetry="full"), 3),
+    ],
+    ids=["spheres", "punch", "punch by force", "small gap"],
+)
+def test_not_round_enough(make, order):
+    """Spheres that polynomials follow too loosely for so small a contact are refused, those of order 6 are not."""
+    with pytest.raises(GeometryError, match="leaves the sphere"):
+        make(order)
+    assert make(6).mesh.order == 6
+
+
+def test_roundness_decides_the_force():
+    """What is refused would be wrong: the computed force is off by about half of what the surfaces are."""
+    force = last(hertz(order=3, displacement=1e-4), 0.15)["force"]
+    exact = 4 / 3 * SOFT.plane_strain_modulus / 2 * np.sqrt(0.5) * 1e-6
+    assert 0.005 < force / exact - 1 < 0.02
