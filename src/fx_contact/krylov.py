@@ -140,6 +140,7 @@ class ConjugateGradients:
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
+        ksp.setConvergenceHistory(1, reset=True)
         with self._options.there():
             try:
                 ksp.setFromOptions()
@@ -219,28 +220,33 @@ class ConjugateGradients:
     def _attempt(self, right_hand_side, u, tolerance):
         """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
         x, b, ksp, projection = self._x, self._b, self._ksp, self._product.projection
-        energy = self._energy_norm(u)
+        start = energy = self._energy_norm(u)
         for _ in range(3):
             residual = self.residual(right_hand_side, u)
             if projection is not None:
                 projection.apply_transpose(residual)
             b.array[:] = residual.ravel()
-            energy = max(energy, self._preconditioned_norm(b))
-            self.energy_error = max(tolerance * energy, self._rounding_error(u))
-            self._set_tolerances(rtol=1e-30, atol=self.energy_error, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
+            least = max(tolerance * energy, self._rounding_error(u))
+            # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
+            self._set_tolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             ksp.solve(b, x)
             self._count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
             if reason < 0 or not np.isfinite(x.norm()):
                 return u, min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
+            first = ksp.getConvergenceHistory()[0]
+            energy, self.energy_error = max(energy, first), max(least, tolerance * first)
+            moved = np.sqrt(max(b.dot(x), 0.0))  # energy norm of the step
             step = x.array.reshape(-1, 3)
             if projection is not None:
                 projection.apply(step)
             u = u + step
-            reached = self._energy_norm(u)
-            if reached >= 0.5 * energy:
+            if start - moved >= 0.5 * energy:
                 break
-            energy = reached
+            start = self._energy_norm(u)
+            if start >= 0.5 * energy:
+                break
+            energy = start
         return u, reason
 
     def _fall_back(self):
@@ -272,11 +278,6 @@ class ConjugateGradients:
         self._x.array[:] = u.ravel()
         self._x.pointwiseMult(self._x, self._scale)
         return _ROUNDING * self._x.norm()
-
-    def _preconditioned_norm(self, b):
-        """Norm of what a residual leaves to be added, as the preconditioner sees it [J^(1/2)]."""
-        self._ksp.getPC().apply(b, self._x)
-        return np.sqrt(max(b.dot(self._x), 0.0))
 
     def destroy(self):
         """Free PETSc's objects."""
