@@ -6,6 +6,8 @@ from fx_contact.errors import SceneError
 
 #: Largest ratios of two bodies' moduli and sizes that double precision holds in one system [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
+#: Displacements over sizes, and tractions over moduli, above which a unit must be wrong [-].
+_LARGEST = 100.0
 
 
 def check_units(scene):
@@ -28,7 +30,7 @@ def check_units(scene):
             )
     for condition in scene.dirichlet:
         largest = np.nanmax(np.abs(condition.values))
-        if largest > size:
+        if largest > _LARGEST * size:
             raise SceneError(
                 f"the displacement on {condition.where!r} is {largest:.3g} m, the bodies are {size:.3g} m large: "
                 "strains must be small, check the units"
@@ -36,7 +38,7 @@ def check_units(scene):
     for traction in scene.tractions:
         body = mesh.bodies[mesh.body[mesh.surface(traction.surface)[0, 0]]]
         largest = np.abs(traction.value).max()
-        if largest > young[body]:
+        if largest > _LARGEST * young[body]:
             raise SceneError(
                 f"the traction on {traction.surface!r} is {largest:.3g} Pa, Young's modulus of {body!r} "
                 f"{young[body]:.3g} Pa: strains must be small, check the units"
