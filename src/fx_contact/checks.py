@@ -72,7 +72,11 @@ def check_comm(comm):
 
 
 def as_path(what, value, error=SceneError):
-    """A path from what the user gave; raises the error given if it is none."""
+    """A path from what the user gave.
+
+    Raises:
+        SceneError, or the error given: it is none.
+    """
     if not isinstance(value, (str, os.PathLike)) or not str(value) or "\0" in str(value):
         raise error(f"{what} must be a path, got {shown(value)}")
     return Path(value)
