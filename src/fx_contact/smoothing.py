@@ -3,8 +3,12 @@
 A space-filling curve cuts a mesh into parts with ragged surfaces.  Two steps straighten them.  On a coarse graph, of
 some dozens of boxes a part, the interfaces flow by their mean curvature: the parts' indicators diffuse, and each box
 joins the part it sees most of, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and Osher
-under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018).  Then single vertices on
-an interface change sides where this shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
+under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018); where parts are few, so
+that an interface is large, once more on finer graphs.  Then single vertices on an interface change sides where this
+shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
+
+The flow ends in a minimum near its start.  With few parts it starts from the pieces of the curve, and once more from
+shells around the finest leaves, which is where the bodies touch or stress is singular; the shorter result counts.
 
 Integers only, and sums that do not depend on their order: the result is the same on any number of ranks.
 """
@@ -13,10 +17,15 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from fx_contact import curve
 from fx_contact._mpi import Exchange
 
-#: Boxes of the coarse graph in a part of mean weight; parts that are lighter than `WORTHWHILE` are not worth it.
-BOXES, WORTHWHILE = 32, 1000
+#: Boxes of the coarse graphs in a part of mean weight, and of the largest graph but the first in all.
+BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
+#: Parts that are lighter are not worth it.
+WORTHWHILE = 1000
+#: Most parts for which shells are tried as a second start.
+FEW = 16
 #: Diffusion steps between two decisions, and the most decisions.
 STEPS, DECISIONS = 16, 10
 #: How much heavier than the mean a part may become while the interfaces flow.
@@ -43,25 +52,44 @@ def smoothed(graph, keys, weights, part, parts, limit):
     Returns:
         (n,) int32 parts, as given if they cannot be improved within the limit.
     """
-    starts, shortest = [part], graph.cut(part)
+    starts = []
     if graph.comm.allreduce(int(weights.sum())) >= WORTHWHILE * parts:
-        starts.insert(0, _straight(graph, keys, weights, part, parts))
-    for start in starts:
-        result = _exchanged(graph, keys, weights, start, parts, limit)
-        if _loads(graph.comm, result, weights, parts).max() <= limit and graph.cut(result) < shortest:
-            return result
+        starts.append(_straight(graph, keys, weights, part, parts))
+        if parts <= FEW:
+            starts.append(_straight(graph, keys, weights, part, parts, shells=True))
+    for chosen in (starts, [part]):
+        ends = [_exchanged(graph, keys, weights, start, parts, limit) for start in chosen]
+        light = [end for end in ends if _loads(graph.comm, end, weights, parts).max() <= limit]
+        best = min(light, key=graph.cut, default=part)
+        if graph.cut(best) < graph.cut(part):
+            return best
     return part
 
 
-def _straight(graph, keys, weights, part, parts):
-    """The parts after the flow of their interfaces on the graph of boxes; some may be too heavy, by `SLACK`."""
-    mean = graph.comm.allreduce(int(weights.sum())) / parts
-    group, first = _boxes(keys, weights, part, mean / BOXES)
-    coarse = graph.contracted(group, len(first))
-    heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
-    slack = max(SLACK * mean, mean + graph.comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
-    straight = _flow(coarse, heavy, part[first], parts, slack)
-    return _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
+def _straight(graph, keys, weights, home, parts, shells=False):
+    """The parts after the flow of their interfaces on graphs of boxes; some may be too heavy, by `SLACK`.
+
+    Boxes keep to the parts `home`, each of which lies on one rank: so they are the same on any number of ranks.
+    """
+    comm, part = graph.comm, home
+    mean = comm.allreduce(int(weights.sum())) / parts
+    for boxes in BOXES[:1] + tuple(boxes for boxes in BOXES[1:] if boxes * parts <= MOST_BOXES):
+        group, first, bits = _boxes(keys, weights, home.astype(np.int64) * parts + part, mean / boxes)
+        coarse = graph.contracted(group, len(first))
+        heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
+        start = part[first]
+        if shells and boxes == BOXES[0]:
+            start = _shells(comm, keys[first], bits, heavy, parts)
+        slack = max(SLACK * mean, mean + comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
+        straight = _flow(coarse, heavy, start, parts, slack)
+        part = _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
+    return part
+
+
+def _shells(comm, keys, bits, weights, parts):
+    """Parts of equal weight from the smallest boxes to the largest: (n,) int32.  Collective on comm."""
+    order = keys | bits // 3 << 58
+    return np.searchsorted(curve.cut(comm, order, weights, parts), order, side="right").astype(np.int32)
 
 
 def _loads(comm, part, weights, parts):
@@ -74,11 +102,12 @@ def _loads(comm, part, weights, parts):
 def _boxes(keys, weights, part, most):
     """The largest boxes of the forest, restricted to a part, that are not heavier than a limit.
 
-    Returns (n,) int64 box of each vertex, and the first vertex of each box.
+    Returns (n,) int64 box of each vertex, and the first vertex of each box and the bits of a key in which its vertices
+    may differ.
     """
     order = np.lexsort((keys, part))
     along, parts = keys[order], part[order]
-    box = np.arange(len(order))
+    box, size = np.arange(len(order)), np.zeros(len(order), dtype=np.int64)
     for bits in range(3, 63, 3):
         new = np.ones(len(order), dtype=bool)
         new[1:] = (along[1:] >> bits != along[:-1] >> bits) | (parts[1:] != parts[:-1])
@@ -87,10 +116,11 @@ def _boxes(keys, weights, part, most):
         if not fits.any():
             break
         box = np.where(fits, np.flatnonzero(new)[number], box)
+        size[fits] = bits
     starts, number = np.unique(box, return_inverse=True)
     group = np.empty(len(order), dtype=np.int64)
     group[order] = number
-    return group, order[starts]
+    return group, order[starts], size[starts]
 
 
 def _flow(graph, weights, part, parts, limit):
