@@ -3,6 +3,7 @@
 import argparse
 import sys
 import traceback
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -121,8 +122,15 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
         options.error(f"unknown option {word!r}{near or '; --help lists them, all with two dashes'}")
     if arguments.restart and not arguments.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
-    try:
+    with plain_errors(comm):
         _run(comm, arguments, make_scene, exact, best_scene or make_scene, errors, beginning or uniform)
+
+
+@contextmanager
+def plain_errors(comm):
+    """Errors of the package end in one line and exit code 1 on all ranks; any other ends all ranks at once."""
+    try:
+        yield
     except FxContactError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)

@@ -6,6 +6,9 @@ exact non-penetration, converged to the digits given. Seconds are without compil
     mpirun -n 2 python3 demos/hertz_table.py
 """
 
+import argparse
+
+from common import RankZeroParser, plain_errors
 from mpi4py import MPI
 
 from fx_contact import adapt
@@ -33,9 +36,16 @@ def row(options, tolerance, **scene):
     return f"| `demos/hertz.py {options}` | {size} | {' | '.join(errors)} | {seconds:.1f} |"
 
 
-if __name__ == "__main__":
+def main():
+    """Print the table."""
+    RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
     show("| command | cells | dofs | force | largest pressure | contact radius | seconds |")
     show("|---|---|---|---|---|---|---|")
-    for name, case in CASES.items():
-        show(row(name, **case), flush=True)
+    with plain_errors(MPI.COMM_WORLD):
+        for name, case in CASES.items():
+            show(row(name, **case), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -42,6 +42,26 @@ def draw_cuts(rows, path):
     plt.close(figure)
 
 
+def side_by_side(pictures, title, path):
+    """Pictures that are there already, two in a row, with their titles.
+
+    Args:
+        pictures: title -> path of a PNG.
+        title: of all.
+        path: of the new PNG.
+    """
+    rows = -(-len(pictures) // 2)
+    figure, panels = plt.subplots(rows, 2, figsize=(10, 5.2 * rows), layout="constrained", squeeze=False)
+    for axes, (name, picture) in zip(panels.flat, pictures.items()):
+        axes.imshow(plt.imread(picture))
+        axes.set_title(name, fontsize=12)
+    for axes in panels.flat:
+        axes.axis("off")
+    figure.suptitle(title, fontsize=13)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
 def draw_prediction(predictions, dofs, path):
     """Predicted seconds of an adaptive step against the number of processors, beside the ideal slope.
 

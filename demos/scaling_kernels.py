@@ -5,6 +5,7 @@ import os
 import re
 import tempfile
 import time
+from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -13,6 +14,11 @@ from scaling_model import Kernels
 from fx_contact import Solver, adapt
 from fx_contact.partition import repartition
 from fx_contact.scenes import hertz
+
+#: Runs, of which each kernel's shortest time counts: other programs disturb, and only ever for the worse.
+REPEATS = 3
+#: The measured seconds among the Kernels.
+TIMES = [field.name for field in fields(Kernels) if field.type is float]
 
 
 class Counting(MPI.Intracomm):
@@ -41,7 +47,7 @@ class Counting(MPI.Intracomm):
 
 
 def measure(comm, tolerance):
-    """Run the Hertz problem and time its last step.
+    """Run the Hertz problem some times and take the shortest seconds that its last step's stages needed.
 
     Collective on comm.
 
@@ -52,6 +58,13 @@ def measure(comm, tolerance):
     Returns:
         Kernels.
     """
+    runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
+    best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
+    return replace(runs[0], **best, levels=_levels(comm, tolerance) if comm.size == 1 else None)
+
+
+def _measured(comm, tolerance):
+    """Kernels of one run, but for the levels."""
     # By hashed keys all ranks are reached; what the straightening adds goes to neighbours.
     _, hashed = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), partition_kind="sfc"))
     step, counted = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm)))
@@ -76,7 +89,7 @@ def measure(comm, tolerance):
         iterations=iterations,
         hashed=tuple(hashed.tolist()),
         straightening=tuple((counted - hashed).tolist()),
-        levels=_levels(comm, tolerance) if comm.size == 1 else None,
+        levels=None,
     )
 
 

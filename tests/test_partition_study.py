@@ -48,16 +48,33 @@ def test_study(study, monkeypatch, tmp_path):
         stages = [float(row[name]) for name in STAGES]
         assert min(stages) > 0 and sum(stages) == pytest.approx(float(row["total"]))
     assert "MODEL" in (folder / "prediction.md").read_text()
-    for name in ("cut", "prediction_hertz", *(f"hertz_{kind}_32" for kind in KINDS)):
+    for name in ("cut", "prediction_hertz", "hertz_32", *(f"hertz_{kind}_32" for kind in KINDS)):
         assert (folder / f"{name}.png").stat().st_size > 10_000, name
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [("--parts 100", "power of two"), ("--parts 65536", "at most half"), ("--output /dev/null/x", "name another")],
+)
+def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
+    """One line that says what to do, and no traceback."""
+    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--output", str(tmp_path), *options.split()])
+    monkeypatch.setattr(study, "draw_in_32", lambda *_: None)
+    with pytest.raises(SystemExit) as exit_code:
+        study.main()
+    assert exit_code.value.code in (1, 2)
+    if WORLD.rank == 0:
+        text = capsys.readouterr().err
+        assert words in text and "Traceback" not in text
 
 
 def test_kernels(study):
     """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
-    from scaling_kernels import measure
+    from scaling_kernels import TIMES, measure
 
     kernels = measure(WORLD, 0.3)
-    for name in ("tree", "assemble", "estimate", "setup", "product", "cycle"):
+    assert len(TIMES) == 6
+    for name in TIMES:
         everywhere(getattr(kernels, name) > 0, name)
     assert {"hashed", "straightening"} <= {field.name for field in fields(kernels)}
     assert kernels.hashed[0] > 10 and (kernels.hashed[1] > kernels.hashed[0]) == (WORLD.size > 1)
