@@ -1,8 +1,8 @@
 """What contact costs: every step's contact problem beside the same mesh glued where it is in contact.
 
-The glued problem ties the closed node pairs in all directions with the same stiffness: one linear system with the same
-unknowns and the same accuracy, without active set and without first guess of one.  Both are assembled and solved from
-the same start; CPU seconds are those of all ranks.
+The glued problem ties the closed node pairs in all directions with the stiffness of a penalty: one linear system with
+the same unknowns and the same accuracy, without active set and without first guess of one.  Both are assembled and
+solved from the same start, in turns, several times; shown are the medians of the CPU seconds of all ranks.
 
     mpirun -n 2 python3 demos/glued.py
 """
@@ -10,53 +10,89 @@ the same start; CPU seconds are those of all ranks.
 import argparse
 from dataclasses import replace
 
+from common import RankZeroParser, plain_errors  # first: it gives PETSc its options
+
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import Solver, adapt
+from fx_contact import Enforcement, Solver, adapt
 from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.contact import node_pairs
 from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.partition import KINDS
 from fx_contact.scenes import hertz, indentation
 from fx_contact.solve import solve_contact
-from fx_contact.stages import Stages
 
 SCENES = {"hertz": hertz, "indentation": indentation}
+#: The stages of assembly and solution; compilation is not among them.
+STAGES = ("assemble", "system", "setup", "solve")
 
 
-def contact_seconds(step):
-    """CPU seconds of assembly and solution in a step with contact."""
-    return sum(step.record["cpu_seconds"][name] for name in ("assemble", "system", "setup", "solve"))
-
-
-def glued_seconds(step, start):
-    """CPU seconds of the same with the closed pairs glued."""
-    stages, pairs, prolongation = Stages(), step.pairs, step.elasticity.prolongation
-    prescribed = prescribed_displacements(step.scene, step.forest, prolongation)
-    forces = load(step.scene, step.forest, step.elasticity)
-    none = np.zeros(len(pairs), dtype=bool)
+def with_contact(step, forces, prescribed):
+    """Assemble and solve the contact problem of a step."""
+    elasticity, stages = step.elasticity, step.stages
     with stages("assemble"):
-        matrix = step.elasticity.stiffness(pairs)
+        pairs = node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
+        matrix = elasticity.stiffness(pairs)
+    norm = elasticity.energy_norm
+    solve_contact(matrix, forces, pairs, prescribed, step.start, norm, Solver(), stages, Enforcement(), step.scene)
+
+
+def glued(step, forces, prescribed):
+    """Assemble and solve the same with the closed pairs glued."""
+    elasticity, stages, pairs = step.elasticity, step.stages, step.pairs
+    with stages("assemble"):
+        matrix = elasticity.stiffness(pairs)
         PenaltyTerm(Jump(pairs, prescribed)).reserve(matrix.mat)  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
-            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, none, step.contact.active)
-    solve_contact(matrix, forces, None, prescribed, start, step.elasticity.energy_norm, Solver(), stages)
-    costs = stages.costs(step.forest.comm)["cpu_seconds"]
-    return sum(costs[name] for name in ("assemble", "system", "setup", "solve"))
+            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, np.zeros(len(pairs), bool), step.contact.active)
+    solve_contact(matrix, forces, None, prescribed, step.start, elasticity.energy_norm, Solver(), stages)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def seconds(step, solve, *arguments):
+    """CPU seconds of assembly and solution on all ranks."""
+
+    def so_far():
+        costs = step.stages.costs(step.forest.comm)["cpu_seconds"]
+        return sum(costs[name] for name in STAGES)
+
+    before = so_far()
+    solve(step, *arguments)
+    return so_far() - before
+
+
+def run(arguments, show):
+    """Print a row a step, and one for all of them."""
+    show("     dofs  contact [CPU s]  glued [CPU s]  ratio")
+    row, total = "{:>9}  {:15.2f}  {:13.2f}  {:5.2f}", np.zeros((arguments.repeats, 2))
+    for step in adapt(SCENES[arguments.scene](), arguments.tolerance, partition_kind=arguments.partition):
+        given = (
+            load(step.scene, step.forest, step.elasticity),
+            prescribed_displacements(step.scene, step.forest, step.elasticity.prolongation),
+        )
+        both = np.array([[seconds(step, f, *given) for f in (with_contact, glued)] for _ in range(arguments.repeats)])
+        total += both
+        contact, tied = np.median(both, axis=0)
+        show(row.format(f"{step.record['dofs']:,}", contact, tied, contact / tied))
+    ratios = total[:, 0] / total[:, 1]
+    show(row.format("all", *np.median(total, axis=0), np.median(ratios)), end="")
+    show(f"  ({ratios.min():.2f} to {ratios.max():.2f} in {arguments.repeats} repeats)")
+
+
+def main():
+    """Parse and run; errors of the package end in one line and exit code 1."""
+    parser = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", choices=SCENES, default="hertz", help="(%(default)s)")
     parser.add_argument("--tolerance", type=float, default=0.06, help="error in the energy norm (%(default)s)")
     parser.add_argument("--partition", choices=KINDS, default="contact-sfc", help="kind of partition (%(default)s)")
+    parser.add_argument("--repeats", type=int, default=3, help="of every solution (%(default)s)")
     arguments = parser.parse_args()
-    show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
-    show("     dofs  contact [CPU s]  glued [CPU s]  ratio")
-    both = np.zeros(2)
-    for step in adapt(SCENES[arguments.scene](), arguments.tolerance, partition_kind=arguments.partition):
-        seconds = contact_seconds(step), glued_seconds(step, step.start)
-        both += seconds
-        show("{:9,}  {:15.2f}  {:13.2f}  {:5.2f}".format(step.record["dofs"], *seconds, seconds[0] / seconds[1]))
-    show("      all  {:15.2f}  {:13.2f}  {:5.2f}".format(*both, both[0] / both[1]))
+    if arguments.repeats < 1:
+        parser.error("--repeats must be at least 1")
+    with plain_errors(MPI.COMM_WORLD):
+        run(arguments, print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None)
+
+
+if __name__ == "__main__":
+    main()

@@ -529,7 +529,17 @@ CASES = {
     "option of hypre with a wrong value": (
         lambda: first(solver=Solver(options={"pc_hypre_boomeramg_strong_threshold": "much"})),
         SolveError,
-        "PETSc does not take the solver's options, under the prefix fx_",
+        "PETSc cannot work with the solver's options, under the prefix fx_",
+    ),
+    "another Krylov method": (
+        lambda: first(solver=Solver(options={"ksp_type": "minres"})),
+        SolveError,
+        "must be one of cg, fcg",
+    ),
+    "preconditioner that cannot be set up": (
+        lambda: first(solver=Solver(options={"pc_type": "bddc"})),
+        SolveError,
+        "PETSc cannot work with the solver's options",
     ),
     "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
     "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),

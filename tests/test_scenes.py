@@ -24,7 +24,9 @@ def test_stack_is_in_uniform_compression(materials, gap):
     pairs = len(materials) - 1
     record = last(stack(materials, displacement=0.01 + pairs * gap, gap=gap, side=2.0, height=0.7))
     exact = 4 * 0.01 / sum(0.7 / m.young for m in materials)
-    assert -0.02 < record["force"] / pairs / exact - 1 <= 1e-7
+    assert len(record["pair_forces"]) == pairs and abs(sum(record["pair_forces"]) / record["force"] - 1) < 1e-12
+    for force in record["pair_forces"]:
+        assert -0.02 < force / exact - 1 <= 1e-7
     assert record["estimate"] < 1e-6 and record["active_pairs"] == 9 * pairs
 
 

@@ -31,6 +31,7 @@ class NodePairs:
         modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
         position: (n, 3) float64, undeformed position on the first surface [m].
         bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
+        contact: (n,) int32, which of the scene's contact pairs it belongs to.
     """
 
     prolongation: object
@@ -43,6 +44,7 @@ class NodePairs:
     modulus: np.ndarray
     position: np.ndarray
     bodies: np.ndarray
+    contact: np.ndarray
 
     def __len__(self):
         return len(self.first)
@@ -143,7 +145,8 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     gap = np.einsum("ni,ni->n", normal, there - here)
     facet = example // 4
     second = prolongation.find(keys.ravel()[example])
-    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet]
+    pair = np.full(len(first), index, dtype=np.int32)
+    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair
 
 
 def _facet_shares(corners, face):

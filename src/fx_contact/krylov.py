@@ -1,6 +1,7 @@
 """PCG with a preconditioner of hypre that is kept while the operator changes a little."""
 
 from collections.abc import Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from numbers import Real
 
@@ -51,6 +52,8 @@ _FACTOR_BYTES = 300
 
 
 #: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
+#: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
+METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
 _NO_LIMIT = 1e30
 #: Relative error of a product with the operator, by rounding, with some room.
 _ROUNDING = 1e-14
@@ -141,13 +144,23 @@ class ConjugateGradients:
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
         ksp.setConvergenceHistory(1, reset=True)
-        with self._options.there():
-            try:
-                ksp.setFromOptions()
-            except PETSc.Error as error:
-                raise SolveError(
-                    f"PETSc does not take the solver's options, under the prefix {prefix}: {error}"
-                ) from error
+        with self._options.there(), self._named_errors():
+            ksp.setFromOptions()
+        if ksp.getType() not in METHODS:
+            raise SolveError(
+                f"the Krylov method must be one of {', '.join(METHODS)}, which work in the norm of the energy, "
+                f"got -{prefix}ksp_type {ksp.getType()}"
+            )
+
+    @contextmanager
+    def _named_errors(self):
+        """What PETSc cannot do becomes our error."""
+        try:
+            yield
+        except PETSc.Error as error:
+            raise SolveError(
+                f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: {error}"
+            ) from error
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
@@ -166,7 +179,7 @@ class ConjugateGradients:
         """Build the preconditioner for the present values of the matrix."""
         self._ksp.getPC().setReusePreconditioner(False)
         self._ksp.setOperators(self._operator, self.matrix)
-        with self._options.there():
+        with self._options.there(), self._named_errors():
             self._ksp.setUp()
         self._options.check_read()
         self._ksp.getPC().setReusePreconditioner(True)
@@ -229,7 +242,8 @@ class ConjugateGradients:
             least = max(tolerance * energy, self._rounding_error(u))
             # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
             self._set_tolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
-            ksp.solve(b, x)
+            with self._named_errors():
+                ksp.solve(b, x)
             self._count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
             if reason < 0 or not np.isfinite(x.norm()):

@@ -185,15 +185,20 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
 def _contact_results(scene, pairs, contact, comm):
     """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
     if pairs is None:
-        return dict(active_pairs=0, force=0.0, contact_radius=0.0, max_pressure=0.0, max_penetration=0.0)
+        return dict(
+            active_pairs=0, force=0.0, pair_forces=[], contact_radius=0.0, max_pressure=0.0, max_penetration=0.0
+        )
     force = contact.force
     arm = pairs.position - scene.contact_centre
     radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
     total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
+    of_pair = np.bincount(pairs.contact, weights=force, minlength=len(scene.contact)).astype(float)
+    comm.Allreduce(MPI.IN_PLACE, of_pair)
     pressure = comm.allreduce(float((force / pairs.area).max(initial=0.0)), op=MPI.MAX)
     return {
         "active_pairs": int(active),
         "force": float(total * scene.symmetry),
+        "pair_forces": (of_pair * scene.symmetry).tolist(),
         "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
         "max_pressure": pressure,
         "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
