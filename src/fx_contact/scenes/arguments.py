@@ -1,5 +1,7 @@
 """Checks that the ready scenes share."""
 
+import math
+
 from fx_contact.checks import check_count, check_name, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER
@@ -22,3 +24,12 @@ def check_mesh_size(order, coarse):
         raise SceneError(
             f"coarse must be {_MOST} at most, got {coarse}: refinement makes the leaves, not the root mesh"
         )
+
+
+def check_cells(cells, blocks=1):
+    """Raises SceneError unless cells, those along x, y, z of a block, are not too many for a root mesh.  Local."""
+    for count in cells:
+        check_count("the number of root cells along x, y or z", count)
+    total = blocks * math.prod(cells)
+    if total > _MOST**3:
+        raise SceneError(f"{total:,} root cells are too many: refinement makes the leaves, not the root mesh")

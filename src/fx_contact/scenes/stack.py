@@ -3,7 +3,7 @@
 from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_mesh_size
+from fx_contact.scenes.arguments import check_cells, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -45,8 +45,8 @@ def stack(
         check_number(name, value, positive=True)
     for name, value in (("displacement", displacement), ("gap", gap), ("pressure", pressure or 0.0)):
         check_number(name, value)
-    for count in cells:
-        check_mesh_size(order, count)
+    check_mesh_size(order, coarse=1)
+    check_cells(cells, len(materials))
     names = [f"block {number}" for number in range(len(materials))]
     boxes = Boxes(order)
     for level, name in enumerate(names):
