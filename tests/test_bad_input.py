@@ -386,7 +386,7 @@ CASES = {
     "unknown PETSc type": (
         lambda: next(adapt(small_hertz(), 0.5, COMM, solver=Solver(options={"pc_type": "nonsense"}))),
         SolveError,
-        "does not take",
+        "cannot work with",
     ),
     "volume without name": (lambda: gmsh_box(extra=True), SceneError, "in no physical group"),
     "picture that cannot be written": (
