@@ -51,7 +51,7 @@ def side_by_side(pictures, title, path):
         path: of the new PNG.
     """
     rows = -(-len(pictures) // 2)
-    figure, panels = plt.subplots(rows, 2, figsize=(10, 5.2 * rows), layout="constrained", squeeze=False)
+    figure, panels = plt.subplots(rows, 2, figsize=(10, 3.9 * rows), layout="constrained", squeeze=False)
     for axes, (name, picture) in zip(panels.flat, pictures.items()):
         axes.imshow(plt.imread(picture))
         axes.set_title(name, fontsize=12)

@@ -128,7 +128,10 @@ def main():
     options.add_argument("--output", type=Path, default=Path("results/work_precision"), help="folder (%(default)s)")
     arguments = options.parse_args()
     folder = arguments.output.resolve()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        options.error(f"cannot make {str(arguments.output)!r}: {error.strerror}")
     wanted = points(arguments.quick)
     if not arguments.plot_only:
         measure(wanted, folder, arguments.repeats or (1 if arguments.quick else REPEATS))

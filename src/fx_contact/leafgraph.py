@@ -6,6 +6,7 @@ Contracting it gives the graph of any groups of leaves: of facing leaves, or of 
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import coo_matrix, csr_matrix, vstack
 
 from fx_contact._mpi import Exchange
@@ -49,6 +50,11 @@ class Graph:
     def rows(self):
         """(k,) int64, this rank's vertex of each entry of `matrix`.  Local."""
         return np.repeat(np.arange(self.size), np.diff(self.matrix.indptr))
+
+    @cached_property
+    def degree(self):
+        """(size,) int64, weight of all edges of each vertex.  Local."""
+        return np.asarray(self.matrix.sum(axis=1), dtype=np.int64).ravel()
 
     def ghosted(self, values):
         """Values of this rank's vertices and of the ghosts.
@@ -112,6 +118,17 @@ class Graph:
         """
         number = self.ghosted((self.comm.exscan(count) or 0) + group)
         return Graph(self.comm, count, group[self.rows], number[self.matrix.indices], self.matrix.data)
+
+    def gathered(self):
+        """The whole graph on every rank: for small ones.  Collective on comm.
+
+        Returns:
+            Graph, on this rank alone.
+        """
+        number = np.concatenate([self.offset + np.arange(self.size), self.ghosts])
+        edges = self.offset + self.rows, number[self.matrix.indices], self.matrix.data
+        rows, columns, weights = (np.concatenate(self.comm.allgather(values)) for values in edges)
+        return Graph(MPI.COMM_SELF, int(self.ends[-1]), rows, columns, weights)
 
 
 def leaf_graph(forest):

@@ -20,7 +20,8 @@ from scipy.sparse import csr_matrix
 from fx_contact import curve
 from fx_contact._mpi import Exchange
 
-#: Boxes of the coarse graphs in a part of mean weight, and of the largest graph but the first in all.
+#: Boxes of the coarse graphs in a part of mean weight, and in all: on finer ones than that the interfaces do not flow,
+#: but for the first, and none finer is brought together on a rank.
 BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
 #: Parts that are lighter are not worth it.
 WORTHWHILE = 1000
@@ -66,6 +67,11 @@ def smoothed(graph, keys, weights, part, parts, limit):
     return part
 
 
+def graphs(parts):
+    """Boxes a part of the coarse graphs on which the interfaces flow, one after the other."""
+    return BOXES[:1] + tuple(boxes for boxes in BOXES[1:] if boxes * parts <= MOST_BOXES)
+
+
 def _straight(graph, keys, weights, home, parts, shells=False):
     """The parts after the flow of their interfaces on graphs of boxes; some may be too heavy, by `SLACK`.
 
@@ -73,17 +79,28 @@ def _straight(graph, keys, weights, home, parts, shells=False):
     """
     comm, part = graph.comm, home
     mean = comm.allreduce(int(weights.sum())) / parts
-    for boxes in BOXES[:1] + tuple(boxes for boxes in BOXES[1:] if boxes * parts <= MOST_BOXES):
+    for boxes in graphs(parts):
         group, first, bits = _boxes(keys, weights, home.astype(np.int64) * parts + part, mean / boxes)
         coarse = graph.contracted(group, len(first))
         heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
-        start = part[first]
-        if shells and boxes == BOXES[0]:
-            start = _shells(comm, keys[first], bits, heavy, parts)
-        slack = max(SLACK * mean, mean + comm.allreduce(int(heavy.max(initial=0)), op=MPI.MAX))
-        straight = _flow(coarse, heavy, start, parts, slack)
-        part = _exchanged(coarse, keys[first], heavy, straight, parts, slack)[group]
+        state = [keys[first], heavy, part[first], bits]
+        if boxes * parts <= MOST_BOXES:  # every rank does all of it, rather than wait for hundreds of messages
+            mine = slice(coarse.offset, coarse.offset + coarse.size)
+            state = [np.concatenate(comm.allgather(values)) for values in state]
+            coarse = coarse.gathered()
+        else:
+            mine = slice(None)
+        part = _flowed(coarse, *state, parts, mean, shells and boxes == BOXES[0])[mine][group]
     return part
+
+
+def _flowed(graph, keys, weights, start, bits, parts, mean, shells):
+    """The parts of boxes after the flow of their interfaces.  Collective on graph.comm."""
+    if shells:
+        start = _shells(graph.comm, keys, bits, weights, parts)
+    heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
+    slack = max(SLACK * mean, mean + heaviest)
+    return _exchanged(graph, keys, weights, _flow(graph, weights, start, parts, slack), parts, slack)
 
 
 def _shells(comm, keys, bits, weights, parts):
@@ -106,27 +123,29 @@ def _boxes(keys, weights, part, most):
     may differ.
     """
     order = np.lexsort((keys, part))
-    along, parts = keys[order], part[order]
-    box, size = np.arange(len(order)), np.zeros(len(order), dtype=np.int64)
+    along, parts, heavy = keys[order], part[order], weights[order]
+    box, size, first = np.arange(len(order)), np.zeros(len(order), dtype=np.int64), order
     for bits in range(3, 63, 3):
-        new = np.ones(len(order), dtype=bool)
+        new = np.ones(len(along), dtype=bool)
         new[1:] = (along[1:] >> bits != along[:-1] >> bits) | (parts[1:] != parts[:-1])
         number = np.cumsum(new) - 1
-        fits = np.bincount(number, weights=weights[order])[number] <= most
+        fits = np.bincount(number, weights=heavy)[number] <= most
         if not fits.any():
             break
-        box = np.where(fits, np.flatnonzero(new)[number], box)
         size[fits] = bits
-    starts, number = np.unique(box, return_inverse=True)
+        kept = new | ~fits  # a box that is too heavy stays in pieces, and so do all that hold it
+        number = np.cumsum(kept) - 1
+        box, heavy = number[box], np.bincount(number, weights=heavy)
+        along, parts, size, first = along[kept], parts[kept], size[kept], first[kept]
     group = np.empty(len(order), dtype=np.int64)
-    group[order] = number
-    return group, order[starts], size[starts]
+    group[order] = box
+    return group, first, size
 
 
 def _flow(graph, weights, part, parts, limit):
     """Let the interfaces flow by their mean curvature; the parts of the shortest state within the limit."""
     comm = graph.comm
-    degree = np.maximum(np.asarray(graph.matrix.sum(axis=1)).ravel(), 1)
+    degree = np.maximum(graph.degree, 1)
     prices = np.zeros(parts, dtype=np.int64)
     total = comm.allreduce(graph.size)
     best, shortest = part, graph.cut(part)
@@ -200,13 +219,15 @@ def _exchanged(graph, keys, weights, part, parts, limit):
 
 def _offers(graph, weights, part, loads, most, upward):
     """The best change of side of each vertex on an interface, where it helps: vertices, targets, facets gained."""
-    parts, data = len(loads), graph.matrix.data
-    there, here = graph.ghosted(part)[graph.matrix.indices], part[graph.rows]
-    across = np.flatnonzero(there > here if upward else there < here)
-    pairs, slot = np.unique(graph.rows[across] * parts + there[across], return_inverse=True)
+    parts = len(loads)
+    everywhere = graph.ghosted(part)
+    differs = np.flatnonzero(everywhere[graph.matrix.indices] != part[graph.rows])
+    row, data = graph.rows[differs], graph.matrix.data[differs]
+    there, here = everywhere[graph.matrix.indices[differs]], part[row]
+    kept = graph.degree - np.bincount(row, weights=data, minlength=graph.size).astype(np.int64)
+    across = there > here if upward else there < here
+    pairs, slot = np.unique(row[across] * parts + there[across], return_inverse=True)
     vertex, target = np.divmod(pairs, parts)
-    inside = here == there
-    kept = np.bincount(graph.rows[inside], weights=data[inside], minlength=graph.size).astype(np.int64)
     gain = np.bincount(slot, weights=data[across], minlength=len(pairs)).astype(np.int64) - kept[vertex]
     own = loads[part[vertex]]
     evens_out = loads[target] + weights[vertex] < own
