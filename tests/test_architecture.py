@@ -12,11 +12,11 @@ FOLDER = Path(fx_contact.__file__).parent
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
     errors _mpi checks stages memory report rowfile
-    reference rootmesh gmsh_model lattice pairing curve plausibility analytic references
+    reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
     scene scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options krylov
-    elasticity conditions enforcement contact
+    elasticity conditions loads enforcement contact
     activeset estimate solve
     accuracy
     step checkpoint
