@@ -255,5 +255,7 @@ def evaluated(what, value, points, components):
     result = result.reshape(components, -1).T.astype(np.float64)
     bad = ~np.isfinite(result).all(axis=1)
     if bad.any():
-        raise SceneError(f"{what} is {np.squeeze(result[bad][0])} at {points[bad][0]}: it must be finite on all of it")
+        raise SceneError(
+            f"{what} is {np.squeeze(result[bad][0])} at {points[bad][0]}: it must be finite on all of it"
+        )
     return result
