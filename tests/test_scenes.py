@@ -1,7 +1,12 @@
 """The ready scenes: uniform compression of stacks, a punch against Hertz, and twins that must give the same answer."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+from conftest import WORLD, outside
 
 from fx_contact import Material, adapt
 from fx_contact.analytic import Hertz, HertzLine, ShrinkFit
@@ -182,3 +187,13 @@ def test_roundness_decides_the_force():
     force = last(hertz(order=3, displacement=1e-4), 0.15)["force"]
     exact = 4 / 3 * SOFT.plane_strain_modulus / 2 * np.sqrt(0.5) * 1e-6
     assert 0.005 < force / exact - 1 < 0.02
+
+
+def test_own_gmsh_model(tmp_path):
+    """The demo of an own model is short, and ends with a picture."""
+    path = Path(__file__).parents[1] / "demos" / "own_gmsh_model.py"
+    assert len(path.read_text().splitlines()) < 60
+    if WORLD.rank == 0:
+        done = subprocess.run([sys.executable, path], cwd=tmp_path, env=outside(), capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert "pairs closed" in done.stdout and (tmp_path / "results" / "eye.png").stat().st_size > 10_000
