@@ -117,6 +117,8 @@ print(step.record["step"], *(name for name in optional if name in sys.modules), 
 def test_plotting_is_imported_when_drawn():
     """Nor does the module that draws import what it draws with."""
     if WORLD.rank == 0:
-        program = "import sys, fx_contact.plot, fx_contact.output; print({'matplotlib', 'pyvista'} & set(sys.modules))"
+        program = (
+            "import sys, fx_contact.plot, fx_contact.output; print({'matplotlib', 'pyvista'} & set(sys.modules))"
+        )
         done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
         assert done.stdout == "set()\n", done.stdout + done.stderr
