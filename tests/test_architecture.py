@@ -121,6 +121,22 @@ def test_optional_packages_are_imported_where_needed(path):
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_releases_are_told_apart_in_one_place(path):
+    """No module asks for a release by its number, and none but `_compat` tries what a release has."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Attribute) and name_of(path) != "report":
+            assert node.attr not in ("__version__", "version_info"), f"line {node.lineno}"
+        if isinstance(node, ast.ExceptHandler) and node.type is not None and name_of(path) != "_compat":
+            tried = {getattr(kind, "id", "") for kind in ast.walk(node.type)}
+            assert not tried & {
+                "ImportError",
+                "ModuleNotFoundError",
+                "AttributeError",
+                "TypeError",
+            }, f"line {node.lineno}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_files_are_short(path):
     """One concept a file: no more than 400 lines, none longer than 120 characters."""
     lines = path.read_text().splitlines()
