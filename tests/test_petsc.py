@@ -23,7 +23,7 @@ from fx_contact.scenes import patch
 
 def output(*command):
     """What a program writes."""
-    done = subprocess.run([sys.executable, *command], env=outside(), capture_output=True, text=True, timeout=100)
+    done = subprocess.run([sys.executable, *command], env=outside() | {"PYTHON_COLORS": "0"}, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -33,7 +33,7 @@ def demo(tmp_path, words, ranks=1):
     run = f"mpirun -n {ranks}".split() + [sys.executable, DEMO]
     small = f"--order 2 --coarse 2 --tolerance 0.4 --displacement 0.05 --records-only --output {tmp_path}"
     command = run + small.split() + words.split()
-    done = subprocess.run(command, env=outside(), capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, env=outside() | {"PYTHON_COLORS": "0"}, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
