@@ -23,7 +23,8 @@ from fx_contact.scenes import patch
 
 def output(*command):
     """What a program writes."""
-    done = subprocess.run([sys.executable, *command], env=outside() | {"PYTHON_COLORS": "0"}, capture_output=True, text=True, timeout=100)
+    plain = outside() | {"PYTHON_COLORS": "0"}
+    done = subprocess.run(command, env=plain, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -32,16 +33,13 @@ def demo(tmp_path, words, ranks=1):
     """What the Hertz demo writes, small, with options of PETSc."""
     run = f"mpirun -n {ranks}".split() + [sys.executable, DEMO]
     small = f"--order 2 --coarse 2 --tolerance 0.4 --displacement 0.05 --records-only --output {tmp_path}"
-    command = run + small.split() + words.split()
-    done = subprocess.run(command, env=outside() | {"PYTHON_COLORS": "0"}, capture_output=True, text=True, timeout=100)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return output(*run, *small.split(), *words.split())
 
 
 def test_options_of_a_dict_and_of_the_command_line():
     """The dict replaces the program's option, the command line that of the dict."""
     kinds = [
-        re.findall(r"PC Object: \(fx_\).*\n +type: (\w+)", output("-c", PROGRAM, *words))
+        re.findall(r"PC Object: \(fx_\).*\n +type: (\w+)", output(sys.executable, "-c", PROGRAM, *words))
         for words in ((), ("-fx_pc_type", "bjacobi"))
     ]
     assert [set(kind) for kind in kinds] == [{"jacobi"}, {"bjacobi"}]
