@@ -59,9 +59,12 @@ def parser(description, *, tolerance, order, coarse, output):
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
-        epilog="PETSc's options work too, those of the solver under the prefix -fx_: -fx_ksp_monitor, -log_view.",
+        add_help=False,  # -help is PETSc's
+        epilog="PETSc's options work too, those of the solver under the prefix -fx_: -fx_ksp_monitor, -log_view; "
+        "-help lists them all while the demo runs.",
     )
     add = result.add_argument
+    add("--help", action="help", help="show this message and exit")
     add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
@@ -115,7 +118,7 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
     comm, theirs = MPI.COMM_WORLD, petsc_options(sys.argv[1:])
     names = [word for word in options.format_help().split() if word.startswith("--")]
     unknown = [word for word in others if word not in theirs]
-    unknown += [word for word in theirs if f"-{word}" in names]
+    unknown += [word for word in theirs if f"-{word}" in names and word != "-help"]
     if unknown or (theirs and not theirs[0][1:2].isalpha()):
         word = (unknown + theirs)[0]
         near = nearest(f"--{word.lstrip('-').partition('=')[0]}", names) if word.startswith("-") else ""

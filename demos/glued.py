@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Solver, adapt
-from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.conditions import prescribed_displacements
 from fx_contact.contact import node_pairs
 from fx_contact.enforcement import Jump, PenaltyTerm
+from fx_contact.loads import load
 from fx_contact.partition import KINDS
 from fx_contact.scenes import hertz, indentation
 from fx_contact.solve import solve_contact

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fx_contact import Material
 from fx_contact.adapt import Beginning
 from fx_contact.lattice import SIDE
-from fx_contact.scenes import stack
+from fx_contact.scenes import patch
 
 LOWER, UPPER = Material(young=1.0, poisson=0.3), Material(young=3.0, poisson=0.2)
 DISPLACEMENT = 0.01
@@ -25,7 +25,7 @@ options = parser(__doc__, tolerance=0.04, order=1, coarse=2, output="results/pat
 def scene(arguments, _material):
     """The two columns; their materials are fixed."""
     half = arguments.coarse
-    return stack((LOWER, UPPER), DISPLACEMENT, order=arguments.order, cells=(half, half, 2 * half))
+    return patch(LOWER, UPPER, DISPLACEMENT, order=arguments.order, cells=(half, half, 2 * half))
 
 
 def beginning(_arguments, scene, comm):

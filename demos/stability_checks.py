@@ -23,7 +23,8 @@ import numpy as np
 
 from fx_contact import Solver
 from fx_contact.adapt import SEEN_ON_ROOTS
-from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.conditions import prescribed_displacements
+from fx_contact.loads import load
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
 CONTRACT = 1e-7

@@ -12,11 +12,11 @@ FOLDER = Path(fx_contact.__file__).parent
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
     errors _mpi checks stages memory report rowfile
-    reference rootmesh gmsh_model lattice pairing curve plausibility analytic references
+    reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
     scene scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options krylov
-    elasticity conditions enforcement contact
+    elasticity conditions loads enforcement contact
     activeset estimate solve
     accuracy
     step checkpoint
@@ -118,6 +118,17 @@ def test_optional_packages_are_imported_where_needed(path):
     for node in outer_statements(tree_of(path).body):
         found = packages(node) & OPTIONAL
         assert not found, f"line {node.lineno} imports {', '.join(found)}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_releases_are_told_apart_in_one_place(path):
+    """No module asks for a release by its number, and none but `_compat` tries what a release has."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Attribute) and name_of(path) != "report":
+            assert node.attr not in ("__version__", "version_info"), f"line {node.lineno}"
+        if isinstance(node, ast.ExceptHandler) and node.type is not None and name_of(path) != "_compat":
+            tried = {getattr(kind, "id", "") for kind in ast.walk(node.type)}
+            assert not tried & {"ImportError", "ModuleNotFoundError", "AttributeError"}, f"line {node.lineno}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

@@ -28,11 +28,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix, identity, kron
 
-from fx_contact.conditions import load, prescribed_displacements
+from fx_contact.conditions import prescribed_displacements
 from fx_contact.contact import node_pairs
 from fx_contact.enforcement import Enforcement, Jump, PenaltyTerm
 from fx_contact.elasticity import QUADRATURE_DEGREE, Elasticity
 from fx_contact.hanging import Prolongation
+from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh
 from fx_contact.stages import Stages
 from fx_contact.scene import ContactPair, Scene, Traction

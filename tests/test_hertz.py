@@ -15,9 +15,8 @@ from fx_contact.stages import STAGES
 from fx_contact.scenes import hertz
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
-krylov_iterations, estimate, tolerance, ratio, force, contact_radius, max_pressure, max_penetration, partition, seconds,
-cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement,
-preconditioner"""
+krylov_iterations, estimate, tolerance, ratio, force, pair_forces, contact_radius, max_pressure, max_penetration,
+partition, seconds, cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner"""
 
 
 @pytest.fixture(scope="module")

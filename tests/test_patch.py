@@ -30,11 +30,12 @@ from mpi4py import MPI
 from test_elasticity import discrete
 
 from fx_contact import Material, elasticity as elasticity_module, reference
-from fx_contact.conditions import load, prescribed_displacements, shear_free_components
+from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.enforcement import METHODS, Enforcement
 from fx_contact.estimate import estimate
 
+from fx_contact.loads import load
 from fx_contact.stages import Stages
 from fx_contact.scene import ContactPair, Dirichlet, Scene, Traction
 from fx_contact.krylov import Solver

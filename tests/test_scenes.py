@@ -1,11 +1,17 @@
 """The ready scenes: uniform compression of stacks, a punch against Hertz, and twins that must give the same answer."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+from conftest import WORLD, outside
 
 from fx_contact import Material, adapt
+from fx_contact.analytic import Hertz, HertzLine, ShrinkFit
 from fx_contact.errors import GeometryError, SceneError, SolveError
-from fx_contact.scenes import hertz, punch, scaled, stack, swapped, turned
+from fx_contact.scenes import cylinders, hertz, patch, punch, scaled, shrink_fit, spheres, stack, swapped, turned
 
 SOFT, STIFF = Material(1.0, 0.3), Material(1e3, 0.0)
 CYCLE = np.roll(np.eye(3), 1, axis=0)
@@ -60,6 +66,46 @@ def test_punch_by_force():
 
 
 @pytest.mark.parametrize(
+    "radii", [(1.0, 2.0), (np.inf, 1.0), (-2.0, 1.0)], ids=["unequal", "on a block", "in a socket"]
+)
+def test_spheres_are_hertz(radii):
+    """Pressed in little, spheres of any radii have Hertz's pressure and radius through the force, to 5 % and 3 %."""
+    record = last(spheres(radii, displacement=1e-3, upper=STIFF, order=4), 0.15)
+    modulus = 1 / (1 / SOFT.plane_strain_modulus + 1 / STIFF.plane_strain_modulus)
+    exact = Hertz(1 / sum(1 / r for r in radii), modulus, record["force"])
+    assert abs(record["max_pressure"] / exact.max_pressure - 1) < 0.05
+    assert abs(record["contact_radius"] / exact.contact_radius - 1) < 0.03
+    assert abs(exact.approach / 1e-3 - 1) < 0.1
+
+
+def test_cylinders_are_hertz():
+    """The largest pressure along the line is Hertz's through the force, to 5 %, in a slice of any length."""
+    scene = cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF)
+    record = last(scene, 0.15)
+    modulus = 1 / (1 / SOFT.plane_strain_modulus + 1 / STIFF.plane_strain_modulus)
+    exact = HertzLine(2 / 3, modulus, record["force"] / 0.125)
+    assert abs(record["max_pressure"] / exact.max_pressure - 1) < 0.05
+    again = last(cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF, length=0.0625), 0.15)
+    assert abs(2 * again["force"] / record["force"] - 1) < 0.02
+
+
+def test_shrink_fit_is_lame():
+    """The force is pressure times surface, to 1 %, for an interference of a thousandth."""
+    scene = shrink_fit(interference=1e-3, inner=STIFF, outer=SOFT)
+    record = last(scene, 0.1)
+    exact = ShrinkFit((0.5, 1.0, 1.5), 1e-3, STIFF, SOFT).pressure
+    assert abs(record["force"] / (exact * 2 * np.pi * 2 * 0.25) - 1) < 0.01
+    assert abs(record["max_pressure"] / exact - 1) < 0.03
+
+
+def test_patch():
+    """Uniform pressure between columns of different materials."""
+    record = last(patch())
+    exact = 0.01 / (1 + 1 / 3)
+    assert abs(record["force"] / exact - 1) < 1e-7 and abs(record["max_pressure"] / exact - 1) < 1e-6
+
+
+@pytest.mark.parametrize(
     "twin, factor",
     [
         (lambda scene: scaled(scene, 1e-6, 1e9), 1e-3),
@@ -101,6 +147,13 @@ def test_turned_out_of_the_axes():
         (lambda: punch(coarse=3), "even"),
         (lambda: punch(force=np.nan), "force"),
         (lambda: stack([SOFT]), "two blocks"),
+        (lambda: spheres((1.0, -0.5)), "one point"),
+        (lambda: spheres((1.0, 0.0)), "two numbers"),
+        (lambda: spheres(side=2.0), "smaller side"),
+        (lambda: cylinders(radii=(1.0, -1.0)), "radius of the upper"),
+        (lambda: cylinders(order=1), "round"),
+        (lambda: shrink_fit((1.0, 0.5, 2.0)), "growing"),
+        (lambda: shrink_fit(interference=3.0), "no ring"),
         (lambda: stack(cells=(2, 0, 2)), "coarse"),
         (lambda: stack(height=0.0), "height"),
         (lambda: scaled(stack(), length=-1.0), "length"),
@@ -134,3 +187,13 @@ def test_roundness_decides_the_force():
     force = last(hertz(order=3, displacement=1e-4), 0.15)["force"]
     exact = 4 / 3 * SOFT.plane_strain_modulus / 2 * np.sqrt(0.5) * 1e-6
     assert 0.005 < force / exact - 1 < 0.02
+
+
+def test_own_gmsh_model(tmp_path):
+    """The demo of an own model is short, and ends with a picture."""
+    path = Path(__file__).parents[1] / "demos" / "own_gmsh_model.py"
+    assert len(path.read_text().splitlines()) < 60
+    if WORLD.rank == 0:
+        done = subprocess.run([sys.executable, path], cwd=tmp_path, env=outside(), capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert "pairs closed" in done.stdout and (tmp_path / "results" / "eye.png").stat().st_size > 10_000

@@ -2,7 +2,20 @@
 
 from fx_contact.adapt import adapt
 from fx_contact.enforcement import Enforcement
-from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
 from fx_contact.krylov import Solver
+from fx_contact.prescriptions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.scene import ContactPair, Material, Scene
 
-__all__ = ["ContactPair", "Dirichlet", "Enforcement", "Material", "Scene", "Solver", "Traction", "adapt"]
+__all__ = [
+    "BodyForce",
+    "ContactPair",
+    "Dirichlet",
+    "Enforcement",
+    "Material",
+    "Pressure",
+    "Scene",
+    "Solver",
+    "SymmetryPlane",
+    "Traction",
+    "adapt",
+]

@@ -1,12 +1,35 @@
 """What differs between releases of dolfinx, decided by what they have, not by their number.
 
-Checked against the sources of 0.9, 0.10 and 0.11, run with 0.9.  dolfinx main, after its split into graph, geometric
+Run with 0.9 and 0.11.  dolfinx main, after its split into graph, geometric
 and hybrid partitioners (pull request 4403), builds the dual graph before it calls the function given to `create_mesh`.
 """
 
 import numpy as np
 from dolfinx import graph
+from dolfinx.common import IndexMap
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+
+
+def index_map(comm, owned, ghosts, owners):
+    """A dolfinx IndexMap; from 0.10 on it wants a tag for its messages.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        owned: number of this rank's own indices.
+        ghosts: (n,) int64, global numbers of those of other ranks.
+        owners: (n,) int32, the ranks that own them.
+    """
+    given = {"comm": comm, "local_size": owned, "ghosts": ghosts, "ghost_owners": owners}
+    try:
+        return IndexMap(**given, tag=_TAG)
+    except TypeError:
+        return IndexMap(**given)
+
+
+#: Of the messages in which ranks find their neighbours.
+_TAG = 1202
 
 
 def partition_graph(comm, parts, offsets, neighbours):

@@ -44,3 +44,56 @@ class Hertz:
     def of_equal_spheres(cls, radius, material, force):
         """Two spheres of one radius [m] and one Material, pressed together by a force [N]."""
         return cls(radius / 2, material.plane_strain_modulus / 2, force)
+
+
+@dataclass(frozen=True)
+class HertzLine:
+    """Hertz's contact of two parallel cylinders (half-space theory, plane strain).
+
+    K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 4.2(c).
+
+    Attributes:
+        radius: effective R*, 1/R* = 1/R1 + 1/R2 [m].
+        modulus: effective E*, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 [Pa].
+        force: F per length [N/m].
+    """
+
+    radius: float
+    modulus: float
+    force: float
+
+    @property
+    def half_width(self):
+        """a = (4 F R* / (pi E*))^(1/2) [m]."""
+        return np.sqrt(4 * self.force * self.radius / (np.pi * self.modulus))
+
+    @property
+    def max_pressure(self):
+        """p0 = 2 F / (pi a) [Pa]."""
+        return 2 * self.force / (np.pi * self.half_width)
+
+
+@dataclass(frozen=True)
+class ShrinkFit:
+    """Two concentric rings, the inner one too large, both free along their axis (plane stress), after Lame.
+
+    S. P. Timoshenko, J. N. Goodier, Theory of Elasticity, McGraw-Hill, 1970, section 28.
+
+    Attributes:
+        radii: a, b, c: inner, common and outer radius [m].
+        interference: difference of the unloaded radii [m].
+        inner, outer: materials (`scene.Material`).
+    """
+
+    radii: tuple[float, float, float]
+    interference: float
+    inner: object
+    outer: object
+
+    @property
+    def pressure(self):
+        """p = interference / (b ((c^2 + b^2)/(c^2 - b^2) + nu_o)/E_o + b ((b^2 + a^2)/(b^2 - a^2) - nu_i)/E_i) [Pa]."""
+        a2, b2, c2 = np.square(self.radii)
+        outward = ((c2 + b2) / (c2 - b2) + self.outer.poisson) / self.outer.young
+        inward = ((b2 + a2) / (b2 - a2) - self.inner.poisson) / self.inner.young
+        return max(self.interference, 0.0) / (self.radii[1] * (outward + inward))

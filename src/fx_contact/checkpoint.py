@@ -19,6 +19,7 @@ from fx_contact.estimate import Estimate, Gain
 from fx_contact.forest import Forest
 from fx_contact.lattice import Lattice
 from fx_contact.pairing import decode_leaf, leaf_code
+from fx_contact.prescriptions import Traction, evaluated
 from fx_contact.rowfile import RowFile, write
 
 NAME = "checkpoint"
@@ -194,6 +195,7 @@ def problem(scene):
     """What a scene asks for, part by part, as JSON can hold it; the root mesh by a digest.
 
     Local.  Positions are rounded to 1e-9 of the mesh's size: what another machine's Gmsh rounds otherwise is the same.
+    Functions of position are told apart by their values, not by their code.
 
     Args:
         scene: Scene.
@@ -213,13 +215,30 @@ def problem(scene):
     return {
         "root mesh": digest.hexdigest()[:16],
         "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
-        "displacement conditions": [[c.where, *_floats((c.x, c.y, c.z))] for c in scene.dirichlet],
+        "displacement conditions": [
+            [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))] for c in scene.conditions
+        ],
         "contact pairs": [
             [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact
         ],
-        "tractions": [[t.surface, *_floats(t.value)] for t in scene.tractions],
+        "tractions": [
+            [t.surface, _given(scene, t.surface, t.value, 3 if isinstance(t, Traction) else 1)]
+            for t in scene.tractions
+        ],
+        "body forces": [[f.body, _given(scene, f.body, f.value, 3)] for f in scene.body_forces],
         "symmetry": [int(scene.symmetry), *_floats(scene.contact_centre)],
     }
+
+
+def _given(scene, name, value, components):
+    """A prescribed value as JSON can hold it: numbers, or for a function a digest of what it gives on its place."""
+    if not callable(value):
+        return None if value is None else _floats(np.atleast_1d(value))
+    values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
+    size = np.abs(values).max()
+    rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
+    digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
+    return f"function {digest.hexdigest()[:16]}"
 
 
 def _floats(values):

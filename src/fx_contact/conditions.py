@@ -1,11 +1,9 @@
-"""Prescribed displacements and surface forces of a scene on the conforming unknowns of a forest."""
+"""Prescribed displacements and symmetry planes of a scene on the conforming unknowns of a forest."""
 
 import numpy as np
-import ufl
-from dolfinx import fem
 
 from fx_contact import reference
-from fx_contact.elasticity import QUADRATURE_DEGREE
+from fx_contact._mpi import together
 from fx_contact.lattice import SIDE
 
 
@@ -21,16 +19,21 @@ def prescribed_displacements(scene, forest, prolongation):
 
     Returns:
         (owned, 3) float64 [m], NaN where the component is free.
+
+    Raises:
+        SceneError: a displacement that is a function fails or is not finite somewhere.
     """
     vertices = forest.vertices
     sums = np.zeros((len(vertices), 6))
-    for condition in scene.dirichlet:
-        at = np.zeros(len(vertices), dtype=bool)
-        at[_vertices_at(scene, forest, condition.where)] = True
-        given = ~np.isnan(condition.values)
-        rows = np.flatnonzero(at & ~prolongation.hanging)
-        sums[np.ix_(rows, np.flatnonzero(given))] = condition.values[given]
-        sums[np.ix_(rows, 3 + np.flatnonzero(given))] = 1
+    with together(forest.comm):
+        for condition in scene.conditions:
+            at = np.zeros(len(vertices), dtype=bool)
+            at[_vertices_at(scene, forest, condition.where)] = True
+            rows, held = np.flatnonzero(at & ~prolongation.hanging), np.flatnonzero(condition.held)
+            leaf, corner = vertices.example[rows].T
+            points = forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
+            sums[np.ix_(rows, held)] = condition.at(points)[:, held]
+            sums[np.ix_(rows, 3 + held)] = 1
     # The owner of a vertex need not have a leaf face on the surface: ranks that have one tell it.
     total = prolongation.restrict(sums)
     with np.errstate(invalid="ignore"):
@@ -52,8 +55,8 @@ def shear_free_components(scene, forest, prolongation):
     """
     on = np.zeros((len(forest.vertices), 3))
     loaded = {traction.surface for traction in scene.tractions}
-    for condition in scene.dirichlet:
-        held = np.flatnonzero(~np.isnan(condition.values))
+    for condition in scene.conditions:
+        held = np.flatnonzero(condition.held)
         if len(held) == 1 and condition.where in forest.mesh.surfaces and condition.where not in loaded:
             normals = forest.mesh.outward_normals(forest.mesh.surfaces[condition.where])
             if np.allclose(np.abs(normals[:, held[0]]), 1):
@@ -75,32 +78,3 @@ def _vertices_at(scene, forest, name):
     points = (SIDE * reference.CORNERS[corner])[:, None]
     place = forest.vertices.find(forest.lattice.keys(cell, points)[:, 0])
     return place[place >= 0]
-
-
-def load(scene, forest, elasticity):
-    """Generalised external forces of the tractions on the conforming vertices.
-
-    Collective on forest.comm.
-
-    Args:
-        scene: Scene.
-        forest: Forest.
-        elasticity: Elasticity on the forest's mesh.
-
-    Returns:
-        (owned, 3) float64 [N].
-    """
-    forces = np.zeros((len(forest.vertices), 3))
-    if scene.tractions:
-        mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.space)
-        mesh.topology.create_connectivity(2, 3)
-        data = [
-            (i, elasticity.leaf_mesh.facets(forest, forest.mesh.surface(t.surface)).ravel())
-            for i, t in enumerate(scene.tractions)
-        ]
-        ds = ufl.Measure("ds", mesh, subdomain_data=data, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-        values = [fem.Constant(mesh, np.array(t.value, dtype=np.float64)) for t in scene.tractions]
-        form = fem.form(sum(ufl.inner(value, test) * ds(i) for i, value in enumerate(values)))
-        vector = fem.assemble_vector(form)
-        forces[elasticity.vertex_of_block] = vector.array.reshape(-1, 3)
-    return elasticity.prolongation.restrict(forces)

@@ -9,7 +9,7 @@ on distorted cells.
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem.petsc import assemble_matrix_mat
+from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, diags, identity, kron
@@ -128,7 +128,7 @@ class Elasticity:
         matrix.mat.setLGMap(lgmap, lgmap)
 
         irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
-        assemble_matrix_mat(matrix.mat, self._form(np.flatnonzero(~irregular)))
+        assemble_matrix(matrix.mat, self._form(np.flatnonzero(~irregular)))
         self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
         if self._has_mean:
             self._add_mean_volume(matrix.mat, number)

@@ -6,11 +6,11 @@ themselves are replaced by theirs until none does.
 """
 
 import numpy as np
-from dolfinx.common import IndexMap
 from dolfinx.la import InsertMode, vector
 from scipy.sparse import csr_matrix
 
 from fx_contact import reference
+from fx_contact._compat import index_map
 from fx_contact._mpi import Directory
 
 _NONE = -1
@@ -53,7 +53,7 @@ class Prolongation:
         ghosts = np.concatenate([number[near], far[:, 0]])
         owners = np.concatenate([owner[near], far[:, 1].astype(np.int32)])
         owned = int((~foreign).sum())
-        self.index_map = IndexMap(self.comm, owned, ghosts, owners)
+        self.index_map = index_map(self.comm, owned, ghosts, owners)
         self.conforming = np.full(len(vertices), -1, dtype=np.int32)
         self.conforming[~foreign] = np.arange(owned)
         self.conforming[near] = owned + np.arange(near.sum())

@@ -9,7 +9,6 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx.utils import get_petsc_lib
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
@@ -52,7 +51,7 @@ class BlockMatrix:
         result.setType(PETSc.Mat.Type.HYPRE)
         result.setOption(PETSc.Mat.Option.SORTED_FULL, True)
         near, far = (np.repeat(3 * lengths, 3).astype(PETSc.IntType) for lengths in self.row_lengths)
-        preallocate = ctypes.CDLL(str(get_petsc_lib())).MatHYPRESetPreallocation  # petsc4py lacks it
+        preallocate = ctypes.CDLL(PETSc.__file__).MatHYPRESetPreallocation  # petsc4py lacks it
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (near, far))
         integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
         first, second = pointers

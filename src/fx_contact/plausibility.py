@@ -3,11 +3,14 @@
 import numpy as np
 
 from fx_contact.errors import SceneError
+from fx_contact.prescriptions import Traction
 
 #: Largest ratios of two bodies' moduli and sizes that double precision holds in one system [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Displacements over sizes, and tractions over moduli, above which a unit must be wrong [-].
 _LARGEST = 100.0
+#: Components of a surface force below this part of the largest are rounding [-].
+_ACTING = 1e-9
 
 
 def check_units(scene):
@@ -28,8 +31,8 @@ def check_units(scene):
                 f"body {name!r} is {own:.3g} m large, all bodies together {size:.3g} m: check the units "
                 "and the place of each body"
             )
-    for condition in scene.dirichlet:
-        largest = np.nanmax(np.abs(condition.values))
+    for condition in scene.conditions:
+        largest = np.nanmax(np.abs(condition.at(scene.samples(condition.where))))
         if largest > _LARGEST * size:
             raise SceneError(
                 f"the displacement on {condition.where!r} is {largest:.3g} m, the bodies are {size:.3g} m large: "
@@ -37,22 +40,37 @@ def check_units(scene):
             )
     for traction in scene.tractions:
         body = mesh.bodies[mesh.body[mesh.surface(traction.surface)[0, 0]]]
-        largest = np.abs(traction.value).max()
+        points = scene.samples(traction.surface)
+        largest = np.abs(traction.at(points, np.ones_like(points))).max()
         if largest > _LARGEST * young[body]:
             raise SceneError(
-                f"the traction on {traction.surface!r} is {largest:.3g} Pa, Young's modulus of {body!r} "
-                f"{young[body]:.3g} Pa: strains must be small, check the units"
+                f"{traction.what} is {largest:.3g} Pa, Young's modulus of {body!r} {young[body]:.3g} Pa: strains must "
+                "be small, check the units"
+            )
+    for force in scene.body_forces:
+        largest = np.abs(force.at(scene.samples(force.body))).max()
+        if largest * size > _LARGEST * young[force.body]:
+            raise SceneError(
+                f"{force.what} is {largest:.3g} N/m^3, over {size:.3g} m {largest * size:.3g} Pa, Young's modulus "
+                f"{young[force.body]:.3g} Pa: strains must be small, check the units"
             )
 
 
-def check_tractions(scene):
-    """Raises SceneError for a traction that does no work: on a surface held in its direction.  Local."""
-    prescribed = scene.prescribed(scene.mesh.points)
+def check_forces(scene):
+    """Raises SceneError for a surface force that does no work: on a surface held in its direction.  Local."""
+    mesh = scene.mesh
+    prescribed = scene.prescribed(mesh.points)
     for traction in scene.tractions:
-        held = ~np.isnan(prescribed[scene.place(traction.surface)]).any(axis=0) & (np.array(traction.value) != 0)
-        if held.any():
-            component = "xyz"[int(held.argmax())]
+        facets = mesh.surface(traction.surface)
+        held = ~np.isnan(prescribed[scene.place(traction.surface)]).any(axis=0)
+        points, normals = mesh.facet_points(facets, order=1), mesh.outward_normals(facets)
+        acting = np.abs(traction.at(points.reshape(-1, 3), np.repeat(normals, 4, axis=0))).max(axis=0)
+        acts = acting > _ACTING * acting.max()
+        idle = held & acts
+        # A pressure on a curved surface has all components; it is enough that one of them works.
+        if idle.any() and (isinstance(traction, Traction) or not (acts & ~held).any()):
+            component = "xyz"[int(idle.argmax())]
             raise SceneError(
-                f"the traction on {traction.surface!r} pulls along {component}, where a condition prescribes the "
-                "displacement everywhere on it: one of the two must go"
+                f"{traction.what} pulls along {component}, where a condition prescribes the displacement everywhere on "
+                "it: one of the two must go"
             )

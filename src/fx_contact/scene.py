@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from fx_contact import reference
-from fx_contact.checks import check_count, check_label, check_name, check_number, check_vector, shown, unknown
+from fx_contact.checks import check_count, check_label, check_name, check_number, check_vector, shown
 from fx_contact.errors import SceneError
 from fx_contact.pairing import Pairing
-from fx_contact.plausibility import check_tractions, check_units
+from fx_contact.plausibility import check_forces, check_units
+from fx_contact.prescriptions import COMPONENTS, BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.rootmesh import RootMesh
 
-COMPONENTS = "xyz"
 #: Softest material of which energies are double precision numbers, the inverse of the hardest [Pa].
 _SOFTEST = 1e-100
 
@@ -47,57 +47,6 @@ class Material:
     def plane_strain_modulus(self):
         """E/(1 - nu^2) [Pa]."""
         return self.young / (1 - self.poisson**2)
-
-
-@dataclass(frozen=True)
-class Dirichlet:
-    """Prescribed displacement components on a surface, along a curve or at a vertex.
-
-    Attributes:
-        where: name of a surface, curve or vertex of the root mesh.
-        x, y, z: displacement [m], None where the component is free.
-
-    Raises:
-        SceneError: no component is given, or one is not a finite number.
-    """
-
-    where: str
-    x: float | None = None
-    y: float | None = None
-    z: float | None = None
-
-    def __post_init__(self):
-        check_label("the place of a displacement condition", self.where)
-        given = [c for c in COMPONENTS if getattr(self, c) is not None]
-        if not given:
-            raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
-        for component in given:
-            check_number(f"the displacement {component} on {self.where!r}", getattr(self, component))
-
-    @property
-    def values(self):
-        """(3,) float64 displacement [m], NaN where the component is free."""
-        return np.array([np.nan if v is None else float(v) for v in (self.x, self.y, self.z)])
-
-
-@dataclass(frozen=True)
-class Traction:
-    """A uniform surface force.
-
-    Attributes:
-        surface: name of a surface of the root mesh.
-        value: force per undeformed area in x, y, z [Pa].
-
-    Raises:
-        SceneError: value is not three finite numbers.
-    """
-
-    surface: str
-    value: tuple[float, float, float]
-
-    def __post_init__(self):
-        check_label("the surface of a traction", self.surface)
-        check_vector(f"the traction on {self.surface!r}", self.value)
 
 
 @dataclass(frozen=True)
@@ -136,36 +85,40 @@ class Scene:
         name: for records and file names.
         mesh: RootMesh.
         materials: body name -> Material, one for each body.
-        dirichlet: prescribed displacements.
+        dirichlet: prescribed displacements (`Dirichlet`) and symmetry planes (`SymmetryPlane`).
         contact: contact pairs.
-        tractions: surface forces.
+        tractions: surface forces: `Traction` and `Pressure`; those on one surface add up.
+        body_forces: `BodyForce`; those on one body add up.
         symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
             records are those of the whole.
         contact_centre: a point on the axis about which `contact_radius` is measured [m].
 
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
-            place, a body that nothing holds.
+            place, a function that fails or is not finite on its place, a symmetry plane that is none across an axis, a
+            body that nothing holds.
     """
 
     name: str
     mesh: RootMesh
     materials: Mapping[str, Material]
-    dirichlet: tuple[Dirichlet, ...] = ()
+    dirichlet: tuple[Dirichlet | SymmetryPlane, ...] = ()
     contact: tuple[ContactPair, ...] = ()
-    tractions: tuple[Traction, ...] = ()
+    tractions: tuple[Traction | Pressure, ...] = ()
     symmetry: int = 1
     contact_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    body_forces: tuple[BodyForce, ...] = ()
 
     def __post_init__(self):
         mesh = self.mesh
         check_label("the name of a scene", self.name)
         if not isinstance(mesh, RootMesh):
             raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
-        for name, kind in (("dirichlet", Dirichlet), ("contact", ContactPair), ("tractions", Traction)):
+        for name, kinds in _PARTS.items():
             items = getattr(self, name)
-            if not isinstance(items, (tuple, list)) or not all(isinstance(item, kind) for item in items):
-                raise SceneError(f"{name} must be a tuple of {kind.__name__}, got {shown(items)}")
+            if not isinstance(items, (tuple, list)) or not all(isinstance(item, kinds) for item in items):
+                wanted = " and ".join(kind.__name__ for kind in kinds)
+                raise SceneError(f"{name} must be a tuple of {wanted}, got {shown(items)}")
         check_count("symmetry, the number of copies,", self.symmetry)
         check_vector("contact_centre", self.contact_centre)
         if not isinstance(self.materials, Mapping):
@@ -180,9 +133,16 @@ class Scene:
             mesh.surface(pair.first), mesh.surface(pair.second)
         for traction in self.tractions:
             mesh.surface(traction.surface)
+        for force in self.body_forces:
+            check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
-        check_tractions(self)
+        check_forces(self)
         _check_held(self)
+
+    @cached_property
+    def conditions(self):
+        """Tuple of Dirichlet: `dirichlet`, symmetry planes among them as what they prescribe."""
+        return tuple(c.on(self.mesh) if isinstance(c, SymmetryPlane) else c for c in self.dirichlet)
 
     @cached_property
     def pairing(self):
@@ -255,16 +215,41 @@ class Scene:
             SceneError: nothing has that name.
         """
         mesh = self.mesh
+        check_name(
+            "surface, curve or vertex", name, [*mesh.surfaces, *mesh.curves, *mesh.vertices], "the root mesh has"
+        )
         if name in mesh.surfaces:
             cell, face = mesh.surfaces[name].T
             return np.unique(mesh.corners[cell[:, None], reference.FACE_CORNERS[face]])
         if name in mesh.curves:
             cell, edge = mesh.curves[name].T
             return np.unique(mesh.corners[cell[:, None], reference.EDGE_CORNERS[edge]])
-        if name in mesh.vertices:
-            return mesh.vertices[name]
-        places = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
-        raise SceneError(unknown("surface, curve or vertex", name, places, "the root mesh has"))
+        return mesh.vertices[name]
+
+    def samples(self, name):
+        """Points at which a function on a named place or body is tried: more than the root mesh has nodes there.
+
+        Args:
+            name: of a surface, a curve, a vertex or a body.
+
+        Returns:
+            (n, 3) float64 [m].
+        """
+        mesh = self.mesh
+        if name in mesh.surfaces:
+            return mesh.facet_points(mesh.surfaces[name], _SAMPLES).reshape(-1, 3)
+        cells, along = np.flatnonzero(mesh.body == mesh.bodies.index(name)) if name in mesh.bodies else None, None
+        if name in mesh.curves:
+            cells, along = mesh.curves[name].T
+        if cells is None:
+            return mesh.points[self.place(name)]
+        axes = np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1))
+        points = mesh.evaluate(cells, axes)
+        if along is not None:
+            ends = reference.corner_nodes(_SAMPLES)[reference.EDGE_CORNERS[along]]
+            steps = (ends[:, 1:] - ends[:, :1]) // _SAMPLES * np.arange(_SAMPLES + 1)
+            points = np.take_along_axis(points, (ends[:, :1] + steps)[:, :, None], axis=1)
+        return points.reshape(-1, 3)
 
     def contact_directions(self, facets):
         """Direction in which gaps are measured at facets of first surfaces: as given, or the mean normal.
@@ -295,18 +280,32 @@ class Scene:
             SceneError: an unknown place, or two values for one component at one node.
         """
         result = np.full(points.shape, np.nan)
-        for condition in self.dirichlet:
+        for condition in self.conditions:
             nodes = self.place(condition.where)
-            for component in np.flatnonzero(~np.isnan(condition.values)):
-                value, before = condition.values[component], result[nodes, component]
-                clash = ~np.isnan(before) & (before != value)
+            values = condition.at(points[nodes])
+            for component in np.flatnonzero(condition.held):
+                value, before = values[:, component], result[nodes, component]
+                clash = np.abs(before - value) > _SAME * np.abs(value).max(initial=0.0)
                 if clash.any():
                     raise SceneError(
-                        f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {value} m where "
-                        f"another condition says {before[clash][0]} m, near {points[nodes[clash][0]]}"
+                        f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {value[clash][0]} "
+                        f"m where another condition says {before[clash][0]} m, near {points[nodes[clash][0]]}"
                     )
                 result[nodes, component] = value
         return result
+
+
+#: What the parts of a scene may be.
+_PARTS = {
+    "dirichlet": (Dirichlet, SymmetryPlane),
+    "contact": (ContactPair,),
+    "tractions": (Traction, Pressure),
+    "body_forces": (BodyForce,),
+}
+#: Root cells are cut into so many along each axis to try a function.
+_SAMPLES = 5
+#: Two functions that prescribe one component agree where they differ by no more, relative to the largest value.
+_SAME = 1e-12
 
 
 def _check_held(scene):

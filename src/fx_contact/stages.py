@@ -1,4 +1,4 @@
-"""What each stage of an adaptive step costs: wall and CPU seconds, memory."""
+"""What each stage of an adaptive step costs: wall and CPU seconds, memory; PETSc's `-log_view` has the same stages."""
 
 import resource
 import time
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 #: Stages of an adaptive step, as they stand in the records; `other` is what none of them explains.
 STAGES = (
@@ -23,11 +24,15 @@ STAGES = (
     "output",
     "other",
 )
+#: All of them from the beginning, so that every rank has the same in PETSc's log.
+_LOGGED = {name: PETSc.Log.Stage(f"fx {name}") for name in STAGES if name != "other"}
 _STATM = Path("/proc/self/statm")
 
 
 class Stages:
     """Costs by stage; a stage inside another is taken out of the outer one.  Local but for `costs`.
+
+    In PETSc's log, as `-log_view` shows it, they are the stages "fx mesh", "fx assemble" and so on.
 
     Use: `with stages("mesh"): ...`.
     """
@@ -42,9 +47,11 @@ class Stages:
     def __call__(self, name):
         start = _clocks()
         self._inner.append(np.zeros(2))
+        _LOGGED[name].push()
         try:
             yield
         finally:
+            _LOGGED[name].pop()
             elapsed = _clocks() - start
             self._spent[name] = self._spent[name] + elapsed - self._inner.pop()
             if self._inner:

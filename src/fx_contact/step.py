@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.checks import check_number, shown
-from fx_contact.conditions import load, prescribed_displacements, shear_free_components
+from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
@@ -14,6 +14,7 @@ from fx_contact.errors import SceneError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.krylov import Solver
+from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.report import versions
 from fx_contact.scene import Scene

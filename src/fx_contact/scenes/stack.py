@@ -80,3 +80,25 @@ def stack(
         tractions=() if pressure is None else (Traction("top", (0.0, 0.0, -float(pressure))),),
         symmetry=4,
     )
+
+
+def patch(
+    lower=Material(young=1.0, poisson=0.3),
+    upper=Material(young=3.0, poisson=0.2),
+    displacement=0.01,
+    order=1,
+    cells=(2, 2, 4),
+):
+    """The patch test of contact: two columns of different materials, whose pressure p = u / (h/E1 + h/E2) is uniform.
+
+    Local.
+
+    Args:
+        lower, upper: materials.
+        displacement: of the top, downwards [m].
+        order, cells: as in `stack`.
+
+    Returns:
+        Scene, a `stack` of two blocks of side and height 1.
+    """
+    return stack((lower, upper), displacement, order=order, cells=cells)

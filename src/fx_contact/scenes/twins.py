@@ -31,16 +31,19 @@ def scaled(scene, length=1.0, stress=1.0):
     check_number("factor of length", length, positive=True)
     check_number("factor of stress", stress, positive=True)
 
-    def times(factor, values):
-        return [None if np.isnan(v) else factor * float(v) for v in values]
+    def times(factor, value):
+        if value is None or callable(value):
+            return value and (lambda x: factor * np.asarray(value(x / length)))
+        return tuple(factor * float(v) for v in value) if np.ndim(value) else factor * float(value)
 
     return replace(
         scene,
         mesh=replace(scene.mesh, points=length * scene.mesh.points),
         materials={name: Material(stress * m.young, m.poisson) for name, m in scene.materials.items()},
-        dirichlet=tuple(Dirichlet(d.where, *times(length, d.values)) for d in scene.dirichlet),
-        tractions=tuple(Traction(t.surface, tuple(times(stress, t.value))) for t in scene.tractions),
-        contact_centre=tuple(times(length, scene.contact_centre)),
+        dirichlet=tuple(replace(c, **{i: times(length, getattr(c, i)) for i in "xyz"}) for c in scene.conditions),
+        tractions=tuple(replace(t, value=times(stress, t.value)) for t in scene.tractions),
+        body_forces=tuple(replace(f, value=times(stress / length, f.value)) for f in scene.body_forces),
+        contact_centre=times(length, scene.contact_centre),
     )
 
 
@@ -66,17 +69,26 @@ def turned(scene, rotation):
         raise SceneError("a reflection would invert the cells: the rotation must have determinant 1")
 
     def turn(vector):
+        if callable(vector):
+            return lambda x: rotation @ vector(rotation.T @ x)
         return tuple((rotation @ np.asarray(vector, dtype=np.float64)).tolist())
+
+    def turned_pressure(value):
+        return (lambda x: value(rotation.T @ x)) if callable(value) else value
 
     return replace(
         scene,
         mesh=replace(scene.mesh, points=scene.mesh.points @ rotation.T),
-        dirichlet=tuple(_turned_condition(d, rotation) for d in scene.dirichlet),
+        dirichlet=tuple(_turned_condition(c, rotation) for c in scene.conditions),
         contact=tuple(
             pair if pair.direction is None else replace(pair, direction=turn(pair.direction))
             for pair in scene.contact
         ),
-        tractions=tuple(Traction(t.surface, turn(t.value)) for t in scene.tractions),
+        tractions=tuple(
+            replace(t, value=turn(t.value) if isinstance(t, Traction) else turned_pressure(t.value))
+            for t in scene.tractions
+        ),
+        body_forces=tuple(replace(f, value=turn(f.value)) for f in scene.body_forces),
         contact_centre=turn(scene.contact_centre),
     )
 
@@ -102,14 +114,18 @@ def swapped(scene):
 
 
 def _turned_condition(condition, rotation):
-    values = condition.values
-    given = ~np.isnan(values)
+    given, values = condition.held, (condition.x, condition.y, condition.z)
     image = np.abs(rotation[:, given])
     if not given.all() and not np.allclose(image.max(axis=0), 1):
         raise SceneError(
             f"the condition on {condition.where!r} holds some components only, which turn out of the axes: prescribe "
             "all three, or turn by right angles"
         )
-    moved = rotation[:, given] @ values[given]
     held = np.ones(3, dtype=bool) if given.all() else image.max(axis=1) > 0.5
-    return Dirichlet(condition.where, *(float(v) if h else None for v, h in zip(moved, held)))
+
+    def moved(row):
+        if not any(map(callable, values)):
+            return float(sum(rotation[row, i] * values[i] for i in np.flatnonzero(given)))
+        return lambda x: rotation[row, given] @ np.nan_to_num(condition.at((rotation.T @ x).T)).T[given]
+
+    return Dirichlet(condition.where, *(moved(row) if held[row] else None for row in range(3)))

@@ -1,0 +1,100 @@
+"""What each part of a small scene costs: the table of the README.
+
+The bare scene is two columns that do not touch, of straight cells, solved once; each row has one part more. CPU seconds
+of one core without compilation, the least of five runs.
+
+    python3 demos/parts_cost.py
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mpi4py import MPI
+
+from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
+from fx_contact.adapt import Beginning
+from fx_contact.checkpoint import save
+from fx_contact.estimate import Gain
+from fx_contact.output import write_fields
+from fx_contact.plot import draw_stress
+from fx_contact.rootmesh import RootMesh
+from fx_contact.scenes import patch
+
+REPEATS, CELLS = 5, (8, 8, 16)
+IMPORT = "import dolfinx, time; t = time.process_time(); import fx_contact; print(time.process_time() - t)"
+
+
+def scenes():
+    """Name -> Scene: the bare one, then that with one part more each."""
+    contact = patch(cells=CELLS)
+    held = Dirichlet("on block 0", z=0.001), Dirichlet("under block 1", z=0.001)
+    bare = replace(contact, contact=(), dirichlet=contact.dirichlet + held)
+    curved = patch(cells=CELLS, order=3).mesh
+    points = curved.points + 0.05 * np.sin(np.pi * curved.points[:, [2, 2, 0]]) * [0, 0, 1]
+    bent = RootMesh(points, curved.cells, curved.bodies, curved.body, curved.surfaces)
+    soft = dict.fromkeys(bare.materials, Material(1.0, 0.45))
+    weight = BodyForce("block 0", (0, 0, -1e-3))
+    shear = Traction("top", lambda x: 1e-3 * x * [[1], [1], [0]])
+    pressed = tuple(replace(c, z=lambda x: -0.01 - 0.01 * x[0]) if c.where == "top" else c for c in bare.dirichlet)
+    return {
+        "bare scene": bare,
+        "contact": contact,
+        "curved cells, order 3": replace(bare, mesh=bent, dirichlet=contact.dirichlet),
+        "nu >= 0.4: one volume strain a cell": replace(bare, materials=soft),
+        "a displacement that is a function": replace(bare, dirichlet=pressed),
+        "a traction that is a function": replace(bare, tractions=(shear,)),
+        "a body force": replace(bare, body_forces=(weight,)),
+    }
+
+
+def first_step(scene, **options):
+    """The first step of a run, and its CPU seconds without compilation."""
+    start = time.process_time()
+    step = next(iter(adapt(scene, 0.04, max_steps=1, **options)))
+    return step, time.process_time() - start - step.record["cpu_seconds"]["compile"]
+
+
+def least(function):
+    """The least CPU seconds of some calls."""
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        function()
+        seconds.append(time.process_time() - start)
+    return min(seconds)
+
+
+def main():
+    """Measure, and print the table."""
+    print("| part | dofs | iterations | CPU seconds | more than the bare scene |", "|---|--:|--:|--:|--:|", sep="\n")
+    parts, bare = scenes(), None
+    for name, scene in parts.items():
+        first_step(scene)  # compiles
+        step, seconds = min((first_step(scene) for _ in range(REPEATS)), key=lambda run: run[1])
+        bare = bare or seconds
+        numbers = f"{step.record['dofs']:,} | {sum(step.record['krylov_iterations'])}"
+        print(f"| {name} | {numbers} | {seconds:.2f} | {seconds - bare:+.2f} |", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        single = {
+            "making the scene: root mesh, pairing, checks": lambda: patch(cells=CELLS),
+            "refinement of all leaves": lambda: Beginning.uniform(scene, 1, MPI.COMM_SELF),
+            "a checkpoint": lambda: save(folder, step, [], {}, Gain()),
+            "fields for ParaView": lambda: write_fields(step, folder),
+            "a picture of the stress": lambda: draw_stress(step, folder / "stress.png"),
+        }
+        for name, function in single.items():
+            function()  # imports and compiles
+            print(f"| {name} | | | {least(function):.2f} | |", flush=True)
+    seconds = min(float(subprocess.check_output([sys.executable, "-c", IMPORT])) for _ in range(REPEATS))
+    print(f"| `import fx_contact` after `import dolfinx` | | | {seconds:.2f} | |")
+
+
+if __name__ == "__main__":
+    main()
