@@ -178,7 +178,9 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     results = "steps.jsonl"
     if not arguments.records_only:
-        results += ", fields.bp and cells.bp (for ParaView), " + _show(step, arguments.output, bool(exact), compared)
+        results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), " + _show(
+            step, arguments.output, bool(exact), compared
+        )
         record |= step.stages.costs(comm)
     if errors:
         record["errors"] = errors(arguments, step)

@@ -22,7 +22,7 @@ ORDER = """
     step checkpoint
     adapt manufactured
     overrefined
-    plot output
+    plot surface output
     __init__
 """.split()
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fx_contact.plot import cut_by_body
+from fx_contact.plot.cut import cut_by_body
 
 
 def test_each_body_shows_its_own_stress():

@@ -104,7 +104,7 @@ def sufficient_order(forest, tolerance):
         descend = np.zeros(len(first), dtype=bool)
         for start in range(0, len(first), _CHUNK // 32):
             part = slice(start, start + _CHUNK // 32)
-            exact = _positions(forest, left[first[part]], forest.mesh.order, level)
+            exact = positions(forest, left[first[part]], forest.mesh.order, level)
             deviates = _deviation(exact, order) > tolerance
             while order < forest.mesh.order and (deviates & leaf[part]).any():
                 order += 1
@@ -131,8 +131,20 @@ def _deviation(exact, order):
     return distance / np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) * np.sqrt(3)
 
 
-def _positions(forest, leaves, order, level=None):
-    """Positions of the nodes of leaves, or of their ancestors of a level, at the lattice of an order: (n, nodes, 3)."""
+def positions(forest, leaves, order, level=None):
+    """Positions of the equispaced nodes of leaves, or of their ancestors, on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+        leaves: (n,) int, or what else picks n of the leaves.
+        order: of the nodes, p.
+        level: of the ancestors; None: the leaves themselves.
+
+    Returns:
+        (n, (p+1)^3, 3) float64 [m], tensor order.
+    """
     level = forest.level[leaves].astype(np.int32) if level is None else np.full(len(leaves), level, dtype=np.int32)
     side = (SIDE >> level)[:, None]
     low, side = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
@@ -181,7 +193,7 @@ def _geometry_nodes(forest, order):
     for begin in range(0, len(forest), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         mine = (nodes[part] >= low) & (nodes[part] < low + len(x))
-        x[nodes[part][mine] - low] = _positions(forest, part, order)[mine]
+        x[nodes[part][mine] - low] = positions(forest, part, order)[mine]
     return nodes, x
 
 
