@@ -136,10 +136,10 @@ def _rank_colours(count):
 
 
 def _shades(count):
-    """Colours from pale to dark, for a quantity."""
+    """Colours from light to dark, for a quantity."""
     from matplotlib import colormaps
 
-    return [colormaps["YlGnBu"](0.15 + 0.65 * i / max(count - 1, 1))[:3] for i in range(count)]
+    return [colormaps["viridis_r"](0.1 + 0.75 * i / max(count - 1, 1))[:3] for i in range(count)]
 
 
 def _visible_faces(forest, centre, reach):

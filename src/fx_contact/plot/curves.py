@@ -81,6 +81,13 @@ def _draw_convergence(records, path):
         axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label="uniform cells, smooth solution: dofs$^{-1/3}$")
         axes.set_xlabel("unknowns")
         axes.set_ylabel("relative energy error [%]")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:,g}")
+            axis.set_minor_formatter(_few_digits)
         axes.legend(frameon=False)
+
+
+def _few_digits(value, _position):
+    """Ticks between powers of ten: only some, so that they do not run into each other."""
+    first = f"{value:.0e}"[0]
+    return f"{value:,g}" if first in "235" else ""

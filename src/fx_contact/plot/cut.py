@@ -92,7 +92,7 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
             lighting=False,
             scalar_bar_args={
                 "title": "von Mises stress [Pa]; the highest 1 % are above the scale",
-                "color": "black",
+                "color": "black" if reach is None else "white",
                 "vertical": False,
                 "n_labels": 2,
                 "width": 0.5,
@@ -111,7 +111,7 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
             plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
         else:
             quarter = corners[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
-            plotter.camera.focal_point = centre + [0.7 * reach * quarter, 0, 0]
+            plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
             plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
             plotter.camera.parallel_scale = 0.7 * reach
         lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
