@@ -124,7 +124,7 @@ def _draw_leaves(forest, cut, centre, reach, colour, path):
     def draw(path):
         faces, group = (np.concatenate(column) for column in zip(*parts))
         numbers = range(comm.size) if colour == "rank" else range(group.min(), group.max() + 1)
-        colours = _rank_colours(comm.size) if colour == "rank" else _shades(len(numbers))
+        colours = _rank_colours(comm.size) if colour == "rank" else _level_colours(numbers)
         legend = [[f"{colour} {number}", shade] for number, shade in zip(numbers, colours)]
         _draw_faces([faces[group == number] for number in numbers], colours, legend, centre, reach, path)
 
@@ -135,11 +135,11 @@ def _rank_colours(count):
     return [RANK_COLOURS[rank % len(RANK_COLOURS)] for rank in range(count)]
 
 
-def _shades(count):
-    """Colours from light to dark, for a quantity."""
+def _level_colours(levels):
+    """From light to dark, a level the same in all pictures."""
     from matplotlib import colormaps
 
-    return [colormaps["viridis_r"](0.1 + 0.75 * i / max(count - 1, 1))[:3] for i in range(count)]
+    return [colormaps["viridis_r"](0.95 - 0.85**level * 0.85)[:3] for level in levels]
 
 
 def _visible_faces(forest, centre, reach):
