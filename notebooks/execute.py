@@ -1,10 +1,9 @@
 """Run notebooks from top to bottom, as their user would, and say how long their cells take.
 
     python3 notebooks/execute.py notebooks/hertz_in_five_minutes.ipynb
-    env XDG_CACHE_HOME=$(mktemp -d) python3 notebooks/execute.py notebooks/hertz_in_five_minutes.ipynb    # nothing compiled
 
-The second finds no compiled kernels of FFCx, as on a new machine. The notebooks on disk are left as they are; with
---output DIR what they show is kept there.
+With another XDG_CACHE_HOME there are no compiled kernels of FFCx, as on a new machine. The notebooks on disk are left
+as they are; with --output DIR what they show is kept there.
 """
 
 import argparse
@@ -53,9 +52,8 @@ def main():
     for path in arguments.notebook:
         notebook, rows = execute(path)
         picture = next((f"{seconds:.1f} s" for seconds, shows in rows if shows), "never")
-        print(
-            f"{path.name}: first picture after {picture}, all {len(rows)} cells {rows[-1][0]:.1f} s, start of Python included"
-        )
+        said = f"first picture after {picture}, all {len(rows)} cells {rows[-1][0]:.1f} s"
+        print(f"{path.name}: {said}, start of Python included")
         if arguments.output:
             arguments.output.mkdir(parents=True, exist_ok=True)
             nbformat.write(notebook, arguments.output / path.name)
