@@ -224,6 +224,15 @@ def test_links_lead_somewhere():
             assert ((TOP / page).parent / target).exists(), f"{page}: {target}"
 
 
+def test_citation():
+    """CITATION.cff has the keys of its format, and the version of the package."""
+    yaml = pytest.importorskip("yaml")
+    citation = yaml.safe_load((TOP / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors", "license"} <= set(citation)
+    assert f'version = "{citation["version"]}"' in (TOP / "pyproject.toml").read_text()
+    assert all({"type", "title", "authors"} <= set(reference) for reference in citation["references"])
+
+
 def test_the_test_can_fail():
     """Unknown commands have no kind; comments, prose and file names are no commands; all is found."""
     page = (
