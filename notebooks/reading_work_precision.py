@@ -67,6 +67,7 @@ for line, style in (("adaptive", "o-"), ("uniform", "s--")):
         axes.annotate(f" {run['last']['dofs']:,} dofs", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=9)
 axes.set_xlabel("wall time of all steps [s]")
 axes.set_ylabel("true relative energy error [%]")
+axes.yaxis.set_minor_formatter("{x:g}")
 axes.margins(x=0.3)
 axes.legend();
 

@@ -139,7 +139,7 @@ def _level_colours(levels):
     """From light to dark, a level the same in all pictures."""
     from matplotlib import colormaps
 
-    return [colormaps["viridis_r"](0.95 - 0.85**level * 0.85)[:3] for level in levels]
+    return [colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)[:3] for level in levels]
 
 
 def _visible_faces(forest, centre, reach):
@@ -179,8 +179,8 @@ def _draw_faces(faces, colours, legend, centre, reach, path):
                 ambient=0.65,
                 diffuse=0.4,
             )
-        if legend:
-            size = (0.15, 0.04 * len(legend) + 0.02)
+        if len(legend) > 1:
+            size = (0.16, 0.045 * len(legend))
             plotter.add_legend(legend, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
         plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach

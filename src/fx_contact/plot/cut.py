@@ -92,7 +92,9 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
             lighting=False,
             scalar_bar_args={
                 "title": "von Mises stress [Pa]; the highest 1 % are above the scale",
-                "color": "black" if reach is None else "white",
+                "color": "black",
+                "fill": reach is not None,
+                "background_color": "white",
                 "vertical": False,
                 "n_labels": 2,
                 "width": 0.5,
