@@ -35,6 +35,9 @@ PLAIN = ((r"(demos/(?:hertz|indentation)\.py)", r"\1 --records-only"),)
 ALONE = ((r"mpirun -n \d ", ""),)
 HELP = (*ALONE, (r"(\.py)\b.*", r"\1 --help"))
 
+#: Programs that are not where the tests run, or that change the machine.
+ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt|git|cd"
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -87,12 +90,7 @@ KINDS = (
     ),
     Kind(r"python3 -m flake8 .*", "tests/run begins with it", None),
     Kind(r"jupytext .*", "test_notebooks sees that it has nothing to do", None),
-    Kind(
-        r"(--suite|docker|apptainer|srun|sbatch|conda|sudo|apt-get|git|cd|python3 -m black) ?.*",
-        "needs what is not here",
-        None,
-        elsewhere=True,
-    ),
+    Kind(rf"(--suite|{ELSEWHERE}|python3 -m black) ?.*", "needs what is not here", None, elsewhere=True),
 )
 
 
@@ -101,7 +99,7 @@ def commands(text):
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S))
     found = [re.sub(r"\s+# .*", "", line).strip() for line in blocks.splitlines()]
     inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S))
-    starts = r"(\./with-dolfinx|mpirun|python3|env|tests/run|demos/\w+\.py) +[^ ]"
+    starts = rf"(\./with-dolfinx|mpirun|python3|env|jupyter|jupytext|tests/run|demos/\w+\.py|{ELSEWHERE}) +[^ ]"
     found += [span for span in inline if re.match(starts, span)]
     return [command for command in dict.fromkeys(found) if command]
 
