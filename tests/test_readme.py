@@ -76,7 +76,7 @@ KINDS = (
         HELP,
     ),
     Kind(
-        r"(env \S+ )?python3 notebooks/execute\.py .*",
+        r"(env .+ )?python3 notebooks/execute\.py .*",
         "test_notebooks runs them",
         ((r"notebooks/\w+\.ipynb", "--help"),),
     ),
