@@ -1,6 +1,7 @@
 """What the demos share: their options, the table on the screen, records, fields and pictures on disk."""
 
 import argparse
+import os
 import sys
 import traceback
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import petsc4py
+from tqdm import tqdm
 
 
 def petsc_options(words):
@@ -81,6 +83,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
     add("--true-error", type=float, metavar="E", help="go on to this tolerance to measure the true energy error")
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
+    add("--quiet", action="store_true", help="say nothing but errors")
     add("--checkpoint", type=Path, help="folder that keeps the last step, to restart from")
     add(
         "--restart",
@@ -153,6 +156,7 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     scene = make_scene(arguments, material)
     before = Checkpoint(arguments.checkpoint, scene, comm) if arguments.restart else None
     steps, once = list(before.records) if before else [], arguments.uniform is not None
+    show, progress = _voice(comm, arguments.quiet)
     run = adapt(
         scene,
         arguments.tolerance,
@@ -165,10 +169,10 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         beginning=beginning(arguments, scene, comm) if before is None else None,
         checkpoint=arguments.checkpoint,
         restart=before,
+        progress=progress,
     )
     records = RecordWriter(arguments.output, comm, steps)
-    show = print if comm.rank == 0 else lambda *_, **__: None
-    show("\n".join([table_head(), *map(table_row, steps)]), flush=True)
+    show("\n".join([table_head(), *map(table_row, steps)]))
     for step in run:
         if unread := unread_options("fx_"):
             near = nearest(unread[0], ["fx_" + name for name in COMMON])
@@ -176,12 +180,14 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         if step.record["step"] == len(steps):  # else the last one again, for its fields
             records.write(step.record)
             steps.append(step.record)
-            show(table_row(step.record), flush=True)
+            show(table_row(step.record))
     record = step.record
     compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
     results = "steps.jsonl"
     if not arguments.records_only:
-        results += ", fields.bp and cells.bp (for ParaView), " + _show(step, arguments.output, bool(exact), compared)
+        results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), " + _show(
+            step, arguments.output, bool(exact), compared
+        )
         record |= step.stages.costs(comm)
     if errors:
         record["errors"] = errors(arguments, step)
@@ -198,13 +204,35 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         show("The bodies do not touch.")
     show(f"force {record['force']:.6g} N, largest pressure {record['max_pressure']:.5g} Pa")
     if compared:
-        show(f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m, ", end="")
-        show(f"{compared.max_pressure:.5g} Pa")
+        radii = f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m"
+        show(f"{radii}, {compared.max_pressure:.5g} Pa")
     for name, value in record.get("errors", {}).items():
         show(f"{name.replace('_', ' ')}: {value:+.3%} from the reference")
     if arguments.true_error:
         show(f"true energy error {true.relative:.2%}, effectivity {record['effectivity']:.3f}")
     show(f"results in {arguments.output}: {results}")
+
+
+def _voice(comm, quiet):
+    """What says a line, and the progress that `adapt` tells: one line on a terminal, overwritten, of rank 0 alone."""
+    if quiet or comm.rank:
+        return (lambda _: None), None
+    bar = tqdm(desc="starting", bar_format="{desc} {elapsed}", leave=False, disable=not _on_terminal())
+
+    def show(line):
+        bar.clear()
+        print(line, flush=True)
+
+    def progress(number, stage):
+        bar.set_description_str(f"step {number}: {stage}")
+
+    return show, None if bar.disable else progress
+
+
+def _on_terminal():
+    """Whether somebody sees the standard error: directly, or through the mpirun that has started this rank."""
+    above = Path(f"/proc/{os.getppid()}/fd/2")
+    return sys.stderr.isatty() or ("PMIX_RANK" in os.environ and str(above.resolve()).startswith("/dev/pts/"))
 
 
 def _show(step, folder, round_contact, compared):

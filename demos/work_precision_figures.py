@@ -3,16 +3,11 @@
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt  # noqa: E402
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: E402
-
-from work_precision_points import DEFAULT  # noqa: E402
-from work_precision_tables import digits, efficacy  # noqa: E402
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from work_precision_points import DEFAULT
+from work_precision_tables import digits, efficacy
 
 plt.rcParams |= {"svg.hashsalt": "fx_contact", "font.size": 10}
 

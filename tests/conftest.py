@@ -24,8 +24,9 @@ WORLD = MPI.COMM_WORLD
 
 
 def pytest_addoption(parser):
-    """How often the runs of `test_checkpoint` are killed."""
+    """How often the runs of `test_checkpoint` are killed, and how `test_readme` runs what takes long."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
+    parser.addoption("--as-printed", action="store_true", help="run what the README prints to the letter, for hours")
 
 
 # ---------------------------------------------------------------------------------------- ranks pass and fail together

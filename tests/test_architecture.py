@@ -1,6 +1,7 @@
 """The house keeps its order: imports point downward, the library is silent, and what is optional stays optional."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ ORDER = """
     step checkpoint
     adapt manufactured
     overrefined
-    plot output
+    plot surface output
     __init__
 """.split()
 
@@ -80,6 +81,15 @@ def test_every_module_has_its_place():
     """The order names every module, and none that is not there."""
     assert sorted(ORDER) == sorted({place_of(name_of(path)) for path in MODULES})
     assert len(MODULES) > 20
+
+
+def test_the_map_is_complete():
+    """ARCHITECTURE.md names every module or folder of modules, and none that is not there."""
+    text = (Path(__file__).parent.parent / "ARCHITECTURE.md").read_text()
+    named = set(
+        re.findall(r"\b(\w+)(?:\.py|/)(?=[\s,])", text[text.index("    src/fx_contact") : text.index("    demos ")])
+    )
+    assert named == set(ORDER) - {"__init__"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

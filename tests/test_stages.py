@@ -3,8 +3,12 @@
 import mmap
 import time
 
+import pytest
 from conftest import WORLD, everywhere
 
+from fx_contact import adapt
+from fx_contact.errors import SceneError
+from fx_contact.scenes import hertz
 from fx_contact.stages import STAGES, Stages
 
 
@@ -25,6 +29,32 @@ def test_nested_stages_add_up():
     cpu = costs["cpu_seconds"]
     assert abs(sum(cpu[name] for name in STAGES) - cpu["total"]) < 1e-9
     everywhere(costs == WORLD.bcast(costs), "the ranks have different costs")
+
+
+def test_who_watches_hears_of_every_stage():
+    """When one begins, and when work goes back to the outer one; also where a stage fails."""
+    heard = []
+    stages = Stages(heard.append)
+    with pytest.raises(ValueError):
+        with stages("assemble"):
+            with stages("compile"):
+                pass
+            raise ValueError
+    with stages("solve"):
+        pass
+    assert heard == ["assemble", "compile", "assemble", "solve"]
+
+
+def test_progress_of_a_run():
+    """The steps in order, on every rank, from what leads to the first one to the last estimate."""
+    heard = []
+    steps = list(adapt(hertz(order=2, coarse=2), 0.1, WORLD, max_steps=2, progress=lambda *told: heard.append(told)))
+    numbers = [number for number, _ in heard]
+    everywhere(numbers == sorted(numbers) and set(numbers) == {0, 1}, f"told of steps {numbers}")
+    everywhere(heard[0] == (0, "partition") and heard[-1][1] == "estimate", heard)
+    everywhere({name for _, name in heard} <= set(STAGES) and len(steps) == 2, heard)
+    with pytest.raises(SceneError, match="progress must be a function"):
+        adapt(steps[0].scene, 0.1, WORLD, progress=True)
 
 
 def test_memory_by_stage():

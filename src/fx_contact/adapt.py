@@ -79,6 +79,7 @@ def adapt(
     beginning=None,
     checkpoint=None,
     restart=None,
+    progress=None,
 ):
     """Solve a scene to a prescribed accuracy, refining where the error is.
 
@@ -97,12 +98,15 @@ def adapt(
         beginning: Beginning; None: the root cells.
         checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
         restart: Checkpoint to go on from: with the next step, or with the same one again if that was the last.
+        progress: function of a step's number and the name of one of its `stages.STAGES`, called on every rank whenever
+            work on that stage begins; it must not raise.  None: nobody is told.
 
     Returns:
         Iterator of Step, until xi / (e omega) <= 1, or `SEEN_ON_ROOTS` if no cell is refined, or max_steps are done.
 
     Raises:
-        SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition.
+        SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
+            progress that is no function.
         PartitionError: a rank would get no leaf.
         CheckpointError: the checkpoint is damaged, or of a run with another enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
@@ -113,6 +117,8 @@ def adapt(
     check_comm(comm)
     check_count("max_steps", max_steps)
     check_name("partition", partition_kind, KINDS)
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress must be a function of a step's number and a stage's name, got {shown(progress)}")
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
@@ -123,12 +129,13 @@ def adapt(
         restart.check(options)
     if checkpoint is not None:
         prepare(checkpoint, comm, restart)
-    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress)
 
 
-def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options):
+def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress):
     """The steps that `adapt` yields."""
-    carried, records, gain, stages = None, [], Gain(), Stages()
+    carried, records, gain = None, [], Gain()
+    stages = _stages(progress, len(restart.records) if restart else 0)
     if restart is not None:
         with stages("refine"):
             forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
@@ -161,10 +168,15 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
         aim = _aim(step.estimate, step.record["max_level"], settings.tolerance)
         if aim is None or number >= max_steps - 1:
             return
-        stages = Stages()
+        stages = _stages(progress, number + 1)
         with stages("refine"):
             forest, carried = _refine(step, aim, gain)
         del step
+
+
+def _stages(progress, number):
+    """Stages of a step, told to who wants to know."""
+    return Stages(progress and (lambda name: progress(number, name)))
 
 
 def _start(forest, prolongation, carried):

@@ -128,9 +128,22 @@ class Prolongation:
         Returns:
             (owned, k) float64.
         """
+        return self.summed(self.matrix.T @ values)
+
+    def summed(self, values):
+        """Sums over the ranks of what each says of conforming vertices.
+
+        Collective on comm.
+
+        Args:
+            values: (owned + ghosts, k) float64, in the order of `index_map`.
+
+        Returns:
+            (owned, k) float64.
+        """
         k = values.shape[1]
         gathered = vector(self.index_map, k)
-        gathered.array[:] = (self.matrix.T @ values).ravel()
+        gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)
         return gathered.array[: self.owned * k].reshape(-1, k).copy()
 

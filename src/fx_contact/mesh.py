@@ -132,18 +132,18 @@ def _deviation(exact, order):
 
 
 def leaf_positions(forest, leaves, order, level=None):
-    """Positions of the nodes of leaves, or of their ancestors of a level, on the root cells' maps.
+    """Positions of the equispaced nodes of leaves, or of their ancestors, on the true curved geometry.
 
     Local.
 
     Args:
         forest: Forest.
-        leaves: (n,) int.
-        order: of the lattice.
+        leaves: (n,) int, or what else picks n of the leaves.
+        order: of the nodes, p.
         level: of the ancestors; None: the leaves themselves.
 
     Returns:
-        (n, (order+1)^3, 3) float64 [m], tensor order.
+        (n, (p+1)^3, 3) float64 [m], tensor order.
     """
     level = forest.level[leaves].astype(np.int32) if level is None else np.full(len(leaves), level, dtype=np.int32)
     side = (SIDE >> level)[:, None]

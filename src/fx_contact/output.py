@@ -14,6 +14,7 @@ from fx_contact._mpi import together
 from fx_contact.checks import as_path
 from fx_contact.errors import OutputError
 from fx_contact.estimate import VOIGT
+from fx_contact.surface import write_contact
 
 
 class RecordWriter:
@@ -105,10 +106,11 @@ def _step_of(line):
 
 
 def write_fields(step, folder):
-    """Write a step's fields for ParaView, in two ADIOS2 files (VTX); both keep the curved shape of the cells.
+    """Write a step's fields for ParaView; all files keep the curved shape of the cells.
 
-    Collective.  `fields.bp` has point fields, continuous of the mesh's order: displacement [m], stress [Pa];
-    `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank.
+    Collective.  `fields.bp` (ADIOS2, VTX) has point fields, continuous of the mesh's order: displacement [m], stress
+    [Pa]; `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank; `contact.pvtu` has what `write_contact`
+    says of the contact surfaces, if there are any.
 
     Args:
         step: Step.
@@ -133,6 +135,8 @@ def write_fields(step, folder):
         ],
     )
     _write(step, folder / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
+    if step.pairs is not None:
+        write_contact(step, folder)
 
 
 def _write(step, path, fields):

@@ -35,9 +35,13 @@ class Stages:
     In PETSc's log, as `-log_view` shows it, they are the stages "fx mesh", "fx assemble" and so on.
 
     Use: `with stages("mesh"): ...`.
+
+    Args:
+        watch: function of a stage's name, called when the stage begins and when work goes back to it; or None.
     """
 
-    def __init__(self):
+    def __init__(self, watch=None):
+        self._watch, self._open = watch, []
         self._spent = dict.fromkeys(STAGES, np.zeros(2))
         self._memory = dict.fromkeys(STAGES, 0)
         self._inner = []
@@ -48,6 +52,8 @@ class Stages:
         start = _clocks()
         self._inner.append(np.zeros(2))
         _LOGGED[name].push()
+        self._open.append(name)
+        self._tell()
         try:
             yield
         finally:
@@ -57,6 +63,12 @@ class Stages:
             if self._inner:
                 self._inner[-1] += elapsed
             self._memory[name] = max(self._memory[name], _resident())
+            self._open.pop()
+            self._tell()
+
+    def _tell(self):
+        if self._watch and self._open:
+            self._watch(self._open[-1])
 
     def costs(self, comm):
         """The costs so far, as they stand in the records.

@@ -1,0 +1,66 @@
+# ---
+# jupyter:
+#   jupytext:
+#     cell_metadata_filter: -all
+#     formats: ipynb,py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#       format_version: '1.3'
+#       jupytext_version: 1.16.4
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Two ranks from a notebook
+#
+# A notebook is one process. `ipyparallel` starts further ones under `mpirun`, its engines, and cells that begin with `%%px`
+# run on all of them at once: there `MPI.COMM_WORLD` has two ranks, and the program is the same as on one.
+
+# %%
+import ipyparallel as ipp
+
+cluster = ipp.Cluster(engines="mpi", n=2)
+client = cluster.start_and_connect_sync()
+
+# %%
+# %%px
+from mpi4py import MPI
+
+from fx_contact import adapt
+from fx_contact.plot import draw_mesh, draw_partition
+from fx_contact.scenes import hertz
+
+comm = MPI.COMM_WORLD
+for step in adapt(hertz(), tolerance=0.16, comm=comm):
+    pass
+print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record['cells']:,} leaves")
+
+# %% [markdown]
+# Everything that the documentation calls *collective* must be called on all ranks, so in a `%%px` cell, pictures
+# too. Rank 0 draws; only what can be seen is sent there.
+
+# %%
+# %%px
+where = draw_partition(step, "../results/notebooks/partition.png")
+where = draw_mesh(step, "../results/notebooks/ranks.png")
+
+# %%
+from IPython.display import Image, display
+
+display(Image("../results/notebooks/partition.png", width=600), Image("../results/notebooks/ranks.png", width=600))
+
+# %% [markdown]
+# Leaves that face each other across the contact are on one rank: a node pair never needs a message. The record says so,
+# and how many facets between the ranks are cut.
+
+# %%
+# Local things come back with `pull`: here the record, the same on both ranks.
+client[:].execute("record = step.record").get()
+print(client[:].pull("record").get()[0]["partition"])
+
+# %%
+cluster.stop_cluster_sync()

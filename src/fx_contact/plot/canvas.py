@@ -1,0 +1,101 @@
+"""Where pictures are drawn and kept: a display for pyvista, axes of matplotlib, errors that say what is wrong."""
+
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+from fx_contact._mpi import together
+from fx_contact.checks import as_path
+from fx_contact.errors import OutputError
+
+
+def draw_on_first(comm, path, draw):
+    """Draw a picture on rank 0 into a folder that is made if it is not there.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        path: of the PNG.
+        draw: function of the path that draws, called on rank 0 alone.
+
+    Returns:
+        Path of the picture.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    path = as_path("the name of a picture", path, OutputError)
+    with together(comm):
+        if comm.rank == 0:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                draw(path)
+            except (OSError, ValueError) as error:
+                raise OutputError(f"cannot draw {str(path)!r}: {error}; name another output folder") from error
+    return path
+
+
+@contextmanager
+def axes_for(path, width=6.4, height=4.4):
+    """Axes of a figure that is saved in the end.
+
+    Local.  Without pyplot, so that figures of a notebook or of another program are left alone.
+
+    Args:
+        path: of the PNG.
+        width, height: of the figure [inches].
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    yield axes
+    figure.savefig(path, dpi=150)
+
+
+@contextmanager
+def plotter_for(path, width=1200, height=840):
+    """A pyvista Plotter whose picture is saved in the end.
+
+    Local.
+
+    Args:
+        path: of the PNG.
+        width, height: of the picture [pixels].
+    """
+    with _display():
+        import pyvista
+
+        plotter = pyvista.Plotter(off_screen=True, window_size=(width, height))
+        plotter.set_background("white")
+        plotter.enable_parallel_projection()
+        yield plotter
+        plotter.screenshot(path)
+        plotter.close()
+
+
+@contextmanager
+def _display():
+    """An X display for pyvista: the one that is there, or a virtual one for as long as it is needed."""
+    if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
+        yield
+        return
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1200x24", "-nolisten", "tcp"],
+        pass_fds=[write],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as answer:
+        os.environ["DISPLAY"] = ":" + answer.readline().strip()
+    try:
+        yield
+    finally:
+        del os.environ["DISPLAY"]
+        server.terminate()
+        server.wait()

@@ -1,0 +1,93 @@
+"""Curves: contact pressure over the radius, error over the unknowns."""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.errors import OutputError
+from fx_contact.plot.canvas import axes_for, draw_on_first
+
+
+def draw_pressure(step, path, exact=None):
+    """Contact pressure of every node pair over the radius, against Hertz's.
+
+    Collective on the step's communicator; rank 0 draws.
+
+    Args:
+        step: Step with contact.
+        path: of the PNG.
+        exact: Hertz, or None for no curve.
+
+    Returns:
+        Path of the picture.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    pairs, comm = step.pairs, step.forest.comm
+    arm = pairs.position - step.scene.contact_centre
+    along = np.einsum("ni,ni->n", arm, pairs.normal)
+    radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
+    near = radius <= 1.6 * step.record["contact_radius"]
+    rows = np.stack([radius, step.contact.force / pairs.area], axis=1)[near]
+    rows = comm.gather(rows, root=0)
+    return draw_on_first(comm, path, lambda path: _draw_pressure(np.concatenate(rows), step.record, path, exact))
+
+
+def _draw_pressure(rows, record, path, exact):
+    scale = exact.contact_radius if exact else 1.0
+    with axes_for(path) as axes:
+        axes.plot(rows[:, 0] / scale, rows[:, 1], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+        if exact:
+            r = np.linspace(0, 1.6 * record["contact_radius"], 400)
+            axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g} N")
+        axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
+        axes.set_ylabel("contact pressure [Pa]")
+        axes.set_ylim(bottom=0)
+        axes.set_xlim(left=0)
+        axes.set_title(f"{record['dofs']:,} dofs, estimated error {100 * record['estimate']:.1f} %", fontsize=11)
+        axes.legend(frameon=False)
+
+
+def draw_convergence(records, path, comm=MPI.COMM_WORLD):
+    """Estimated error of every step over its unknowns, and the true one where it has been measured.
+
+    Collective on comm; rank 0 draws.
+
+    Args:
+        records: dicts of the steps of a run, as in `steps.jsonl`.
+        path: of the PNG.
+        comm: MPI communicator.
+
+    Returns:
+        Path of the picture.
+
+    Raises:
+        OutputError: there is no record, or the picture cannot be written.
+    """
+    if not records:
+        raise OutputError("no convergence to draw: there is no record of a step")
+    return draw_on_first(comm, path, lambda path: _draw_convergence(records, path))
+
+
+def _draw_convergence(records, path):
+    dofs, error = np.array([(r["dofs"], 100 * r["estimate"]) for r in records]).T
+    true = np.array([(r["dofs"], 100 * r["true_error"]["relative"]) for r in records if "true_error" in r])
+    with axes_for(path) as axes:
+        axes.loglog(dofs, error, "o-", color="#0072B2", label="estimated")
+        if len(true):
+            axes.loglog(*true.T, "s", color="#D55E00", label="true")
+        axes.axhline(100 * records[-1]["tolerance"], color="#555555", ls=":", label="tolerance")
+        smooth = error[-1] * (dofs / dofs[-1]) ** (-1 / 3)
+        axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label="uniform cells, smooth solution: dofs$^{-1/3}$")
+        axes.set_xlabel("unknowns")
+        axes.set_ylabel("relative energy error [%]")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:,g}")
+            axis.set_minor_formatter(_few_digits)
+        axes.legend(frameon=False)
+
+
+def _few_digits(value, _position):
+    """Ticks between powers of ten: only some, so that they do not run into each other."""
+    first = f"{value:.0e}"[0]
+    return f"{value:,g}" if first in "235" else ""

@@ -1,0 +1,132 @@
+"""Stress in a plane cut through the bodies."""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact import reference
+from fx_contact.lattice import SIDE
+from fx_contact.plot.cells import contact_size
+from fx_contact.plot.canvas import draw_on_first, plotter_for
+
+
+def draw_stress(step, path, zoom=None):
+    """Von Mises stress, recovered at the vertices, and the leaves in the plane across y through the contact's centre.
+
+    Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
+
+    Args:
+        step: Step with contact.
+        path: of the PNG.
+        zoom: half width of the picture, in contact radii; None: all of the bodies.
+
+    Returns:
+        Path of the picture.
+
+    Raises:
+        OutputError: the picture cannot be written.
+    """
+    comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
+    leaf, stress = step.leaf_mesh.leaf, step.estimate.stress
+    corners = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)[leaf]
+    size = np.ptp(corners[:, :, 1], axis=1)
+    # Beside the plane by little, so that a plane between leaves cuts those of one side.
+    y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
+    cut = (corners[:, :, 1].min(axis=1) <= y) & (corners[:, :, 1].max(axis=1) >= y)
+    centre, reach = np.asarray(step.scene.contact_centre), None
+    if zoom is not None:
+        reach = zoom * contact_size(step)
+        cut &= (np.abs(corners - centre).min(axis=1) <= 2 * reach).all(axis=1)
+    values = stress.x.array.reshape(-1, 6)[stress.function_space.dofmap.list[cut]]
+    body = forest.mesh.body[forest.cell[leaf[cut]]]
+    parts = comm.gather((corners[cut], _von_mises(values), body), root=0)
+
+    def draw(path):
+        corners, values, body = (np.concatenate(column) for column in zip(*parts))
+        _draw_cut(corners, values, body, centre, reach, y, path)
+
+    return draw_on_first(comm, path, draw)
+
+
+def _von_mises(stress):
+    """Of stresses (..., 6) in the order of `estimate.VOIGT`."""
+    x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
+    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
+
+
+def cut_by_body(corners, values, body, y):
+    """Leaves cut by a plane across y, each body by itself.
+
+    Local.  VTK makes one point of all that a cut has at one place: two bodies in contact would share the stress of one.
+
+    Args:
+        corners: (n, 8, 3) float64, corners of leaves [m].
+        values: (n, 8) float64, stress there [Pa].
+        body: (n,) int, body of each leaf.
+        y: place of the plane [m].
+
+    Returns:
+        list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
+    """
+    import pyvista
+
+    sections = []
+    for which in np.unique(body):
+        ours = body == which
+        cells = 8 * np.arange(ours.sum())[:, None] + [0, 1, 3, 2, 4, 5, 7, 6]
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, corners[ours].reshape(-1, 3))
+        grid["stress"] = values[ours].ravel()
+        sections.append(grid.slice(normal=(0, 1, 0), origin=(0, y, 0)))
+    return sections
+
+
+def _draw_cut(corners, values, body, centre, reach, y, path):
+    import pyvista
+
+    section = pyvista.merge(cut_by_body(corners, values, body, y), merge_points=False)
+    with plotter_for(path, 1500, 1000) as plotter:
+        plotter.add_mesh(
+            section,
+            scalars="stress",
+            cmap="viridis",
+            clim=(0, np.percentile(section["stress"], 99)),
+            lighting=False,
+            scalar_bar_args={
+                "title": "von Mises stress [Pa]; the highest 1 % are above the scale",
+                "color": "black",
+                "fill": reach is not None,
+                "background_color": "white",
+                "vertical": False,
+                "n_labels": 2,
+                "width": 0.5,
+                "height": 0.12,
+                "position_x": 0.25,
+                "position_y": 0.01,
+                "title_font_size": 22,
+                "label_font_size": 20,
+                "fmt": "%.2g",
+            },
+        )
+        plotter.add_mesh(_outlines(corners, y), color="#202020", line_width=1, lighting=False)
+        plotter.view_xz()
+        if reach is None:
+            x, z = np.ptp(corners[:, :, [0, 2]], axis=(0, 1))
+            plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
+        else:
+            quarter = corners[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
+            plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
+            plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
+            plotter.camera.parallel_scale = 0.7 * reach
+        lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
+        plotter.camera.focal_point, plotter.camera.position = (
+            np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
+        )
+
+
+def _outlines(corners, y):
+    """The lines in which a plane across y cuts the faces of leaves."""
+    import pyvista
+
+    quads = corners[:, reference.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
+    quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
+    faces = np.hstack([np.full((len(quads), 1), 4), np.arange(4 * len(quads)).reshape(-1, 4)])
+    return pyvista.PolyData(quads.reshape(-1, 3), faces=faces.ravel()).slice(normal=(0, 1, 0), origin=(0, y, 0))
