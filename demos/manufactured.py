@@ -22,9 +22,10 @@ if __name__ == "__main__":
     options.add_argument("--coarse", type=int, default=4, help="root cells across the ring (%(default)s)")
     options.add_argument("--uniform", action="store_true", help="refine all cells in every step")
     options.add_argument("--output", type=Path, default=Path("results/manufactured"), help="folder (%(default)s)")
+    options.add_argument("--quiet", action="store_true", help="say nothing but errors")
     given = options.parse_args()
     records = RecordWriter(given.output, MPI.COMM_WORLD)
-    show = print if MPI.COMM_WORLD.rank == 0 else lambda *_, **__: None
+    show = print if MPI.COMM_WORLD.rank == 0 and not given.quiet else lambda *_, **__: None
     show("     dofs  hanging  estimate    true  effectivity      L2")
     for step in adapt_manufactured(given.tolerance, order=given.order, coarse=given.coarse, uniform=given.uniform):
         r = step.record
