@@ -240,6 +240,10 @@ def _promised(good):
             rate = slope([r.true for r in rows], [abs(r.last["errors"]["force"]) for r in rows])
             signed = ", ".join(_signed(r.last["errors"]["force"]) for r in rows)
             yield f"force error like the square of the energy error, {name}", f"power {rate:.2f} ({signed})"
+        rows = [r for r in _line(good, name) if r.true]
+        if rows:
+            shares = ", ".join(f"{abs(r.last['errors']['force']) / r.true**2:.2f}" for r in rows)
+            yield f"the same, force error over the square of the true energy error, {name}: bounded", shares
 
 
 def digits(error):
