@@ -6,6 +6,7 @@ of one core without compilation, the least of five runs.
     python3 demos/parts_cost.py
 """
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -14,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-
 from mpi4py import MPI
 
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
@@ -72,6 +72,7 @@ def least(function):
 
 def main():
     """Measure, and print the table."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     print("| part | dofs | iterations | CPU seconds | more than the bare scene |", "|---|--:|--:|--:|--:|", sep="\n")
     parts, bare = scenes(), None
     for name, scene in parts.items():

@@ -154,7 +154,7 @@ def test_turned_out_of_the_axes():
         (lambda: cylinders(order=1), "round"),
         (lambda: shrink_fit((1.0, 0.5, 2.0)), "growing"),
         (lambda: shrink_fit(interference=3.0), "no ring"),
-        (lambda: stack(cells=(2, 0, 2)), "coarse"),
+        (lambda: stack(cells=(2, 0, 2)), "root cells"),
         (lambda: stack(height=0.0), "height"),
         (lambda: scaled(stack(), length=-1.0), "length"),
     ],
