@@ -110,12 +110,12 @@ def commands(found):
 
 def readme_table(found):
     """The points of the main plot, each with its command, in Markdown."""
-    heads = ["line", "dofs", "true error", "effectivity", "force", "wall", "CPU", "command, after `mpirun -n`"]
+    heads = ["line", "dofs", "true error", "effectivity", "force", "wall", "CPU", "command"]
     lines = [_row(heads), _row(["---", *["--:"] * 6, "---"])]
     for result in found:
         if result.point.group not in ("adaptivity", "geometry"):
             continue
-        words = f"`{result.point.case.command.removeprefix('mpirun -n ')}`"
+        words = f"`{result.point.case.command}`"
         if result.failed:
             lines.append(_row([result.point.line, f"failed: {result.failed}", *[""] * 5, words]))
             continue

@@ -19,7 +19,7 @@ from conftest import (
 )
 from mpi4py import MPI
 
-from fx_contact import Solver, adapt
+from fx_contact import Solver, adapt, smoothing
 from fx_contact.errors import PartitionError
 from fx_contact.forest import find_leaves
 from fx_contact.hanging import Prolongation
@@ -98,9 +98,13 @@ def test_straightening_pays(parts):
     assert units.graph.cut(straight) <= (0.9 if parts < 10 else 1) * units.graph.cut(curve)
 
 
+@pytest.mark.parametrize("least", [smoothing.LEAST, 1], ids=["", "finer graphs and shells"])
 @pytest.mark.parametrize("kind", ["contact-sfc", "sfc", "equidistributed"])
-def test_same_parts_in_serial(kind):
+def test_same_parts_in_serial(kind, least, monkeypatch):
     """A partition into as many parts as there are ranks, made by one rank, is the one that the ranks make."""
+    if kind != "contact-sfc" and least == 1:
+        pytest.skip("not straightened")
+    monkeypatch.setattr(smoothing, "LEAST", least)
     scene = pressed(two_boxes(upper=(3, 3, 3), margin=1))
     forest, alone = roots(scene), roots(scene, MPI.COMM_SELF)
     home = np.repeat(np.arange(WORLD.size), WORLD.allgather(len(forest)))
@@ -118,6 +122,7 @@ def test_same_parts_in_serial(kind):
         alone, glue = alone.refined(chosen(alone, 0.4, salt))
         home = home[glue.parent]
     assert len(alone) > 1000 * WORLD.size, "parts too small to be straightened"
+    assert (smoothing.graphs(WORLD.size, len(alone) / WORLD.size) == smoothing.BOXES) == (least == 1)
 
 
 def test_equidistributed_shares():

@@ -31,7 +31,7 @@ COARSER = (r"--tolerance \S+", "--tolerance 0.3"), (r"--true-error \S+", "--true
 #: Rows of tables without an option for the accuracy.
 UNSAID = ((r"(demos/\w+\.py)(?!.*--tolerance)(.*)", r"\1\2 --tolerance 0.3"),)
 #: Without fields and pictures, which other commands make.
-PLAIN = ((r"(demos/(?:hertz|indentation)\.py)", r"\1 --records-only"),)
+PLAIN = ((r"(demos/(?:hertz|indentation)\.py)(?!.*--records-only)", r"\1 --records-only"),)
 ALONE = ((r"mpirun -n \d ", ""),)
 HELP = (*ALONE, (r"(\.py)\b.*", r"\1 --help"))
 
@@ -62,7 +62,11 @@ KINDS = (
     Kind(r"(mpirun -n 2 )?python3 demos/hertz\.py( --help)?"),
     Kind(r"python3 demos/stability\.py --only \S+"),
     Kind(rf"mpirun -n \d {DEMO}.*--checkpoint.*", "some digits less take seconds", (*COARSER, *PLAIN)),
-    Kind(rf"mpirun -n \d {DEMO}.*--(true-error|reference).*", "some digits less take seconds", (*COARSER, *PLAIN)),
+    Kind(
+        rf"mpirun -n \d {DEMO}.*--(true-error|reference).*",
+        "some digits less take seconds",
+        (*COARSER, *PLAIN, (r"--coarse \d --uniform \d", "--coarse 4 --uniform 1"), (r"--order [26]", "--order 2")),
+    ),
     Kind(rf"mpirun -n \d {DEMO}.*", "minutes each: coarser, and on one rank", (*COARSER, *UNSAID, *PLAIN, *ALONE)),
     Kind(rf"{DEMO}.*", "coarser", (*COARSER, *UNSAID)),
     Kind(

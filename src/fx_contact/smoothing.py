@@ -23,9 +23,11 @@ from fx_contact._mpi import Exchange
 #: Boxes of the coarse graphs in a part of mean weight, and in all: on finer ones than that the interfaces do not flow,
 #: but for the first, and none finer is brought together on a rank.
 BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
+#: Leaves in a box of a coarse graph but the first: on smaller meshes finer graphs cost more than they bring.
+LEAST = 32
 #: Parts that are lighter are not worth it.
 WORTHWHILE = 1000
-#: Most parts for which shells are tried as a second start.
+#: Most parts for which shells are tried as a second start, if the finest graph has enough leaves in a box.
 FEW = 16
 #: Diffusion steps between two decisions, and the most decisions.
 STEPS, DECISIONS = 16, 10
@@ -53,10 +55,10 @@ def smoothed(graph, keys, weights, part, parts, limit):
     Returns:
         (n,) int32 parts, as given if they cannot be improved within the limit.
     """
-    starts = []
-    if graph.comm.allreduce(int(weights.sum())) >= WORTHWHILE * parts:
+    starts, mean = [], graph.comm.allreduce(int(weights.sum())) / parts
+    if mean >= WORTHWHILE:
         starts.append(_straight(graph, keys, weights, part, parts))
-        if parts <= FEW:
+        if parts <= FEW and BOXES[-1] in graphs(parts, mean):
             starts.append(_straight(graph, keys, weights, part, parts, shells=True))
     for chosen in (starts, [part]):
         ends = [_exchanged(graph, keys, weights, start, parts, limit) for start in chosen]
@@ -67,9 +69,9 @@ def smoothed(graph, keys, weights, part, parts, limit):
     return part
 
 
-def graphs(parts):
-    """Boxes a part of the coarse graphs on which the interfaces flow, one after the other."""
-    return BOXES[:1] + tuple(boxes for boxes in BOXES[1:] if boxes * parts <= MOST_BOXES)
+def graphs(parts, mean):
+    """Boxes a part of the coarse graphs on which interfaces flow, one after the other, for a mean weight of parts."""
+    return BOXES[:1] + tuple(n for n in BOXES[1:] if n * parts <= MOST_BOXES and n * LEAST <= mean)
 
 
 def _straight(graph, keys, weights, home, parts, shells=False):
@@ -79,7 +81,7 @@ def _straight(graph, keys, weights, home, parts, shells=False):
     """
     comm, part = graph.comm, home
     mean = comm.allreduce(int(weights.sum())) / parts
-    for boxes in graphs(parts):
+    for boxes in graphs(parts, mean):
         group, first, bits = _boxes(keys, weights, home.astype(np.int64) * parts + part, mean / boxes)
         coarse = graph.contracted(group, len(first))
         heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
