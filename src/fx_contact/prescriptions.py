@@ -71,6 +71,9 @@ class SymmetryPlane:
 
     Attributes:
         surface: name of a surface of the root mesh, plane and across x, y or z.
+
+    Raises:
+        SceneError: the name is none.
     """
 
     surface: str
@@ -80,6 +83,8 @@ class SymmetryPlane:
 
     def on(self, mesh):
         """The same as a displacement condition.
+
+        Local.
 
         Args:
             mesh: RootMesh.
