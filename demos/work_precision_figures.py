@@ -82,7 +82,7 @@ def _settings(found, _folder):
     _draw(panels[0], hard, _wall, _of("pressure"), "wall time [s]", "pressure profile error, L2 [%]")
     _draw(panels[1], hard, _wall, _of("force"), "wall time [s]", "force error [%]")
     _draw(panels[2], solvers, _wall, _error, "wall time [s]", "relative energy error [%]")
-    for axes, place, columns in ((panels[0], 0.34, 4), (panels[2], 0.84, 2)):
+    for axes, place, columns in ((panels[0], 0.31, 4), (panels[2], 0.81, 3)):
         _legend(figure, axes, place, columns)
     return figure
 

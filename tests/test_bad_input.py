@@ -112,7 +112,7 @@ def hanging_roots():
     return RootMesh(both[first], inverse.reshape(3, 8), ("a",), np.zeros(3, np.int32))
 
 
-def gmsh_box(recombine=True, order=1, extra=False):
+def gmsh_box(recombine=True, order=1, extra=False, twice=False):
     """A root mesh of a box, by Gmsh."""
 
     def build():
@@ -125,6 +125,8 @@ def gmsh_box(recombine=True, order=1, extra=False):
             gmsh.model.occ.addBox(2, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
         gmsh.model.addPhysicalGroup(3, [1], name="box")
+        if twice:
+            gmsh.model.addPhysicalGroup(3, [1], name="again")
         if recombine:
             gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
         gmsh.model.mesh.generate(3)
@@ -388,6 +390,7 @@ CASES = {
         SolveError,
         "cannot work with",
     ),
+    "volume with two names": (lambda: gmsh_box(twice=True), SceneError, "a volume belongs to one body"),
     "volume without name": (lambda: gmsh_box(extra=True), SceneError, "in no physical group"),
     "picture that cannot be written": (
         lambda: draw_pressure(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null/pressure.png"),

@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import WORLD
 
@@ -79,6 +80,27 @@ def test_tables_and_plots(tmp_path):
     assert all(
         (tmp_path / name).with_suffix(kind).stat().st_size > 5000 for name in names for kind in (".png", ".svg")
     )
+
+
+def test_measures():
+    """Slope of a power law, digits of an error, and a promise with the figures that it is held against."""
+    from work_precision_tables import digits, medians, slope, targets
+
+    x = np.array([1.0, 10.0, 300.0])
+    assert slope(x, 5 * x**-0.4) == pytest.approx(-0.4) and digits(1e-3) == pytest.approx(3)
+    from work_precision_points import points
+
+    wanted = [point for point in points(False) if point.line in ("adaptive, order 3, 2 ranks", "uniform, order 3")]
+    runs = []
+    for point in wanted:
+        words = point.case.options.split()
+        given = float(words[words.index("--tolerance") + 1])
+        true, dofs = (0.9 * given, given**-3) if "--uniform" not in words else (0.2, 1e5)
+        runs.append(line(point, 0, 2.0, true))
+        runs[-1]["last"] |= {"tolerance": given, "dofs": dofs, "errors": {"force": 0.5 * true**2}}
+    text = targets(medians(wanted, runs))
+    assert "true error at e = 4 %: 2 to 4.4 % | 3.60%" in text
+    assert "2 ranks | power 2.00" in text and "bounded | 0.50, 0.50" in text
 
 
 def test_goes_on_where_it_stopped(tmp_path, monkeypatch):

@@ -130,6 +130,15 @@ def _read_model(model):
             f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
             "with a name, or remove the volumes"
         )
+    holders = {}
+    for name, entities in bodies.items():
+        for entity in entities:
+            holders.setdefault(int(entity), []).append(name)
+    shared = {entity: names for entity, names in holders.items() if len(names) > 1}
+    if shared:
+        raise SceneError(
+            f"volumes of the Gmsh model are in more than one physical group, {shared}: a volume belongs to one body"
+        )
     for name, entities in bodies.items():
         nodes = [_elements(model, element_type, 3, entity) for entity in entities]
         groups.append(np.concatenate([n.reshape(-1, (order + 1) ** 3) for n in nodes]))
@@ -186,7 +195,10 @@ def _nodes(model):
 
 
 def _groups(model, dimension):
-    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number."""
+    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number.
+
+    Gmsh takes a name away from a group where another one of the dimension has it.
+    """
     groups = {}
     for _, tag in model.getPhysicalGroups(dimension):
         name = model.getPhysicalName(dimension, tag) or str(tag)
