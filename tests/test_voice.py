@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ def said(folder, *options, terminal=False):
     """Standard output and standard error of a demo of one step; the latter goes to a terminal if asked for."""
     words = [sys.executable, DEMO, "--max-steps", "1", "--order", "2", "--coarse", "2", "--records-only"]
     above, below = os.openpty() if terminal else os.pipe()
+    if terminal:
+        termios.tcsetwinsize(below, (24, 80))  # a terminal without width has no room for a line
     command = [*words, "--output", folder, *options]
     process = subprocess.Popen(command, env=outside(), stdout=subprocess.PIPE, stderr=below)
     os.close(below)
