@@ -9,8 +9,7 @@ linear solver   The solver ends when its error, as the preconditioner sees it, i
                 |v|^2 = v^T K v + sum k.  Products with K and k round off.  1e-7 at least, the contract; 1 % at most,
                 for who loses more than that without a word fails.
 discretisation  The energy of a displacement-driven body errs by the square of the relative error in the energy norm,
-                and the force with it; the estimate catches at least 0.8 of that error, 1.5 xi^2 / omega^2, or, where
-                cells are refined once at most, half of it, and the error is that prescribed: the program promises both.
+                and the force with it; the estimate catches at least 0.8 of that error: 1.5 xi^2 / omega^2.
 round contact   Gaps are known at nodes only; between them, h apart, the sphere bulges by h^2/8R.  Against an approach
                 a^2/R with n pairs on pi a^2 and F ~ approach^(3/2) that is 1.5 pi / (8 n).
 penalty         To first order a penalty lowers the force by s = sum(f penetration) / (F approach), in a linear problem
@@ -22,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.adapt import SEEN_ON_ROOTS
 from fx_contact.conditions import prescribed_displacements
 from fx_contact.loads import load
 
@@ -175,8 +173,7 @@ class State:
     def error(self, curved):
         """What discretisation may change in force and energy, relative."""
         pairs = max(1, self.record["active_pairs"] * self.copies)
-        seen = self.record["estimate"] / (0.8 if self.record["max_level"] > 1 else SEEN_ON_ROOTS)
-        return min(seen, self.record["tolerance"]) ** 2 + (1.5 * np.pi / (8 * pairs) if curved else 0.0)
+        return 1.5 * self.record["estimate"] ** 2 + (1.5 * np.pi / (8 * pairs) if curved else 0.0)
 
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""

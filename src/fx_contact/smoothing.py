@@ -70,7 +70,17 @@ def smoothed(graph, keys, weights, part, parts, limit):
 
 
 def graphs(parts, mean):
-    """Boxes a part of the coarse graphs on which interfaces flow, one after the other, for a mean weight of parts."""
+    """Boxes a part of the coarse graphs on which interfaces flow, one after the other.
+
+    Local.
+
+    Args:
+        parts: number of parts.
+        mean: their mean weight.
+
+    Returns:
+        tuple of int.
+    """
     return BOXES[:1] + tuple(n for n in BOXES[1:] if n * parts <= MOST_BOXES and n * LEAST <= mean)
 
 
