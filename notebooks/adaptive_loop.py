@@ -110,12 +110,14 @@ plt.legend(bbox_to_anchor=(1, 1));
 # `Beginning.after` refines the leaves that *you* mark, here all leaves near the pole, and `adapt` goes on from there.
 
 # %%
+from dolfinx.mesh import compute_midpoints
+
 from fx_contact.adapt import Beginning
 
 first = next(adapt(scene, tolerance=0.16))
 for _ in range(3):
     leaf = first.leaf_mesh.leaf
-    centre = first.leaf_mesh.mesh.geometry.x[first.leaf_mesh.mesh.geometry.dofmap].mean(axis=1)
+    centre = compute_midpoints(first.leaf_mesh.mesh, 3, np.arange(len(leaf), dtype=np.int32))
     marked = np.zeros(len(first.forest), dtype=bool)
     marked[leaf] = np.linalg.norm(centre, axis=1) < 0.2
     first = next(adapt(scene, tolerance=0.16, beginning=Beginning.after(first, marked)))

@@ -9,6 +9,7 @@ from conftest import (
     everywhere,
     gathered,
     grown,
+    nodes_of_cells,
     pressed,
     roots,
     two_boxes,
@@ -87,14 +88,14 @@ def test_leaf_maps_are_the_root_maps(order):
     forest = DISTRIBUTIONS["strewn"](grown(bent(order), 2))
     for q in {order, max(order - 1, 1)}:
         cells = leaf_mesh(forest, q)
-        x = cells.mesh.geometry.x[cells.mesh.geometry.dofmap]
+        x = cells.mesh.geometry.x[nodes_of_cells(cells)]
         corners = vertex_positions(forest)[cells.vertices]
         everywhere(np.abs(x[:, :8] - corners).max(initial=0) < 1e-14, "a corner is not where its vertex is")
     cells = leaf_mesh(forest, order)
     low, side = forest.anchor[cells.leaf] / SIDE, 0.5 ** forest.level[cells.leaf].astype(float)
     line = np.linspace(0, 1, order + 1)
     expected = forest.mesh.evaluate(forest.cell[cells.leaf], low[:, :, None] + side[:, None, None] * line)
-    x = cells.mesh.geometry.x[cells.mesh.geometry.dofmap]
+    x = cells.mesh.geometry.x[nodes_of_cells(cells)]
     distance = np.abs(np.sort(x, axis=1) - np.sort(expected, axis=1)).max(initial=0)
     everywhere(distance < 1e-13, "nodes are not where the root map puts them")
 

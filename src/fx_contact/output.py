@@ -130,8 +130,8 @@ def write_fields(step, folder):
         step,
         folder / "fields.bp",
         lambda: [
-            _nodal(mesh, "displacement", (3,), _corner_values(step.elasticity.u)),
-            _nodal(mesh, "stress", (3, 3), _corner_values(step.estimate.stress)[:, :, tensor]),
+            _nodal(step.leaf_mesh, "displacement", (3,), _corner_values(step.elasticity.u)),
+            _nodal(step.leaf_mesh, "stress", (3, 3), _corner_values(step.estimate.stress)[:, :, tensor]),
         ],
     )
     _write(step, folder / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
@@ -161,13 +161,12 @@ def _corner_values(function):
     return values[function.function_space.dofmap.list]
 
 
-def _nodal(mesh, name, shape, values):
+def _nodal(leaf_mesh, name, shape, values):
     """A function of the geometry's order, whose nodes VTX takes for the shape of the cells, from (ncells, 8, k)."""
-    order = mesh.geometry.cmap.degree
     element = basix.ufl.element(
-        "Lagrange", "hexahedron", order, lagrange_variant=basix.LagrangeVariant.equispaced, shape=shape
+        "Lagrange", "hexahedron", leaf_mesh.order, lagrange_variant=basix.LagrangeVariant.equispaced, shape=shape
     )
-    space = fem.functionspace(mesh, element)
+    space = fem.functionspace(leaf_mesh.mesh, element)
     along = reference.lagrange(1, space.element.basix_element.points)
     corners = np.prod([along[:, axis, reference.CORNERS[:, axis]] for axis in range(3)], axis=0)
     function = fem.Function(space, name=name)
