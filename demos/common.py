@@ -198,7 +198,7 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     if record is steps[-1]:
         records.amend(record)
     show(total_seconds([r["seconds"] for r in steps]))
-    if not record["ratio"] <= 1 and not once:
+    if not record["reached"] and not once:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
     if not record["active_pairs"]:
         show("The bodies do not touch.")

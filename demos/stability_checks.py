@@ -22,6 +22,7 @@ import numpy as np
 
 from fx_contact import Solver
 from fx_contact.conditions import prescribed_displacements
+from fx_contact.estimate import ENOUGH_SEEN
 from fx_contact.loads import load
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
@@ -170,10 +171,12 @@ class State:
         """Share of the energy that is in the penalty."""
         return self.yielded / self.energy if self.force and self.energy > 0 else 0.0
 
-    def error(self, curved):
-        """What discretisation may change in force and energy, relative."""
+    def error(self, curved, doubtful):
+        """What discretisation may change in force and energy, relative; more where the record doubts the estimate."""
         pairs = max(1, self.record["active_pairs"] * self.copies)
-        return 1.5 * self.record["estimate"] ** 2 + (1.5 * np.pi / (8 * pairs) if curved else 0.0)
+        estimate, sees = self.record["estimate"], self.record["assumed_effectivity"]
+        square = (estimate / sees) ** 2 if doubtful and sees < ENOUGH_SEEN else 1.5 * estimate**2
+        return square + (1.5 * np.pi / (8 * pairs) if curved else 0.0)
 
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
@@ -202,9 +205,9 @@ class State:
             ),
         ]
 
-    def against_exact(self, exact):
+    def against_exact(self, exact, doubtful=False):
         """Comparison with a known answer: list of Check."""
-        allowed = self.noise + self.error(exact.curved) + exact.unsure
+        allowed = self.noise + self.error(exact.curved, doubtful) + exact.unsure
         if exact.force is None:
             energy = self.energy * self.copies
             return [Check("energy against the reference", abs(energy / exact.energy - 1), allowed)]
@@ -216,12 +219,12 @@ class State:
             allowed += soft**2
         return [Check("force against the reference", np.abs(forces / (1 - soft) / exact.force - 1).max(), allowed)]
 
-    def against_twin(self, other, twin):
+    def against_twin(self, other, twin, doubtful=False):
         """Comparison with the last step of a twin: list of Check."""
         allowed, rounded = self.noise + other.noise, self.energy_noise + other.energy_noise
         same = twin.same_mesh and all(self.record[name] == other.record[name] for name in ("cells", "active_pairs"))
         if not same:
-            allowed += self.error(twin.curved) + other.error(twin.curved)
+            allowed += sum(state.error(twin.curved, doubtful) for state in (self, other))
         if not twin.same_contact:
             allowed += self.softness + other.softness
         force, energy = (

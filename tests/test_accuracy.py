@@ -1,10 +1,12 @@
 """Errors that are known, by a manufactured solution, references, finer solutions; and how they are estimated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 
-from fx_contact import Enforcement, Material, adapt
+from fx_contact import Dirichlet, Enforcement, Material, adapt
 from fx_contact.accuracy import contact_errors, energy_distance
 from fx_contact.adapt import Beginning
 from fx_contact.errors import SceneError
@@ -122,6 +124,44 @@ def test_marking_learns_what_refinement_brings():
     assert counts[1] > 1.5 * counts[0]
 
 
+@pytest.mark.parametrize("seen", [0.5, 0.8, 1.0, 1.3])
+def test_effectivity_is_learnt_from_what_refinement_changes(seen):
+    """An estimate that sees a part of each mesh's error is found to, within two meshes, if the error halves."""
+    true = 0.5 ** np.arange(4)
+    gain = Gain(effectivity=0.5)
+    for last, now in zip(true, true[1:]):
+        gain.marked(_spread(np.full(8, seen * last / np.sqrt(8))), 0.1, WORLD)
+        gain.observe(_spread(np.full(8, seen * now / np.sqrt(8))), np.sqrt(last**2 - now**2))
+    assert abs(gain.effectivity - min(seen, 1.0)) < 0.02
+    blind = replace(gain, expected=0.0)
+    blind.observe(_spread(np.ones(8)), 1e9)
+    assert blind.effectivity == gain.effectivity
+
+
+def test_tolerance_is_less_where_the_estimate_sees_little():
+    """Down to 0.8 of the error an estimate is taken at its word; below, the mesh must be finer."""
+    error = _spread(np.full(8, 0.1 / np.sqrt(8)))
+    for seen, tolerance, aim in ((1.0, 0.1001, None), (0.8, 0.1001, None), (0.4, 0.1001, 0.05005), (0.4, 0.21, None)):
+        found = Gain(effectivity=seen).aim(error, tolerance)
+        assert found is aim or abs(found - aim) < 1e-12
+    assert Gain(effectivity=0.4).aim(error, 0.05) == Gain().aim(error, 0.05) == 0.05
+
+
+def test_tolerance_is_kept_on_few_layers():
+    """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
+    bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]
+    clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    few, many = (replace(stack(bodies, cells=c), dirichlet=clamped) for c in ((9, 9, 1), (6, 6, 12)))
+    *_, fine = adapt(many, 0.04)
+    tolerance = 0.12
+    *_, step = adapt(few, tolerance)
+    true = np.sqrt(step.record["force"] / fine.record["force"] - 1)  # the energy is the force times the displacement
+    assert true < 1.25 * tolerance
+    assert step.record["reached"] and 0.4 < step.record["assumed_effectivity"] < 0.8
+    assert step.record["estimate"] / true < 0.8
+    assert 1 < step.record["estimate"] / step.record["assumed_effectivity"] / true < 1.5
+
+
 def test_reference_is_in_balance():
     """The pressures of HERTZ-A add up to its force, those of SSNV104 as Hertz's shape would, to their digits."""
     reference = hertz_a()
@@ -143,7 +183,7 @@ def test_errors_against_the_reference():
     assert errors["force"] == step.record["force"] / reference.force - 1
     assert max(abs(errors[name]) for name in ("force", "contact_radius", "max_pressure")) < 0.02
     assert 0.01 < errors["pressure"] < 0.15 and 0.005 < errors["axis_stress"] < 0.05
-    *_, soft = adapt(scene, 0.16, enforcement=Enforcement("penalty", 1.0))
+    *_, soft = adapt(scene, 0.16, enforcement=Enforcement("penalty", 0.5))
     softer = contact_errors(soft, reference)
     assert softer["force"] < -0.05 and softer["pressure"] > errors["pressure"]
 

@@ -15,8 +15,9 @@ from fx_contact.stages import STAGES
 from fx_contact.scenes import hertz
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
-krylov_iterations, estimate, tolerance, ratio, force, pair_forces, contact_radius, max_pressure, max_penetration,
-partition, seconds, cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner"""
+krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
+max_pressure, max_penetration, partition, seconds, cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement,
+preconditioner"""
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +104,9 @@ def test_record(scene):
     assert record["ratio"] == record["estimate"] / record["tolerance"]
     assert set(record["memory_bytes"]) == set(STAGES) and set(record["cpu_seconds"]) == {*STAGES, "total"}
     # The least of three: what else the machine does must not count.
-    costs = [record["cpu_seconds"]] + [next(iter(adapt(scene, 0.16, max_steps=1))).record["cpu_seconds"] for _ in "12"]
+    costs = [record["cpu_seconds"]] + [
+        next(iter(adapt(scene, 0.16, max_steps=1))).record["cpu_seconds"] for _ in "12"
+    ]
     assert min(cost["other"] / cost["total"] for cost in costs) < 0.05, "time that no stage explains"
     assert max(record["memory_bytes"].values()) <= record["peak_memory_bytes"]
     everywhere(record == WORLD.bcast(record), "the ranks have different records")

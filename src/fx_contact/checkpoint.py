@@ -66,7 +66,7 @@ def save(folder, step, records, options, gain):
         step: Step.
         records: list of dict, of all steps up to this one.
         options: dict that JSON can hold, the options that must not change.
-        gain: Gain of the run, before it has seen this step.
+        gain: Gain of the run, before it has marked this step.
 
     Raises:
         OutputError: the checkpoint cannot be written; the one before is still there.
@@ -89,7 +89,7 @@ def save(folder, step, records, options, gain):
             "options": options,
             "records": records,
             "estimate": [error.error_global, error.energy_norm, error.cells],
-            "gain": [gain.before, gain.expected],
+            "gain": [gain.before, gain.expected, gain.effectivity],
         },
         {
             "leaves": names[:, None],
@@ -108,7 +108,7 @@ class State:
         forest: Forest.
         values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
-        gain: Gain of the run, before it has seen this step.
+        gain: Gain of the run, before it has marked this step.
     """
 
     forest: Forest

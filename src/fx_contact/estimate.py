@@ -16,6 +16,9 @@ VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 #: The share of the tolerance at which the last refinement aims, and the levels of error between which it chooses.
 _AIM, _LEVELS = 0.9, 512
+#: A mesh is fine enough if the estimate meets the tolerance and sees so much of the error; where it sees less, it must
+#: be as much smaller.  The true error then exceeds the tolerance by a quarter of it at most.
+ENOUGH_SEEN = 0.8
 #: The least that refinement is taken to bring, so that a step that brings nothing does not mark for ever.
 _LEAST_GAIN = 0.1
 
@@ -75,15 +78,49 @@ class Estimate:
 
 @dataclass
 class Gain:
-    """What refinement has brought in a run, relative to a smooth solution; towards a singularity it brings less.
+    """What refinement has brought in a run: to the estimate, and to the solution against what the estimate said.
 
     Attributes:
         before: xi^2 of the mesh that was refined last [J].
         expected: what refining it would have taken from that, had the solution been smooth; 0: nothing is known [J].
+        effectivity: xi over the true error, 1 at most, as far as the changes of the solution show it [-].
     """
 
     before: float = 0.0
     expected: float = 0.0
+    effectivity: float = 1.0
+
+    def observe(self, error, change):
+        """See how much of the error on the last mesh the estimate had caught.
+
+        Local.  The finer solution is closest to the exact one among all on its mesh, so that squares add up (Galerkin
+        orthogonality): the error on the last mesh is the change of the solution and the error that is left.  The
+        estimate of what is left is taken to see as much as it did on the mesh before that, then, having learned, as
+        on the last one.  Towards a singularity and on few layers of cells it sees less than all.
+
+        Args:
+            error: Estimate on the present mesh.
+            change: energy norm of the difference of the solutions on this mesh and the last one [J^(1/2)].
+        """
+        if not self.expected:
+            return
+        for _ in range(2):
+            on_last_mesh = np.hypot(change, error.error_global / self.effectivity)
+            self.effectivity = float(min(np.sqrt(self.before) / on_last_mesh, 1.0)) if on_last_mesh else 1.0
+
+    def aim(self, error, tolerance):
+        """The tolerance to refine for, or None where the prescribed one is reached, (6).
+
+        Local.
+
+        Args:
+            error: Estimate on the present mesh.
+            tolerance: prescribed accuracy e [-].
+        """
+        if error.relative > tolerance:
+            return tolerance
+        trusted = min(self.effectivity / ENOUGH_SEEN, 1.0) * tolerance
+        return trusted if error.relative > trusted else None
 
     def marked(self, error, tolerance, comm):
         """Cells of the present mesh to refine.

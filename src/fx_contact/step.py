@@ -108,7 +108,7 @@ class Step:
         return values[self.forest.vertices.cells]
 
 
-def solve_step(settings, number, forest, prolongation, start, along, stages, quality):
+def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain):
     """Solve on a forest and estimate the error.
 
     Collective on forest.comm.
@@ -122,6 +122,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         along: (n, 8, k) float64, fields that go along.
         stages: Stages, with the times so far.
         quality: dict, `partition` of the record.
+        gain: Gain of the run so far; it learns from this step.
 
     Returns:
         Step.
@@ -154,9 +155,11 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         scene,
     )
     with stages("estimate"):
+        change = elasticity.energy_norm(contact.displacement - start)
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
         error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
+        gain.observe(error, change)
         results = _contact_results(scene, pairs, contact, comm)
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
@@ -174,8 +177,10 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "krylov_iterations": contact.krylov_iterations,
         "preconditioner": contact.preconditioner,
         "estimate": error.relative,
+        "assumed_effectivity": gain.effectivity,
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
+        "reached": gain.aim(error, settings.tolerance) is None,
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
