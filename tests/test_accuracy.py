@@ -136,6 +136,8 @@ def test_effectivity_is_learnt_from_what_refinement_changes(seen):
     blind = replace(gain, expected=0.0)
     blind.observe(_spread(np.ones(8)), 1e9)
     assert blind.effectivity == gain.effectivity
+    gain.observe(_spread(np.ones(8)), None)
+    assert gain.effectivity == 1
 
 
 def test_tolerance_is_less_where_the_estimate_sees_little():

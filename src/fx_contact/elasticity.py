@@ -45,6 +45,7 @@ class Elasticity:
         vertex_of_block: (nblocks,) int64, position in the forest's vertices of each local block of `space`.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
         volume_strain: that of `u`, a UFL expression; the mean of each cell in nearly incompressible bodies [-].
+        has_mean: whether there are such bodies; the energy of a displacement then depends on the cells.
     """
 
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
@@ -64,8 +65,8 @@ class Elasticity:
         self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
         self.volume_strain, self._soft = ufl.div(self.u), np.flatnonzero(poisson >= LOCKING_POISSON)
-        self._has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
-        if self._has_mean:
+        self.has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
+        if self.has_mean:
             self._pointwise, self._mean = fem.Function(constant), fem.Function(constant)
             self._pointwise.x.array[cells] = poisson < LOCKING_POISSON
             test = ufl.TestFunction(constant)
@@ -87,7 +88,7 @@ class Elasticity:
         """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
         values = self.prolongation.prolong(conforming)
         self.u.x.array[:] = values[self.vertex_of_block].ravel()
-        if self._has_mean:
+        if self.has_mean:
             self._mean.x.array[:] = fem.assemble_vector(self._volume_change).array / self._volume
 
     def energy_norm(self, conforming):
@@ -130,7 +131,7 @@ class Elasticity:
         irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
         assemble_matrix(matrix.mat, self._form(np.flatnonzero(~irregular)))
         self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
-        if self._has_mean:
+        if self.has_mean:
             self._add_mean_volume(matrix.mat, number)
         return matrix
 
@@ -144,7 +145,7 @@ class Elasticity:
     def _form(self, cells):
         """Stiffness of some cells, but for the mean volume strain."""
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self._has_mean else None)
+        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.has_mean else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
     def _add_irregular(self, matrix, cells, number):

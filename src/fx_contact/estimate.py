@@ -100,9 +100,13 @@ class Gain:
 
         Args:
             error: Estimate on the present mesh.
-            change: energy norm of the difference of the solutions on this mesh and the last one [J^(1/2)].
+            change: energy norm of the difference of the solutions on this mesh and the last one [J^(1/2)]; None where
+                squares do not add up, with mean volume strains: the estimate is then taken at its word.
         """
         if not self.expected:
+            return
+        if change is None:
+            self.effectivity = 1.0
             return
         for _ in range(2):
             on_last_mesh = np.hypot(change, error.error_global / self.effectivity)

@@ -155,7 +155,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         scene,
     )
     with stages("estimate"):
-        change = elasticity.energy_norm(contact.displacement - start)
+        change = None if elasticity.has_mean else elasticity.energy_norm(contact.displacement - start)
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
         error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
