@@ -28,6 +28,7 @@ petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything el
 from mpi4py import MPI  # noqa: E402
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact.accuracy import NORMS  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.checks import nearest  # noqa: E402
 from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
@@ -207,7 +208,8 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         radii = f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m"
         show(f"{radii}, {compared.max_pressure:.5g} Pa")
     for name, value in record.get("errors", {}).items():
-        show(f"{name.replace('_', ' ')}: {value:+.3%} from the reference")
+        sign = "" if name in NORMS else "+"
+        show(f"{name.replace('_', ' ')}: {value:{sign}.3%} from the reference")
     if arguments.true_error:
         show(f"true energy error {true.relative:.2%}, effectivity {record['effectivity']:.3f}")
     show(f"results in {arguments.output}: {results}")

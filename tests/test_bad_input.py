@@ -18,6 +18,7 @@ from fx_contact import (
     Dirichlet,
     Enforcement,
     Material,
+    Pressure,
     Scene,
     Solver,
     Traction,
@@ -294,6 +295,11 @@ CASES = {
     ),
     "missing file": (lambda: root_mesh_from_file(COMM, "no/such.msh"), SceneError, "no mesh file 'no/such.msh'"),
     "not a mesh file": (lambda: root_mesh_from_file(COMM, __file__), FxContactError, ""),
+    "body for a surface": (
+        lambda: press(two_cubes(), tractions=(Pressure("upper", 1.0),)),
+        SceneError,
+        "'upper' is a body: name one of its surfaces",
+    ),
     "unknown surface": (lambda: press(two_cubes(), Dirichlet("side", x=0.0)), SceneError, "'base', 'under', 'over'"),
     "unknown contact surface": (
         lambda: press(two_cubes(), contact=(ContactPair("under", "ofer"),)),
@@ -467,6 +473,11 @@ CASES = {
         lambda: press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, -0.01e9))),
         SceneError,
         "the displacement on 'top' is 1e+07 m",
+    ),
+    "approach of more than both spheres": (
+        lambda: scenes.hertz(displacement=5.0, comm=COMM),
+        SceneError,
+        "along z differ by 5 m",
     ),
     "approach in nanometres": (lambda: scenes.hertz(displacement=0.01e9, comm=COMM), SceneError, "check the units"),
     "traction in nanopascal": (

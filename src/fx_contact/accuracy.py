@@ -100,7 +100,8 @@ def contact_errors(step, reference):
     return {name: float(value) for name, value in result.items()}
 
 
-_FIGURES = ("force", "contact_radius", "max_pressure")
+#: What is compared as it stands in the record, and what in a norm.
+_FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
 
 
 def _pressure_error(step, reference):

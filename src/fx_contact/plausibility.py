@@ -9,6 +9,8 @@ from fx_contact.prescriptions import Traction
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Displacements over sizes, and tractions over moduli, above which a unit must be wrong [-].
 _LARGEST = 100.0
+#: Difference of two prescribed displacements over the size of all bodies above which no strain can be small [-].
+_LARGEST_STRAIN = 1.0
 #: Components of a surface force below this part of the largest are rounding [-].
 _ACTING = 1e-9
 
@@ -31,13 +33,17 @@ def check_units(scene):
                 f"body {name!r} is {own:.3g} m large, all bodies together {size:.3g} m: check the units "
                 "and the place of each body"
             )
+    ranges = [np.empty((0, 3))]
     for condition in scene.conditions:
-        largest = np.nanmax(np.abs(condition.at(scene.samples(condition.where))))
+        values = condition.at(scene.samples(condition.where))
+        largest = np.nanmax(np.abs(values))
         if largest > _LARGEST * size:
             raise SceneError(
                 f"the displacement on {condition.where!r} is {largest:.3g} m, the bodies are {size:.3g} m large: "
                 "strains must be small, check the units"
             )
+        ranges.append(np.where(condition.held, [values.min(axis=0), values.max(axis=0)], np.nan))
+    _check_strain(np.concatenate(ranges), size)
     for traction in scene.tractions:
         body = mesh.bodies[mesh.body[mesh.surface(traction.surface)[0, 0]]]
         points = scene.samples(traction.surface)
@@ -53,6 +59,17 @@ def check_units(scene):
             raise SceneError(
                 f"{force.what} is {largest:.3g} N/m^3, over {size:.3g} m {largest * size:.3g} Pa, Young's modulus "
                 f"{young[force.body]:.3g} Pa: strains must be small, check the units"
+            )
+
+
+def _check_strain(values, size):
+    """Raises SceneError where prescribed displacements (n, 3), NaN where free, differ by more than the bodies' size."""
+    for component, column in zip("xyz", values.T):
+        known = column[~np.isnan(column)]
+        if len(known) and np.ptp(known) > _LARGEST_STRAIN * size:
+            raise SceneError(
+                f"prescribed displacements along {component} differ by {np.ptp(known):.3g} m, from {known.min():.3g} "
+                f"to {known.max():.3g}, and all bodies together are {size:.3g} m large: strains must be small"
             )
 
 

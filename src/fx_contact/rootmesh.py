@@ -96,7 +96,8 @@ class RootMesh:
             SceneError: there is no such surface.
         """
         if name not in self.surfaces:
-            raise SceneError(unknown("surface", name, self.surfaces, "the root mesh has"))
+            body = f"; {name!r} is a body: name one of its surfaces" if name in self.bodies else ""
+            raise SceneError(unknown("surface", name, self.surfaces, "the root mesh has") + body)
         return self.surfaces[name]
 
     def facet_points(self, facets, order=None):
