@@ -65,6 +65,7 @@ def stay(rank):
     """
 
     def destination(_comm, _parts, first, *others):
+        """Every cell on the rank that gave it."""
         count = first.num_nodes if hasattr(first, "num_nodes") else sum(map(len, others[0])) // 8
         return AdjacencyList_int32(np.full((count, 1), rank, dtype=np.int32))
 

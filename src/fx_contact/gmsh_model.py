@@ -63,6 +63,7 @@ def root_mesh_from_file(comm, path):
     path = as_path("a mesh file", path)
 
     def read():
+        """The file becomes the current model of Gmsh, once another process could read it without dying of it."""
         import gmsh
 
         if not path.is_file():

@@ -122,6 +122,7 @@ def _draw_leaves(forest, cut, centre, reach, colour, path):
     parts = comm.gather((faces, group), root=0)
 
     def draw(path):
+        """The picture, on the first rank."""
         faces, group = (np.concatenate(column) for column in zip(*parts))
         numbers = range(comm.size) if colour == "rank" else range(group.min(), group.max() + 1)
         colours = _rank_colours(comm.size) if colour == "rank" else _level_colours(numbers)

@@ -41,6 +41,7 @@ def draw_stress(step, path, zoom=None):
     parts = comm.gather((corners[cut], _von_mises(values), body), root=0)
 
     def draw(path):
+        """The picture, on the first rank."""
         corners, values, body = (np.concatenate(column) for column in zip(*parts))
         _draw_cut(corners, values, body, centre, reach, y, path)
 

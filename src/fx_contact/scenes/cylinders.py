@@ -55,6 +55,7 @@ def cylinders(
     boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 1.0, 1.0), (coarse, 1, 2 * coarse))
 
     def place(body, points):
+        """From the boxes to the cylinders: layers bend towards the contact, the flat faces stay flat."""
         x, y, z = points.T
         radius, sign = (radii[0], -1) if body == "lower" else (radii[1], 1)
         rise = (side * x) ** 2 / (radius + np.sqrt(radius**2 - (side * x) ** 2))

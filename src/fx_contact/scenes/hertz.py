@@ -111,6 +111,7 @@ def _ball_octant(blocks, radius, turn, sign):
     cosine, sine = round(np.cos(turn * np.pi / 2)), round(np.sin(turn * np.pi / 2))
 
     def corner(bits, distance):
+        """Point in the direction `bits` from the middle of the ball, at a distance relative to its radius."""
         x, y, w = distance * radius * bits / np.linalg.norm(bits) if bits.any() else bits * 1.0
         return (cosine * x - sine * y, sine * x + cosine * y, sign * (radius - w))
 

@@ -58,6 +58,7 @@ def punch(
         raise SceneError(f"a punch of side {side} m has no end of radius {radius} m: at most sqrt(2) radius")
 
     def place(body, points):
+        """From the boxes to the bodies: the lower face of the cube becomes part of a sphere."""
         points = side * points
         if body == "cube":
             distance2 = (points[:, :2] ** 2).sum(axis=1)

@@ -56,6 +56,7 @@ def shrink_fit(
         boxes.add(body, (start, 0.0, 0.0), (start + 1.0, 1.0, 1.0), (coarse, 2 * coarse, 1))
 
     def place(body, points):
+        """From the boxes to a quarter of the rings: across, around and along."""
         low, high = ends[body]
         across, around, along = points.T
         radius, angle = low + (across - across.min()) * (high - low), np.pi / 2 * around

@@ -57,6 +57,7 @@ def spheres(
     boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 0.5, 1.0), (coarse,) * 3)
 
     def place(body, points):
+        """From the boxes to the bodies: layers bend towards the contact, the flat faces stay flat."""
         height = points[:, 2].copy()
         points, sign, bend = side * points, *((-1, curvature[0]) if body == "lower" else (1, curvature[1]))
         distance2 = (points[:, :2] ** 2).sum(axis=1)

@@ -66,6 +66,7 @@ def stack(
         pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
 
     def place(body, points):
+        """From unit boxes to blocks of the size that is asked for, with the gaps between them."""
         return points * [side, side, height] + [0, 0, names.index(body) * gap]
 
     conditions = [Dirichlet("bottom", z=0.0), Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)]

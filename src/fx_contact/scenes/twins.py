@@ -32,6 +32,7 @@ def scaled(scene, length=1.0, stress=1.0):
     check_number("factor of stress", stress, positive=True)
 
     def times(factor, value):
+        """A value or a function of position in the other units."""
         if value is None or callable(value):
             return value and (lambda x: factor * np.asarray(value(x / length)))
         return tuple(factor * float(v) for v in value) if np.ndim(value) else factor * float(value)
@@ -69,11 +70,13 @@ def turned(scene, rotation):
         raise SceneError("a reflection would invert the cells: the rotation must have determinant 1")
 
     def turn(vector):
+        """A vector, or a function that gives one, in the turned axes."""
         if callable(vector):
             return lambda x: rotation @ vector(rotation.T @ x)
         return tuple((rotation @ np.asarray(vector, dtype=np.float64)).tolist())
 
     def turned_pressure(value):
+        """A pressure: the value stays, its place turns."""
         return (lambda x: value(rotation.T @ x)) if callable(value) else value
 
     return replace(
@@ -124,6 +127,7 @@ def _turned_condition(condition, rotation):
     held = np.ones(3, dtype=bool) if given.all() else image.max(axis=1) > 0.5
 
     def moved(row):
+        """What the condition prescribes along one of the turned axes."""
         if not any(map(callable, values)):
             return float(sum(rotation[row, i] * values[i] for i in np.flatnonzero(given)))
         return lambda x: rotation[row, given] @ np.nan_to_num(condition.at((rotation.T @ x).T)).T[given]
