@@ -24,7 +24,7 @@ from fx_contact._mpi import Exchange
 #: but for the first, and none finer is brought together on a rank.
 BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
 #: Leaves in a box of a coarse graph but the first: on smaller meshes finer graphs cost more than they bring.
-LEAST = 32
+LEAST = 128
 #: Parts that are lighter are not worth it.
 WORTHWHILE = 1000
 #: Most parts for which shells are tried as a second start, if the finest graph has enough leaves in a box.
