@@ -70,7 +70,8 @@ Image(draw_convergence(records, "../results/notebooks/convergence.png"), width=6
 # ## Mark
 #
 # If every one of $N$ cells had the error $e\,\omega/\sqrt N$, the whole would be at the tolerance $e$. Cells above that line are
-# marked; in the last step only as many of them as are needed.
+# marked, and twice if their children would be above it again. Before the last step the line is moved: up, where fewer cells
+# are enough, or down, where a few more save a step.
 
 # %%
 import numpy as np

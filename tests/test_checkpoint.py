@@ -43,7 +43,7 @@ def folder(tmp_path):
 @pytest.fixture(scope="module")
 def through(scene):
     """A run that nothing stops: the leaves and the force of each step."""
-    result = [summary(step) for step in adapt(scene, 0.25)]
+    result = [summary(step) for step in adapt(scene, 0.16)]
     assert len(result) >= 4 and len(result[-1][0]) > 2 * len(result[1][0])
     return result
 
@@ -74,7 +74,7 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
     """The steps after a restart have the leaves and the forces, to 1e-7, of a run that nothing stopped."""
     with some(writers) as comm:
         if comm:
-            *_, stopped = adapt(scene, 0.25, comm, max_steps=2, checkpoint=folder)
+            *_, stopped = adapt(scene, 0.16, comm, max_steps=2, checkpoint=folder)
             assert stopped.record["step"] == 1
     with some(readers) as comm:
         if comm:
@@ -82,7 +82,7 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
             assert [r["step"] for r in before.records] == [0, 1] and before.records[0]["ranks"] == writers
             after = [
                 (step.record["step"], summary(step))
-                for step in adapt(scene, 0.25, comm, checkpoint=folder, restart=before)
+                for step in adapt(scene, 0.16, comm, checkpoint=folder, restart=before)
             ]
             assert [number for number, _ in after] == list(range(2, len(through)))
             for number, (cells, force) in after:
@@ -93,7 +93,7 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
 
 def test_holds_what_the_step_had(scene, folder):
     """Leaves, displacements and indicators come back as they were, in another distribution."""
-    *_, before, step = adapt(scene, 0.25, max_steps=4, checkpoint=folder)
+    *_, before, step = adapt(scene, 0.16, max_steps=4, checkpoint=folder)
     assert step.record["hanging_nodes"] > 50
     values = step.elasticity.prolongation.prolong(step.contact.displacement)[step.forest.vertices.cells]
     indicator = np.empty(len(step.forest))
@@ -134,7 +134,7 @@ def test_finished_run(scene, folder, through):
     assert again.record["step"] == before.records[-1]["step"]
     assert abs(again.record["force"] / before.records[-1]["force"] - 1) < 1e-7
     assert len(Checkpoint(folder, scene, WORLD).records) == len(before.records)
-    *_, further = adapt(scene, 0.25, restart=before)
+    *_, further = adapt(scene, 0.16, restart=before)
     assert further.record["step"] > again.record["step"] and further.record["ratio"] <= 1
 
 

@@ -120,6 +120,29 @@ def test_marked_leaves_and_no_others_without_need(scene):
     assert fine.size_global == start.size_global + 7, "an unpaired root cell away from the rim took others along"
 
 
+def test_refined_repeatedly(scene):
+    """Leaves marked twice are refined by two levels, a linear field goes along; all stop at the finest level."""
+    forest = grown(roots(scene), 1)
+    times = chosen(forest, 0.1, 5) + 2 * (forest.cell == 0)
+    fine, values = forest.refined_with(times, forest.corners @ [[1.0], [2.0], [-3.0]])
+    everywhere(np.array_equal(values, fine.corners @ [[1.0], [2.0], [-3.0]]), "the field is another one")
+    # Where a leaf was is where the first corners of its descendants are.
+    below = find_leaves(fine, forest.cell, forest.anchor)
+    everywhere((below >= 0).all(), "a leaf has gone")
+    everywhere((fine.level[below] >= forest.level + times).all(), "a leaf was refined less often than asked for")
+    assert WORLD.allreduce(int((fine.level[below] - forest.level).max(initial=0)), op=MPI.MAX) >= 2
+
+    cell = int(np.argwhere(scene.pairing.first)[0, 0])
+    forest = roots(scene)
+    for _ in range(MAX_LEVEL - 1):
+        forest, _ = forest.refined(corner_marks(forest, cell, 3))
+    deepest, _ = forest.refined_with(2 * corner_marks(forest, cell, 3).astype(int), np.empty((len(forest), 8, 0)))
+    assert WORLD.allreduce(int(deepest.level.max(initial=0)), op=MPI.MAX) == MAX_LEVEL
+    with pytest.raises(GeometryError, match="finest level"):
+        marks = corner_marks(deepest, cell, 3).astype(int)
+        deepest.refined_with(marks, np.empty((len(deepest), 8, 0)))
+
+
 def test_twelve_levels(scene):
     """Refinement to one corner of a paired root cell reaches the finest level, then raises on all ranks."""
     cell = int(np.argwhere(scene.pairing.first)[0, 0])

@@ -47,7 +47,7 @@ def runs(scene, **options):
 
 def test_same_run_in_serial(scene):
     """Cells, levels, dofs and active pairs of every step are those of a serial run; forces agree to 1e-7."""
-    parallel, serial = runs(scene, tolerance=0.16, geometry_order=3)
+    parallel, serial = runs(scene, tolerance=0.08, geometry_order=3)
     everywhere(len(parallel) == len(serial) >= 4, "another number of steps")
     assert parallel[-1][0]["hanging_nodes"] > 100 and parallel[-1][0]["active_pairs"] > 10
     for here, alone in zip(parallel, serial):
@@ -69,7 +69,7 @@ def test_same_run_in_serial(scene):
 def test_default_krylov_tolerance(scene):
     """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
     forces = [
-        np.array([step.record["force"] for step in adapt(scene, 0.12, solver=solver)])
+        np.array([step.record["force"] for step in adapt(scene, 0.08, solver=solver)])
         for solver in (Solver(), Solver(tolerance=1e-13))
     ]
     assert len(forces[0]) > 3

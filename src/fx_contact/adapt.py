@@ -60,10 +60,9 @@ class Beginning:
 
         Args:
             step: Step.
-            marked: (n,) bool, leaves to refine.
+            marked: (n,) bool, leaves to refine, or int, how often.
         """
-        forest, glue = step.forest.refined(marked)
-        return cls(forest, glue.carry(np.tile(step.corner_displacement, 2)))
+        return cls(*step.forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)))
 
 
 def adapt(
@@ -206,11 +205,9 @@ def _first_forest(scene, comm, kind):
 
 def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
-    marked = np.zeros(len(step.forest), dtype=bool)
-    marked[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
-    values = np.concatenate([step.corner_displacement, step.along], axis=2)
-    forest, glue = step.forest.refined(marked)
-    return forest, glue.carry(values)
+    times = np.zeros(len(step.forest), dtype=np.int8)
+    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
 
 
 def _resumed(checkpoint, tolerance, max_steps):
@@ -220,5 +217,5 @@ def _resumed(checkpoint, tolerance, max_steps):
     if aim is None or len(records) >= max_steps:
         gain.expected = 0.0  # the last step again: it has been observed
         return state.forest, state.values, records[:-1], gain
-    forest, glue = state.forest.refined(gain.marked(state.estimate, aim, state.forest.comm))
-    return forest, glue.carry(state.values), records, gain
+    times = gain.marked(state.estimate, aim, state.forest.comm)
+    return *state.forest.refined_with(times, state.values), records, gain

@@ -14,8 +14,12 @@ from fx_contact.errors import SolveError
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
-#: The share of the tolerance at which the last refinement aims, and the levels of error between which it chooses.
-_AIM, _LEVELS = 0.9, 512
+#: The share of the tolerance at which the last refinement aims.
+_AIM = 0.9
+#: Thresholds between which it chooses, up to the largest error, and down to a part of that of criterion (2).
+_THRESHOLDS, _LOWEST = 1024, 0.25
+#: Error of a child relative to its parent's, where the solution is smooth: eight of them have a quarter of xi_T^2.
+_CHILD = 32**-0.5
 #: A mesh is fine enough if the estimate meets the tolerance and sees so much of the error; where it sees less, it must
 #: be as much smaller.  The true error then exceeds the tolerance by a quarter of it at most.
 ENOUGH_SEEN = 0.8
@@ -46,34 +50,45 @@ class Estimate:
         """xi / omega [-]."""
         return self.error_global / self.energy_norm if self.energy_norm else 0.0
 
-    def marked(self, tolerance, comm, gain=1.0):
-        """Cells to refine, criterion (2): xi_T > e omega / sqrt(N), or as many of them as the tolerance needs.
+    def marked(self, tolerance, comm, gain=None):
+        """How often to refine each cell, by criterion (2): xi_T > e omega / sqrt(N), or as the tolerance needs it.
 
-        Collective on comm.  Halved cells of Q1 lose three quarters of xi_T^2 where the solution is smooth.  If that
-        brings the whole below the tolerance, only the worst cells are marked: the last step does no work that was not
-        asked for.
+        Collective on comm.  Halved cells of Q1 lose three quarters of xi_T^2 where the solution is smooth.  Cells whose
+        children would meet the criterion again are refined twice at once.  If a higher threshold brings the whole below
+        the tolerance, only the worst cells are refined: the last step does no work that was not asked for.  If a lower
+        one does, that counts: a solve on a mesh of intermediate size costs more than the cells that it would spare.
 
         Args:
             tolerance: prescribed accuracy e [-].
             comm: MPI communicator of the mesh's forest.
-            gain: what refinement brings, relative to a smooth solution [-].
+            gain: what refinement brings, relative to a smooth solution; None: that is not known, and the threshold not
+                lowered [-].
 
         Returns:
-            (ncells,) bool, and the expected loss of xi^2 for a gain of 1 [J].
+            (ncells,) int8, 0, 1 or 2, and the expected loss of xi^2 for a gain of 1 [J].
         """
-        error2, threshold = self.error**2, tolerance * self.energy_norm / np.sqrt(self.cells)
+        error2, criterion = self.error**2, tolerance * self.energy_norm / np.sqrt(self.cells)
         largest = comm.allreduce(float(self.error.max(initial=0)), op=MPI.MAX)
-        if largest <= threshold:
-            return np.zeros(len(error2), dtype=bool), 0.0
-        levels = np.geomspace(threshold, largest, _LEVELS) if threshold else np.linspace(0, largest, _LEVELS)
-        # What the cells above each level would lose, the highest level first.
-        above = np.searchsorted(levels, self.error)
-        lost = 0.75 * np.bincount(above, weights=error2, minlength=_LEVELS + 1)[:0:-1]
-        comm.Allreduce(MPI.IN_PLACE, lost, op=MPI.SUM)
-        lost = np.cumsum(lost)
-        need = (self.error_global**2 - (_AIM * tolerance * self.energy_norm) ** 2) / gain
-        enough = min(int(np.searchsorted(lost, need)), _LEVELS - 1)
-        return above >= _LEVELS - enough, float(lost[enough])
+        if largest <= criterion:
+            return np.zeros(len(error2), dtype=np.int8), 0.0
+        low, high = np.geomspace([_LOWEST * criterion, criterion], [criterion, largest], _THRESHOLDS // 2).T
+        thresholds = np.concatenate([low[:-1], high])[::-1]
+        # The first threshold, from the highest down, that a cell exceeds, and that its children would.
+        once, twice = (np.searchsorted(-thresholds, -e, side="right") for e in (self.error, _CHILD * self.error))
+        sums = np.stack([np.bincount(n, weights=error2, minlength=len(thresholds) + 1)[:-1] for n in (once, twice)])
+        comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        sums = np.cumsum(sums, axis=1)
+
+        def lost(gain):
+            """Loss of xi^2 with each threshold."""
+            left = 1 - 0.75 * gain
+            return (1 - left) * (sums[0] + left * sums[1])
+
+        need = self.error_global**2 - (_AIM * tolerance * self.energy_norm) ** 2
+        chosen = int(np.searchsorted(lost(gain or 1.0), need))
+        if chosen >= (len(high) if gain is None else len(thresholds)):
+            chosen = len(high) - 1
+        return (once <= chosen).astype(np.int8) + (twice <= chosen), float(lost(1.0)[chosen])
 
 
 @dataclass
@@ -137,9 +152,9 @@ class Gain:
             comm: MPI communicator of the mesh's forest.
 
         Returns:
-            (ncells,) bool.
+            (ncells,) int8, how often to refine each.
         """
-        gain, square = 1.0, error.error_global**2
+        gain, square = None, error.error_global**2
         if self.expected:
             gain = min(max((self.before - square) / self.expected, _LEAST_GAIN), 1.0)
         marked, self.expected = error.marked(tolerance, comm, gain)

@@ -173,6 +173,28 @@ class Forest:
         anchor = self.anchor[parent] + side[:, None] * offset
         return self._with(self.cell[parent], level, anchor), Glue(parent, child)
 
+    def refined_with(self, times, values):
+        """Refine leaves, some of them repeatedly, and carry a field along.
+
+        Collective on comm.  Once refined, leaves stop at the finest level.
+
+        Args:
+            times: (n,) int, how often to refine each leaf; its children all alike.
+            values: (n, 8, ...) float64, a trilinear field at the corners of the leaves.
+
+        Returns:
+            The new Forest, and the field at the corners of its leaves.
+
+        Raises:
+            GeometryError: a leaf of the finest level is to be refined.
+        """
+        forest, glue = self.refined(times > 0)
+        values, times = glue.carry(values), np.maximum(times[glue.parent] - 1, 0)
+        times[(glue.child < 0) | (forest.level == MAX_LEVEL)] = 0
+        if not self.comm.allreduce(bool(times.any()), op=MPI.LOR):
+            return forest, values
+        return forest.refined_with(times, values)
+
     def moved(self, destination):
         """Send leaves to other ranks.
 

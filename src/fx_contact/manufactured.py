@@ -127,10 +127,10 @@ def adapt_manufactured(
         yield step
         if step.record["estimate"] <= tolerance or number == max_steps - 1:
             return
-        marked = np.ones(len(forest), dtype=bool)
+        times = np.ones(len(forest), dtype=np.int8)
         if not uniform:
-            marked[step.elasticity.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, comm)
-        forest, _ = forest.refined(marked)
+            times[step.elasticity.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, comm)
+        forest, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
 
 
 def _solve(number, forest, order, tolerance, stages):

@@ -52,7 +52,7 @@ def true_error(step, tolerance, scene=None):
         SceneError: a scene with other root cells.
     """
     scene = step.scene if scene is None else scene
-    marked = np.zeros(len(step.forest), dtype=bool)
+    marked = np.zeros(len(step.forest), dtype=np.int8)
     marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance, step.forest.comm)[0]
     beginning = Beginning.after(step, marked)
     beginning = Beginning(_on(beginning.forest, scene), beginning.values)
