@@ -109,6 +109,26 @@ def records(case, folder):
     return steps
 
 
+def at_once(case, folder, copies=2):
+    """Step records of independent runs of a case at the same time, each a single process; None if one failed.
+
+    Args:
+        case: Case, whose ranks do not count.
+        folder: Path below which the runs have folders.
+        copies: how many.
+    """
+    places = [folder / f"{case.name} copy {number} of {copies}" for number in range(1, copies + 1)]
+    if not all((place / "done").exists() for place in places):
+        words = [sys.executable, str(DEMOS / f"{case.demo}.py"), *shlex.split(case.options), "--records-only"]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        processes = [subprocess.Popen([*words, "--output", str(place)], **quiet) for place in places]
+        if any([process.wait() for process in processes]):
+            return None
+        for place in places:
+            (place / "done").touch()
+    return [[json.loads(line) for line in (place / "steps.jsonl").read_text().splitlines()] for place in places]
+
+
 def cpu(steps, stages=STAGES):
     """CPU seconds of all ranks in some stages of all steps; those of a demo without output, compilation apart."""
     return sum(step["cpu_seconds"][name] for step in steps for name in stages)

@@ -63,6 +63,15 @@ def test_the_judge_sees_a_wrong_force():
     assert not Check("not a number", np.nan, 1.0).holds
 
 
+def test_coarse_is_not_wrong_and_not_right():
+    """A scene whose record doubts its estimate may miss by what it admits, and by no more."""
+    case = NAMED["aspect/clamped-cubes/10"]
+    one = stability.score(case)
+    assert one["score"] == "coarse" and one["assumed_effectivity"] < 0.8
+    assert (one["estimate"] / one["assumed_effectivity"]) ** 2 > 1.5 * one["estimate"] ** 2
+    assert stability.score(replace(case, reference=replace(case.reference, force=1.08)))["score"] == "wrong"
+
+
 @pytest.mark.parametrize(
     "spoil, check",
     [
