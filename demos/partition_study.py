@@ -38,8 +38,8 @@ from fx_contact.units import Units, curve_keys
 #: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
 #: half width of the picture [m].
 BENCHMARKS = {
-    "hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.032, 0.08, 18.3e6, 0.25),
-    "indentation": (indentation, 0.053, 0.1, 295.9e6, 1.0),
+    "hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.035, 0.07, 18.3e6, 0.25),
+    "indentation": (indentation, 0.051, 0.1, 295.9e6, 1.0),
 }
 #: Tolerance of the runs in which the kernels are measured, and of those of --quick.
 TOLERANCES = (0.05, 0.12)

@@ -474,6 +474,7 @@ CASES = {
         SceneError,
         "the displacement on 'top' is 1e+07 m",
     ),
+    "penalty lost in rounding": (lambda: Enforcement("penalty", 1e13), SceneError, "'exact' needs none"),
     "approach of more than both spheres": (
         lambda: scenes.hertz(displacement=5.0, comm=COMM),
         SceneError,

@@ -1,6 +1,7 @@
 """Exact, augmented and penalised contact, and the rules by which pairs open and close."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from types import SimpleNamespace
 
@@ -120,6 +121,20 @@ def loaded_hertz(pressure, displacement=0.01):
     scene = hertz(order=2, coarse=2, displacement=displacement)
     kept = tuple(condition for condition in scene.dirichlet if condition.where != "top")
     return replace(scene, dirichlet=kept, tractions=(Traction("top", (0.0, 0.0, -pressure)),))
+
+
+def test_force_that_the_solver_leaves_open(monkeypatch):
+    """A penalty's force is known to the accuracy of the linear solver; what is worse than allowed is an error."""
+    scene = loaded_hertz(0.002)
+    for allowed, fails in ((1e-5, False), (1e-15, True)):
+        monkeypatch.setattr("fx_contact.solve._UNDETERMINED", allowed)
+        adapt_once = partial(next, adapt(scene, 0.5, enforcement=Enforcement("penalty", 1e3)))
+        if fails:
+            with pytest.raises(SolveError, match="of the contact force open: the penalty is too stiff"):
+                adapt_once()
+        else:
+            assert adapt_once().record["force"] > 0
+    assert next(adapt(scene, 0.5)).record["force"] > 0, "exact forces are residuals"
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -19,9 +19,8 @@ from fx_contact.errors import SceneError
 #: The methods, the default first.
 METHODS = ("exact", "augmented-lagrangian", "penalty")
 
-
-#: The factor of the penalty where none is given.
-FACTOR = 100.0
+#: The factor of the penalty where none is given, and the largest: stiffer ones are lost in rounding.
+FACTOR, STIFFEST = 100.0, 1e12
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,11 @@ class Enforcement:
         if given and self.method == "exact":
             raise SceneError(
                 f"the enforcement 'exact' takes no penalty {given[0]}; the methods 'penalty' and others do"
+            )
+        if (self.factor or 0.0) > STIFFEST:
+            raise SceneError(
+                f"a penalty factor of {self.factor:g} is lost in rounding, {STIFFEST:g} is the most: {FACTOR:g} is "
+                "enough, and the enforcement 'exact' needs none"
             )
         if len(given) == 2:
             raise SceneError("a penalty has a factor or a node_stiffness, not both")

@@ -97,9 +97,15 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
             status.forget()
         else:
             status.check_held()
+            force = np.where(status.active, trial, 0.0)
+            left = linear.undetermined(u, force)
+            if left > _UNDETERMINED:
+                raise SolveError(
+                    f"linear solver and rounding leave {left:.1%} of the contact force open: the penalty is too stiff; "
+                    "use a smaller factor or the enforcement 'exact'"
+                )
             break
     linear.destroy()
-    force = np.where(status.active, trial, 0.0)
     penetration, updates = pairs.penetration(u), status.updates + augmentations
     return ContactSolution(
         u, status.active, force, penetration, updates, linear.iterations, linear.preconditioner, linear.noise
@@ -210,6 +216,26 @@ class _ClosedPairs:
         residual = self._cg.residual(self._right_hand_side, u)
         return np.where(self._projection.closed, self._projection.apply_transpose(residual), trial)
 
+    def undetermined(self, u, force):
+        """Share of the contact force that a solution leaves open.
+
+        A penalty's force is a small penetration times a large stiffness; exact forces are residuals already.
+
+        Args:
+            u: (owned, 3) float64, the last solution [m].
+            force: (n,) float64, of each pair [N].
+
+        Returns:
+            float, the same on all ranks [-].
+        """
+        if self._projection is not None:
+            return 0.0
+        pairs = self._jump.pairs
+        residual = pairs.prolongation.ghosted(self._cg.residual(self._right_hand_side, u))
+        left = (np.abs(np.einsum("ni,ni->n", pairs.normal, residual[at])).sum() for at in (pairs.first, pairs.second))
+        sums = self._comm.allreduce(np.array([*left, force.sum()]))
+        return float(sums[:2].max() / sums[2]) if sums[2] > 0 else 0.0
+
     def augment(self, trial, u):
         """Add the penalty's forces to those of the augmented Lagrangian, if they still leave a penetration.
 
@@ -233,6 +259,10 @@ class _ClosedPairs:
             return False
         self._forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
         return True
+
+
+#: Most of a penalty's force that linear solver and rounding may leave open [-].
+_UNDETERMINED = 0.01
 
 
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
