@@ -43,9 +43,9 @@ for step in adapt(scene, tolerance=0.16):
 # %%
 import matplotlib.pyplot as plt
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 3.4), layout="constrained")
-for axes, number in zip(panels, (0, 2, 4)):
-    axes.imshow(plt.imread(pictures[number]))
+figure, panels = plt.subplots(1, len(pictures), figsize=(13, 3.4), layout="constrained")
+for number, (axes, picture) in enumerate(zip(panels, pictures)):
+    axes.imshow(plt.imread(picture))
     axes.set_title(f"step {number}")
     axes.set_axis_off()
 
