@@ -245,7 +245,7 @@ def kernel_table(kernels):
 def main():
     """Parse and run."""
     options = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--quick", action="store_true", help="forests of 100,000 to 200,000 leaves: two minutes")
+    options.add_argument("--quick", action="store_true", help="forests of some 100,000 leaves: two minutes")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
     options.add_argument("--output", type=Path, default=Path("results/partitions"), help="folder (%(default)s)")
     arguments = options.parse_args()

@@ -120,9 +120,11 @@ def at_once(case, folder, copies=2):
     places = [folder / f"{case.name} copy {number} of {copies}" for number in range(1, copies + 1)]
     if not all((place / "done").exists() for place in places):
         words = [sys.executable, str(DEMOS / f"{case.demo}.py"), *shlex.split(case.options), "--records-only"]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        processes = [subprocess.Popen([*words, "--output", str(place)], **quiet) for place in places]
-        if any([process.wait() for process in processes]):
+        streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        processes = [subprocess.Popen([*words, "--output", str(place)], **streams) for place in places]
+        said = [process.communicate()[1] for process in processes]
+        if any(process.returncode for process in processes):
+            print(f"failed: {shlex.join(words)}\n{''.join(map(_what_it_said, said))}", file=sys.stderr)
             return None
         for place in places:
             (place / "done").touch()

@@ -7,7 +7,7 @@ units, another direction or on another mesh; `stability_checks.py` says how clos
 a process of its own with a time limit, so that a crash or a hang is a score too.
 
     python3 demos/stability.py --quick            # a tenth of the scenes, spread over all rows: a minute
-    python3 demos/stability.py                    # all: 20 minutes on two cores
+    python3 demos/stability.py                    # all: 8 minutes on two cores
     python3 demos/stability.py --only NAME        # one scene, with all its checks
 
 A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,

@@ -8,12 +8,7 @@ SCORES = {
     "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
     "soft": ("s", "#e8e8e8", "#9a9a9a", "agrees with so soft a penalty, which errs by more than the error asked for"),
     "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
-    "coarse": (
-        "c",
-        "#e8e8e8",
-        "#9a9a9a",
-        "agrees as closely as asked for; the record says that the estimate sees little",
-    ),
+    "coarse": ("c", "#e8e8e8", "#9a9a9a", "agrees as closely as the record admits: the estimate sees little"),
     "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
     "error": ("E", "#a8a8a8", "#E69F00", "a typed error where there is a solution"),
     "hang": ("T", "#606060", "#D55E00", "not done in time"),

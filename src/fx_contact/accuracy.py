@@ -10,6 +10,8 @@ from mpi4py import MPI
 from fx_contact.elasticity import QUADRATURE_DEGREE
 from fx_contact.estimate import VOIGT
 
+#: Figures of a contact that are compared as they stand in the record, and those that are compared in a norm.
+FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
 #: Degree of the Gauss rule where a smooth function that is no polynomial is integrated.
 FINE_QUADRATURE = 6
 
@@ -92,16 +94,12 @@ def contact_errors(step, reference):
         (profile in the L2 norm over the contact surface) and `axis_stress` (root of the summed squares at the
         reference's heights, from the recovered stress) [-].
     """
-    result = {name: step.record[name] / getattr(reference, name) - 1 for name in _FIGURES}
+    result = {name: step.record[name] / getattr(reference, name) - 1 for name in FIGURES}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
     if len(reference.axis):
         result["axis_stress"] = _axis_error(step, reference)
     return {name: float(value) for name, value in result.items()}
-
-
-#: What is compared as it stands in the record, and what in a norm.
-_FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
 
 
 def _pressure_error(step, reference):

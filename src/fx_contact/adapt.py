@@ -1,6 +1,6 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -102,7 +102,7 @@ def adapt(
 
     Returns:
         Iterator of Step, until xi / (e omega) <= 1, or less where the estimate is found to see less than
-        `estimate.ENOUGH_SEEN` of the error, or max_steps are done.
+        `estimate.ENOUGH_SEEN` of the error (on root cells `SEEN_ON_ROOTS` is assumed), or max_steps are done.
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
@@ -134,17 +134,19 @@ def adapt(
 
 def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress):
     """The steps that `adapt` yields."""
-    carried, records, gain = None, [], Gain()
+    carried, records, gain, again = None, [], Gain(), False
     stages = _stages(progress, len(restart.records) if restart else 0)
     if restart is not None:
         with stages("refine"):
             forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
+        again = len(records) < len(restart.records)
     elif beginning is not None:
         forest, carried = beginning.forest, beginning.values
     else:
-        gain.effectivity = SEEN_ON_ROOTS
         with stages("partition"):
             forest = _first_forest(settings.scene, comm, partition_kind)
+    if restart is None and not comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX):
+        gain.effectivity = SEEN_ON_ROOTS
     del beginning, restart
     for number in range(len(records), max(max_steps, len(records) + 1)):
         with stages("partition"):
@@ -155,8 +157,10 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
             prolongation = Prolongation(forest)
             start, along = _start(forest, prolongation, carried)
             carried = None
+        # The last step of a run that goes on again: what its refinement changed has been observed.
+        seen, again = replace(gain, expected=0.0) if again else gain, False
         try:
-            step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain)
+            step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
         except SolveError as error:
             error.record, error.forest, error.displacement = records[-1] if records else None, forest, start
             raise
@@ -215,7 +219,6 @@ def _resumed(checkpoint, tolerance, max_steps):
     state, records = checkpoint.load(), list(checkpoint.records)
     gain, aim = state.gain, state.gain.aim(state.estimate, tolerance)
     if aim is None or len(records) >= max_steps:
-        gain.expected = 0.0  # the last step again: it has been observed
         return state.forest, state.values, records[:-1], gain
     times = gain.marked(state.estimate, aim, state.forest.comm)
     return *state.forest.refined_with(times, state.values), records, gain

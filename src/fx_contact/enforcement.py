@@ -37,7 +37,8 @@ class Enforcement:
             displacement [-].
 
     Raises:
-        SceneError: an unknown method, a value that is not positive, a penalty where the method takes none.
+        SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and
+            a node_stiffness, a factor above `STIFFEST`.
     """
 
     method: str = METHODS[0]

@@ -11,6 +11,9 @@ from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ConjugateGradients
 
+#: Most of a penalty's force that linear solver and rounding may leave open [-].
+_UNDETERMINED = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
@@ -59,8 +62,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         ContactSolution.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets or augmentations, or nothing holds a body once
-            the contact opens.
+        SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once the
+            contact opens, or a penalty is so stiff that its force is not known to 1 %.
     """
     u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
@@ -259,10 +262,6 @@ class _ClosedPairs:
             return False
         self._forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
         return True
-
-
-#: Most of a penalty's force that linear solver and rounding may leave open [-].
-_UNDETERMINED = 0.01
 
 
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
