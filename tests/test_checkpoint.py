@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt
 from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import NAME, Checkpoint
+from fx_contact.checkpoint import KIND, NAME, Checkpoint
 from fx_contact.errors import CheckpointError, FxContactError, OutputError, SceneError
 from fx_contact.output import RecordWriter
 from fx_contact.pairing import leaf_code
@@ -214,7 +214,7 @@ def test_damaged(scene, folder, spoil, words):
 def test_another_file_of_rows(scene, folder):
     """A whole file with other content is refused."""
     write(folder / NAME, WORLD, {"kind": "checkpoint of fx_contact, version 0"}, {})
-    assert "is no checkpoint of fx_contact, version 1" in caught(
+    assert f"is no {KIND}" in caught(
         CheckpointError, lambda: Checkpoint(folder, scene, WORLD)
     )
 
