@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import warnings
 from contextlib import contextmanager
 
 from fx_contact._mpi import together
@@ -56,6 +57,14 @@ def axes_for(path, width=6.4, height=4.4):
     figure.savefig(path, dpi=150)
 
 
+def import_pyvista():
+    """The module pyvista.  In a notebook its import may advise on progress bars of downloads; there are none here."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="IProgress not found")
+        import pyvista
+    return pyvista
+
+
 @contextmanager
 def plotter_for(path, width=1200, height=840):
     """A pyvista Plotter whose picture is saved in the end.
@@ -67,9 +76,7 @@ def plotter_for(path, width=1200, height=840):
         width, height: of the picture [pixels].
     """
     with _display():
-        import pyvista
-
-        plotter = pyvista.Plotter(off_screen=True, window_size=(width, height))
+        plotter = import_pyvista().Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")
         plotter.enable_parallel_projection()
         yield plotter

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from fx_contact import reference
 from fx_contact.checks import check_name
 from fx_contact.lattice import SIDE
-from fx_contact.plot.canvas import draw_on_first, plotter_for
+from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
 RANK_COLOURS = (
@@ -163,7 +163,7 @@ def _visible_faces(forest, centre, reach):
 
 
 def _draw_faces(faces, colours, legend, centre, reach, path):
-    import pyvista
+    pyvista = import_pyvista()
 
     with plotter_for(path) as plotter:
         for corners, colour in zip(faces, colours):

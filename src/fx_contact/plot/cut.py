@@ -6,7 +6,7 @@ from mpi4py import MPI
 from fx_contact import reference
 from fx_contact.lattice import SIDE
 from fx_contact.plot.cells import contact_size
-from fx_contact.plot.canvas import draw_on_first, plotter_for
+from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 
 
 def draw_stress(step, path, zoom=None):
@@ -68,7 +68,7 @@ def cut_by_body(corners, values, body, y):
     Returns:
         list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
     """
-    import pyvista
+    pyvista = import_pyvista()
 
     sections = []
     for which in np.unique(body):
@@ -81,7 +81,7 @@ def cut_by_body(corners, values, body, y):
 
 
 def _draw_cut(corners, values, body, centre, reach, y, path):
-    import pyvista
+    pyvista = import_pyvista()
 
     section = pyvista.merge(cut_by_body(corners, values, body, y), merge_points=False)
     with plotter_for(path, 1500, 1000) as plotter:
@@ -125,7 +125,7 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
 
 def _outlines(corners, y):
     """The lines in which a plane across y cuts the faces of leaves."""
-    import pyvista
+    pyvista = import_pyvista()
 
     quads = corners[:, reference.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
     quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
