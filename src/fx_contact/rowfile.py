@@ -14,6 +14,7 @@ import struct
 import zlib
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 from mpi4py import MPI
@@ -41,7 +42,9 @@ def write(path, comm, content, tables):
         OutputError: the file cannot be written; what was there before still is.
     """
     path = Path(path)
-    new = path.with_name(path.name + ".new")
+    # A name of its own each time: Open MPI locks a semaphore that is called like the file, and whoever is killed in
+    # between leaves it locked for all that come after.
+    new = path.with_name(f"{path.name}.new-{comm.bcast(uuid4().hex)}")
     tables = {name: np.ascontiguousarray(rows, rows.dtype.newbyteorder("<")) for name, rows in tables.items()}
     layout, first = {}, {}
     for name, rows in tables.items():
@@ -56,6 +59,10 @@ def write(path, comm, content, tables):
     header = comm.bcast(header + b" " * (-len(header) % 8))
     preamble = _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header))
     starts, end = _places(len(header), layout)
+    with together(comm), _written(path):
+        if comm.rank == 0:
+            for left in [p for p in path.parent.iterdir() if p.name.startswith(path.name + ".new")]:
+                left.unlink()  # of a run that was killed
     with together(comm), _written(path):
         file = MPI.File.Open(comm, str(new), MPI.MODE_CREATE | MPI.MODE_WRONLY)
         file.Set_size(end)
