@@ -71,11 +71,12 @@ def test_facets_are_curved_for_vtk(tmp_path):
     grid = read(folder / "contact.pvtu")
     if grid is None:
         return
-    lower = grid.extract_cells(grid["body"] == list(step.scene.mesh.bodies).index("lower"))
+    lower = list(step.scene.mesh.bodies).index("lower")
 
     def off(level):
-        skin = lower.extract_surface(nonlinear_subdivision=level)
-        middle = skin.triangulate().cell_centers().points
+        # The body is chosen last: VTK 9.3 crashes now and then where it extracts cells of any .pvtu, its own too.
+        skin = grid.extract_surface(nonlinear_subdivision=level).triangulate()
+        middle = skin.cell_centers().points[skin["body"] == lower]
         return np.abs(np.linalg.norm(middle + [0, 0, 1.0], axis=1) - 1).max()
 
     assert off(3) < 0.05 * off(0), "straight between its corners, or twisted"
