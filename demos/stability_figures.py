@@ -8,7 +8,6 @@ SCORES = {
     "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
     "soft": ("s", "#e8e8e8", "#9a9a9a", "agrees with so soft a penalty, which errs by more than the error asked for"),
     "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
-    "coarse": ("c", "#e8e8e8", "#9a9a9a", "agrees as closely as the record admits: the estimate sees little"),
     "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
     "error": ("E", "#a8a8a8", "#E69F00", "a typed error where there is a solution"),
     "hang": ("T", "#606060", "#D55E00", "not done in time"),
@@ -118,7 +117,7 @@ def draw_matrix(scores, path):
         about = f"{letter or 'number'}: {meaning} ({count})"
         handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
-    title = f"{len(scores)} scenes; the number in a cell: iterations of PCG and contact, last step"
+    title = f"{len(scores)} scenes; the number in a cell: iterations of PCG and contact, all steps"
     figure.suptitle(title, fontsize=10)
     figure.savefig(path, dpi=110)
     plt.close(figure)

@@ -129,7 +129,8 @@ def units_of(length, stress):
 
 #: Twins whose penalty errs otherwise, and twins on another mesh.
 OTHER_CONTACT = {"same_contact": False, "curved": True}
-OTHER_MESH = {"same_mesh": False, "same_contact": False}
+#: The latter are so much finer that their own error hides none of the scene's: 0.09 of the square asked for.
+OTHER_MESH = {"same_mesh": False, "same_contact": False, "tolerance": 0.3}
 
 
 def refused(make):
@@ -261,7 +262,7 @@ def compressibility():
             ("punch, finer", partial(punch, block=both, punch=both), True),
             ("indentation, finer", partial(indentation, block=both, cube=material(100.0, poisson)), False),
         ):
-            known = {"curved": curved, "tolerance": 0.5} | OTHER_MESH
+            known = {"curved": curved} | OTHER_MESH
             yield Case("Poisson", name, value, **with_twin(make, lambda scene: scene, **known), tolerance=0.25)
 
 

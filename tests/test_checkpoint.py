@@ -214,9 +214,7 @@ def test_damaged(scene, folder, spoil, words):
 def test_another_file_of_rows(scene, folder):
     """A whole file with other content is refused."""
     write(folder / NAME, WORLD, {"kind": "checkpoint of fx_contact, version 0"}, {})
-    assert f"is no {KIND}" in caught(
-        CheckpointError, lambda: Checkpoint(folder, scene, WORLD)
-    )
+    assert f"is no {KIND}" in caught(CheckpointError, lambda: Checkpoint(folder, scene, WORLD))
 
 
 def test_belongs_to_another_problem(scene, folder):

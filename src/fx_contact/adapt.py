@@ -101,8 +101,8 @@ def adapt(
             work on that stage begins; it must not raise.  None: nobody is told.
 
     Returns:
-        Iterator of Step, until xi / (e omega) <= 1, or less where the estimate is found to see less than
-        `estimate.ENOUGH_SEEN` of the error (on root cells `SEEN_ON_ROOTS` is assumed), or max_steps are done.
+        Iterator of Step, until xi / (e omega) <= 1, xi divided by the part of the error that the estimate is found to
+        see if that is less than `estimate.ENOUGH_SEEN` (`SEEN_ON_ROOTS` on root cells), or max_steps are done.
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a

@@ -20,8 +20,7 @@ _AIM = 0.9
 _THRESHOLDS, _LOWEST = 1024, 0.25
 #: Error of a child relative to its parent's, where the solution is smooth: eight of them have a quarter of xi_T^2.
 _CHILD = 32**-0.5
-#: A mesh is fine enough if the estimate meets the tolerance and sees so much of the error; where it sees less, it must
-#: be as much smaller.  The true error then exceeds the tolerance by a quarter of it at most.
+#: An estimate that sees so much of the error is taken at its word, as (6) does; one that sees less is divided by that.
 ENOUGH_SEEN = 0.8
 #: The least that refinement is taken to bring, so that a step that brings nothing does not mark for ever.
 _LEAST_GAIN = 0.1
@@ -138,7 +137,7 @@ class Gain:
         """
         if error.relative > tolerance:
             return tolerance
-        trusted = min(self.effectivity / ENOUGH_SEEN, 1.0) * tolerance
+        trusted = tolerance if self.effectivity >= ENOUGH_SEEN else self.effectivity * tolerance
         return trusted if error.relative > trusted else None
 
     def marked(self, error, tolerance, comm):

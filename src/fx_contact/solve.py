@@ -76,8 +76,10 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         return _solve_linear(matrix, base, u, energy_norm, solver, stages)
     with stages("solve"):
         status = ActiveSet(pairs, scene, u, solver.max_contact)
-        u = _relax(matrix.mat, base, PenaltyTerm(jump), u, status)
-        status.forget()
+        PenaltyTerm(jump).change(matrix.mat, np.zeros_like(status.active), status.active)
+        if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
+            u = _relax(matrix.mat, base, PenaltyTerm(jump), u, status)
+            status.forget()
     with stages("system"):
         linear = _ClosedPairs(matrix, base, jump, status.active, energy_norm, solver, enforcement, stages)
 
@@ -273,10 +275,10 @@ def _relax(matrix, base, term, u, status):
 
     A displacement carried from a coarser mesh errs most from one node to the next, just where contact ends.  That
     error is gone after few cheap iterations; the active set that is left is mostly the last one, and hypre is set up
-    for it once.
+    for it once.  From bodies at rest a few iterations would see no more than the load's surroundings, and mislead.
 
     Args:
-        matrix: PETSc Mat without penalty term; it has that of the last active set in the end.
+        matrix: PETSc Mat with the penalty term of the active set; it has that of the last one in the end.
         base: (owned, 3) float64, right-hand side without contact [N].
         term: PenaltyTerm.
         u: (owned, 3) float64, first guess [m].
@@ -285,7 +287,6 @@ def _relax(matrix, base, term, u, status):
     Returns:
         (owned, 3) float64 [m].
     """
-    term.change(matrix, np.zeros_like(status.active), status.active)
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
