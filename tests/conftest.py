@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 
 from fx_contact import reference
 from fx_contact.forest import Forest
-from fx_contact.lattice import SIDE
+from fx_contact.lattice import BITS, SIDE
 from fx_contact.pairing import leaf_code
 from fx_contact.partition import repartition
 from fx_contact.reference import CORNERS
@@ -286,10 +286,15 @@ def roots(scene, comm=WORLD):
     return Forest.of_roots(comm, scene.mesh, scene.pairing)
 
 
+def place(forest):
+    """A number for each leaf that depends on its place alone, alike for leaves down to level 12: (n,) int64."""
+    x, y, z = forest.anchor.T.astype(np.int64) >> BITS - 12
+    return ((forest.cell.astype(np.int64) << 12 | x) << 12 | y) << 12 | z
+
+
 def chosen(forest, share, salt):
     """Random marks that do not depend on the number of ranks."""
-    number = leaf_code(forest.cell, forest.anchor) * 16 + forest.level
-    return scramble(number, salt) % np.uint64(1000) < np.uint64(1000 * share)
+    return scramble(place(forest) * 16 + forest.level, salt) % np.uint64(1000) < np.uint64(1000 * share)
 
 
 def grown(forest, rounds, share=0.15, salt=7):
@@ -312,7 +317,7 @@ def split(forest, marked):
 
 def strewn(forest, salt=3):
     """The same leaves on random ranks, facing leaves apart.  Collective."""
-    return forest.moved(scramble(leaf_code(forest.cell, forest.anchor), salt) % np.uint64(forest.comm.size))[0]
+    return forest.moved(scramble(place(forest), salt) % np.uint64(forest.comm.size))[0]
 
 
 #: Ways to distribute the leaves: as they were refined, at random, along the contact-aware curve.

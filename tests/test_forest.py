@@ -143,7 +143,7 @@ def test_refined_repeatedly(scene):
         deepest.refined_with(marks, np.empty((len(deepest), 8, 0)))
 
 
-def test_twelve_levels(scene):
+def test_finest_level(scene):
     """Refinement to one corner of a paired root cell reaches the finest level, then raises on all ranks."""
     cell = int(np.argwhere(scene.pairing.first)[0, 0])
     forest = roots(scene)

@@ -1,10 +1,13 @@
 """Names of lattice points: the same from every cell that shares a point, different for different points."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from conftest import corner_scene, pressed, rotations, scramble, turned, two_boxes
+from conftest import WORLD, corner_scene, pressed, rotations, scramble, turned, two_boxes
 
 from fx_contact import reference
+from fx_contact.errors import GeometryError
 from fx_contact.lattice import MAX_LEVEL, SIDE, Lattice, edge_midpoints, face_centres, leaf_corners
 from fx_contact.rootmesh import RootMesh
 
@@ -106,6 +109,19 @@ def test_names_fit():
     assert keys.dtype == np.int64 and keys.min() >= 0
     again, _ = named(mesh, grid(LINE[[0, 1, -1]]))
     assert np.array_equal(keys, again)
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="the same on every rank")
+def test_most_cells():
+    """250,000 cells that share nothing have names, all different, up to the last point; more are refused."""
+    corners = np.arange(8 * 250_000).reshape(-1, 8)
+    names = Lattice(SimpleNamespace(cells=corners, corners=corners))
+    line = np.array([0, SIDE // 2, SIDE])
+    keys = names.keys(np.array([0, 249_999]), np.broadcast_to(grid(line), (2, 27, 3)))
+    assert keys.min() >= 0 and len(np.unique(keys)) == 54
+    more = np.arange(8 * 263_000).reshape(-1, 8)
+    with pytest.raises(GeometryError, match="263000 cells"):
+        Lattice(SimpleNamespace(cells=more, corners=more))
 
 
 @pytest.mark.parametrize("level", [0, 1, 5, MAX_LEVEL])

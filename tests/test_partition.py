@@ -10,6 +10,7 @@ from conftest import (
     gathered,
     grown,
     leaves,
+    place,
     pressed,
     roots,
     scramble,
@@ -23,7 +24,7 @@ from fx_contact import Solver, adapt, smoothing
 from fx_contact.errors import PartitionError
 from fx_contact.forest import find_leaves
 from fx_contact.hanging import Prolongation
-from fx_contact.lattice import face_centres
+from fx_contact.lattice import SIDE, face_centres
 from fx_contact.leafgraph import leaf_graph
 from fx_contact.pairing import leaf_code
 from fx_contact.partition import IMBALANCE, KINDS, along_curve, assign, repartition
@@ -208,7 +209,7 @@ def test_same_solution(kind, serial_solution):
 
 
 def random_parts(forest, parts, salt=5):
-    return (scramble(code_of(forest), salt) % np.uint64(parts)).astype(np.int32)
+    return (scramble(place(forest), salt) % np.uint64(parts)).astype(np.int32)
 
 
 @pytest.mark.parametrize("make", [lambda: pressed(two_boxes(margin=1)), corner_scene], ids=["boxes", "corner"])
@@ -216,7 +217,7 @@ def random_parts(forest, parts, salt=5):
 def test_quality_by_definition(make, parts):
     """All measures are what a search through all leaves finds, for parts that have nothing to do with the ranks."""
     forest = repartition(grown(roots(make()), 3, share=0.1), None)[0]
-    octants = (forest.anchor.astype(np.int64) >> 12) @ [1, 3, 5] % parts
+    octants = (forest.anchor.astype(np.int64) // (SIDE // 2)) @ [1, 3, 5] % parts
     for part in (random_parts(forest, parts), octants):
         weights = 1.0 + forest.level
         found = Judge(forest, Prolongation(forest), weights).score(part, parts)

@@ -23,7 +23,7 @@ from fx_contact.prescriptions import Traction, evaluated
 from fx_contact.rowfile import RowFile, write
 
 NAME = "checkpoint"
-KIND = "checkpoint of fx_contact, version 2"
+KIND = "checkpoint of fx_contact, version 3"
 _LEVEL_BITS = 4
 
 

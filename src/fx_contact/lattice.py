@@ -1,9 +1,9 @@
 """Canonical names of lattice points: keys that every rank computes alike, without communication.
 
-Each root cell carries an integer lattice with 2^13 intervals a side: twice as fine as the finest leaves, so that
+Each root cell carries an integer lattice with 2^15 intervals a side: twice as fine as the finest leaves, so that
 midpoints of leaf edges and faces are lattice points too.  A lattice point is named by the root entity (vertex, edge,
 face or cell) in whose interior it lies and by its integer coordinates in that entity's canonical frame, which starts
-at the entity's lowest root vertex.  Packed in an int64: 24 bits of entity, three times 13 bits of coordinates.
+at the entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.
 """
 
 from itertools import product
@@ -13,7 +13,7 @@ import numpy as np
 from fx_contact import reference
 from fx_contact.errors import GeometryError
 
-MAX_LEVEL = 12
+MAX_LEVEL = 14
 BITS = MAX_LEVEL + 1
 SIDE = 1 << BITS
 """Intervals of the lattice along a root edge; a leaf of level l has the side `SIDE >> l`."""
@@ -37,25 +37,26 @@ class Lattice:
         ncells = len(mesh.cells)
         _, vertices = np.unique(mesh.corners, return_inverse=True)
         vertices = vertices.reshape(ncells, 8)
-        self.entity = np.zeros((ncells, 27), dtype=np.int64)
+        self._start = np.zeros((ncells, 27), dtype=np.int64)
+        self._unused = np.array([BITS * (3 - code.count(_INSIDE)) for code in _CODES])
         self._flip = np.zeros((ncells, 27, 3), dtype=bool)
         self._swap = np.zeros((ncells, 27), dtype=bool)
         self._axes = np.full((27, 3), 3)
-        count = 0
+        used = 0
         for dimension in range(4):
             parts = [i for i, code in enumerate(_CODES) if code.count(_INSIDE) == dimension]
             corners = np.stack([vertices[:, _part_corners(_CODES[i])] for i in parts], axis=1)
             rows = np.sort(corners, axis=2).reshape(ncells * len(parts), -1)
             _, ids = np.unique(rows, axis=0, return_inverse=True)
-            self.entity[:, parts] = count + ids.reshape(ncells, len(parts))
-            count += ids.max() + 1
+            before, used = used, used + (int(ids.max() + 1) << dimension * BITS)
+            if used >= 1 << 63:
+                raise GeometryError(f"the root mesh has {ncells} cells, and the keys of their points end at 250,000")
+            self._start[:, parts] = before + (ids.reshape(ncells, len(parts)) << dimension * BITS)
             for slot, part in enumerate(parts):
                 inside = [axis for axis in range(3) if _CODES[part][axis] == _INSIDE]
                 self._axes[part, :dimension] = inside
                 if dimension in (1, 2):
                     self._orient(part, dimension, corners[:, slot])
-        if count >= 1 << 24:
-            raise GeometryError(f"the root mesh has {count} vertices, edges, faces and cells; at most {1 << 24} fit")
 
     def _orient(self, part, dimension, corners):
         """Canonical frame of an edge or face: from the lowest root vertex, the lower of its neighbours first."""
@@ -87,7 +88,8 @@ class Lattice:
         swap = self._swap[cell, part]
         first = np.where(swap, local[:, :, 1], local[:, :, 0])
         second = np.where(swap, local[:, :, 0], local[:, :, 1])
-        return ((self.entity[cell, part] << BITS | first) << BITS | second) << BITS | local[:, :, 2]
+        inside = ((first << BITS | second) << BITS | local[:, :, 2]) >> self._unused[part]
+        return self._start[cell, part] + inside
 
 
 def _part_corners(code):
