@@ -25,14 +25,14 @@ from mpi4py import MPI
 from test_elasticity import discrete
 from test_patch import conforming_positions, solved
 
-from fx_contact import Dirichlet, Enforcement, Material, Traction, adapt
+from fx_contact import Dirichlet, Enforcement, Material, Solver, Traction, adapt
 from fx_contact.activeset import ActiveSet
 from fx_contact.conditions import prescribed_displacements
 from fx_contact.contact import node_pairs
 from fx_contact.enforcement import METHODS, Jump, Projection
 from fx_contact.errors import SolveError
 from fx_contact.rootmesh import RootMesh
-from fx_contact.scenes import hertz, punch
+from fx_contact.scenes import hertz, punch, stack
 
 PRESSURE = 0.01
 
@@ -123,18 +123,42 @@ def loaded_hertz(pressure, displacement=0.01):
     return replace(scene, dirichlet=kept, tractions=(Traction("top", (0.0, 0.0, -pressure)),))
 
 
-def test_force_that_the_solver_leaves_open(monkeypatch):
-    """A penalty's force is known to the accuracy of the linear solver; what is worse than allowed is an error."""
+def test_balance_that_is_lost(monkeypatch):
+    """Bodies that linear solver and rounding leave unbalanced are an error, and every right solution is in balance."""
     scene = loaded_hertz(0.002)
     for allowed, fails in ((1e-5, False), (1e-15, True)):
-        monkeypatch.setattr("fx_contact.solve._UNDETERMINED", allowed)
+        monkeypatch.setattr("fx_contact.balance.MOST", allowed)
         adapt_once = partial(next, adapt(scene, 0.5, enforcement=Enforcement("penalty", 1e3)))
         if fails:
-            with pytest.raises(SolveError, match="of the contact force open: the penalty is too stiff"):
+            with pytest.raises(SolveError, match="of the forces on a body unbalanced: a penalty is too stiff"):
                 adapt_once()
         else:
             assert adapt_once().record["force"] > 0
-    assert next(adapt(scene, 0.5)).record["force"] > 0, "exact forces are residuals"
+
+
+@pytest.mark.parametrize("method", ["penalty", "augmented-lagrangian"])
+def test_stiff_penalty_after_a_long_way(method):
+    """Where the penalty loses the bodies' stiffness in rounding, nothing is delivered: they would press on nothing."""
+    scene = stack((Material(1.0, 0.3),) * 2, displacement=50 + 1e-4, gap=50.0)
+    with pytest.raises(SolveError, match="unbalanced|still changes"):
+        next(adapt(scene, 0.1, enforcement=Enforcement(method, 1e12)))
+    right = next(adapt(scene, 0.1)).record["force"]
+    assert abs(right / 5e-5 - 1) < 1e-6
+
+
+def test_gap_tolerance_is_that_of_the_approach():
+    """Bodies that come from afar overlap by no more than a part of their approach, however far they moved."""
+    scene = punch(displacement=1 + 1e-3, gap=1.0, order=4)
+    enforcement = Enforcement("augmented-lagrangian", 10.0, gap_tolerance=1e-4)
+    step, exact = (next(adapt(scene, 0.5, enforcement=e)).record for e in (enforcement, None))
+    assert step["max_penetration"] < 1e-4 * 1e-3
+    assert abs(step["force"] / exact["force"] - 1) < 1e-3
+
+
+def test_solver_error_is_no_estimate():
+    """A solver too loose for the tolerance is an error, not a solution without error."""
+    with pytest.raises(SolveError, match="linear solver and rounding leave .* of the energy norm open"):
+        next(adapt(hertz(order=2, coarse=2), 0.005, solver=Solver(tolerance=1e-3)))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -101,7 +101,8 @@ class ActiveSet:
         self.updates += 1
         if self.updates > self._most:
             raise SolveError(
-                f"the active set still changes after {self._most} updates; allow more (max_contact), or apply less load"
+                f"the active set still changes after {self._most} updates; allow more (max_contact), "
+                "apply less load, or take a softer penalty"
             )
         wrong = self.differs(wanted)
         if wrong < self._fewest:

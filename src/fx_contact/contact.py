@@ -6,14 +6,15 @@ pairs only and the total area is kept.  A pair lives on the rank that owns both 
 (section 3 of the paper).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact._mpi import Directory
-from fx_contact.enforcement import FACTOR
+from fx_contact.enforcement import FACTOR, STIFFEST
+from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
 
@@ -49,6 +50,11 @@ class NodePairs:
     def __len__(self):
         return len(self.first)
 
+    @property
+    def relative_stiffness(self):
+        """(n,) float64, c of k_N = c E* A^(1/2), A its area: about the factor of the penalty [-].  Local."""
+        return self.stiffness * (1 / self.modulus).sum(axis=1) / np.sqrt(self.area)
+
     def penetration(self, u):
         """B u - D at each pair, positive where the bodies overlap.
 
@@ -62,6 +68,22 @@ class NodePairs:
         """
         u = self.prolongation.ghosted(u)
         return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second]) - self.gap
+
+    def at_first(self, values):
+        """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.
+
+        Collective.
+
+        Args:
+            values: (n, k) float64.
+
+        Returns:
+            (n, k) float64.
+        """
+        imap = self.prolongation.index_map
+        sums = np.zeros((imap.size_local + imap.num_ghosts, values.shape[1]))
+        np.add.at(sums, self.first, values)
+        return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
 
 
 def node_pairs(scene, forest, prolongation, enforcement):
@@ -77,9 +99,25 @@ def node_pairs(scene, forest, prolongation, enforcement):
 
     Returns:
         NodePairs, one block a contact pair of the scene.
+
+    Raises:
+        SceneError: a node_stiffness that is lost in rounding.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
-    return NodePairs(prolongation, *(np.concatenate(column) for column in zip(*blocks)))
+    pairs = NodePairs(prolongation, *(np.concatenate(column) for column in zip(*blocks)))
+    stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
+    if enforcement.node_stiffness is not None and stiffest > STIFFEST:
+        raise SceneError(
+            f"a node_stiffness of {enforcement.node_stiffness:g} N/m is lost in rounding: it is {stiffest:.0e} times "
+            f"the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
+        )
+    return pairs if len(blocks) == 1 else _sharing(pairs)
+
+
+def _sharing(pairs):
+    """Pairs of one vertex take part in its stiffness by their area, as if they were of one contact surface."""
+    stiffness, area = pairs.at_first(np.stack([pairs.stiffness, pairs.area], axis=1)).T
+    return replace(pairs, stiffness=pairs.area * stiffness / area)
 
 
 def loose_bodies(scene, pairs, active):

@@ -108,6 +108,15 @@ class Elasticity:
             self._energy = self._compiled(elastic + self.lame[0] * self.volume_strain**2)
         return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(self._energy)), 0.0)))
 
+    def internal_forces(self):
+        """P^T K u, integrated from the stress of `u` without a matrix: (owned, 3) float64 [N].  Collective."""
+        test = ufl.TestFunction(self.space)
+        stress = self.stress(self.u, self.volume_strain)
+        forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
+        local = np.empty((len(self.prolongation.vertices), 3))
+        local[self.vertex_of_block] = forces.reshape(-1, 3)
+        return self.prolongation.restrict(local)
+
     def stiffness(self, pairs=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 

@@ -33,8 +33,8 @@ class Enforcement:
             "penalty": the force is k_N times the penetration, as in equation (1).
         factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
         node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
-        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the largest
-            displacement [-].
+        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the energy over the contact
+            force, which is about the approach of the bodies, and to the largest displacement [-].
 
     Raises:
         SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and
@@ -137,12 +137,16 @@ class Jump:
         movable: (n,) bool, where conditions leave the jump free.
     """
 
+    #: Components of unit normals up to this one are rounding.
+    _ROUNDING = 1e-8
+
     def __init__(self, pairs, prescribed):
         self.pairs = pairs
         known = pairs.prolongation.ghosted(prescribed)
         free, known = np.isnan(known), np.nan_to_num(known)
+        across = np.abs(pairs.normal) > self._ROUNDING
         self.rows = [
-            np.where(free[place], sign * pairs.normal, 0.0)
+            np.where(free[place] & across, sign * pairs.normal, 0.0)
             for place, sign in ((pairs.first, 1.0), (pairs.second, -1.0))
         ]
         self.matrix = PairRows(pairs, self.rows)
@@ -242,7 +246,7 @@ class Projection:
 
     P = I - W^-1 B^T (B W^-1 B^T)^-1 B, where W weighs each body by its modulus: of two bodies the softer one follows
     the stiffer, which keeps P^T K P as well conditioned as K.  B W^-1 B^T is diagonal but where vertices have several
-    pairs.
+    pairs.  Pairs that repeat each other, where contact surfaces are continued by others, share the force by their area.
 
     Args:
         jump: Jump.
@@ -265,6 +269,7 @@ class Projection:
         count.scatter_reverse(InsertMode.add)
         most = float(count.array[: pairs.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
+        self._share = pairs.area / pairs.at_first(pairs.area[:, None])[:, 0] if self._shared else 1.0
         self.close(np.zeros(len(pairs), dtype=bool))
 
     def close(self, active):
@@ -275,6 +280,7 @@ class Projection:
         """
         self.closed = closed = active & self._jump.movable
         self._inverse = np.divide(1.0, self._diagonal, out=np.zeros(len(closed)), where=closed)
+        self._scale = self._inverse * self._share
 
     def onto_closed(self, u):
         """The displacement nearest to u, in the norm of W, that closes the pairs, B u = D.
@@ -314,17 +320,17 @@ class Projection:
 
     def _gram(self, values):
         """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate gradients where it is not diagonal."""
-        solution = self._inverse * values
         if not self._shared:
-            return solution
-        residual = np.where(self._inverse > 0, values - self._gram_product(solution), 0.0)
+            return self._inverse * values
+        solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
         first, past, direction = None, None, 0.0
         for _ in range(self._ITERATIONS):
-            size = self._dot(residual, self._inverse * residual)
-            first = self._dot(values, self._inverse * values) if first is None else first
+            scaled = self._scale * residual
+            size = self._dot(residual, scaled)
+            first = size if first is None else first
             if size <= self._RESIDUAL**2 * first:
                 break
-            direction = self._inverse * residual + (0.0 if past is None else size / past) * direction
+            direction = scaled + (0.0 if past is None else size / past) * direction
             product = self._gram_product(direction)
             curvature = self._dot(direction, product)
             if curvature <= 0:  # what is left lies where pairs repeat each other
@@ -336,7 +342,7 @@ class Projection:
     def _gram_product(self, values):
         u = np.zeros((self._jump.pairs.prolongation.owned, 3))
         self._weighted.add_transposed(values, u)
-        return np.where(self._inverse > 0, self._jump.matrix.times(u), 0.0)
+        return np.where(self.closed, self._jump.matrix.times(u), 0.0)
 
     def _dot(self, a, b):
         return self._comm.allreduce(float(a @ b))

@@ -56,7 +56,7 @@ _FACTOR_BYTES = 300
 METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
 _NO_LIMIT = 1e30
 #: Relative error of a product with the operator, by rounding, with some room.
-_ROUNDING = 1e-14
+ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class ConjugateGradients:
         """What rounding leaves of a displacement in the norm of the operator, at most [J^(1/2)]."""
         self._x.array[:] = u.ravel()
         self._x.pointwiseMult(self._x, self._scale)
-        return _ROUNDING * self._x.norm()
+        return ROUNDING * self._x.norm()
 
     def destroy(self):
         """Free PETSc's objects."""

@@ -9,10 +9,7 @@ from petsc4py import PETSc
 from fx_contact.activeset import ActiveSet
 from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
-from fx_contact.krylov import ConjugateGradients
-
-#: Most of a penalty's force that linear solver and rounding may leave open [-].
-_UNDETERMINED = 0.01
+from fx_contact.krylov import ROUNDING, ConjugateGradients
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +25,7 @@ class ContactSolution:
         krylov_iterations: of each linear solve.
         preconditioner: name of the one that the last solve used.
         energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
+        rounding: what rounding may leave of a rigid motion in the energy norm (4) [J^(1/2)].
     """
 
     displacement: np.ndarray
@@ -38,6 +36,7 @@ class ContactSolution:
     krylov_iterations: list[int]
     preconditioner: str
     energy_error: float
+    rounding: float
 
 
 def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, stages, enforcement=None, scene=None):
@@ -62,8 +61,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         ContactSolution.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once the
-            contact opens, or a penalty is so stiff that its force is not known to 1 %.
+        SolveError: a linear solve fails, there are too many active sets or augmentations, or nothing holds a body
+            once the contact opens.
     """
     u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
@@ -71,9 +70,9 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         if pairs is not None:
             PenaltyTerm(jump).reserve(matrix.mat)
         matrix.mat.assemble()
-        base = _impose(matrix.mat, load, prescribed)
+        base, scale = _impose(matrix.mat, load, prescribed)
     if pairs is None:
-        return _solve_linear(matrix, base, u, energy_norm, solver, stages)
+        return _solve_linear(matrix, base, u, energy_norm, solver, stages, scale)
     with stages("solve"):
         status = ActiveSet(pairs, scene, u, solver.max_contact)
         PenaltyTerm(jump).change(matrix.mat, np.zeros_like(status.active), status.active)
@@ -103,21 +102,22 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         else:
             status.check_held()
             force = np.where(status.active, trial, 0.0)
-            left = linear.undetermined(u, force)
-            if left > _UNDETERMINED:
-                raise SolveError(
-                    f"linear solver and rounding leave {left:.1%} of the contact force open: the penalty is too stiff; "
-                    "use a smaller factor or the enforcement 'exact'"
-                )
             break
     linear.destroy()
-    penetration, updates = pairs.penetration(u), status.updates + augmentations
     return ContactSolution(
-        u, status.active, force, penetration, updates, linear.iterations, linear.preconditioner, linear.noise
+        u,
+        status.active,
+        force,
+        pairs.penetration(u),
+        status.updates + augmentations,
+        linear.iterations,
+        linear.preconditioner,
+        linear.noise,
+        _rounding(u, scale, pairs.prolongation.comm),
     )
 
 
-def _solve_linear(matrix, base, u, energy_norm, solver, stages):
+def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale):
     """The solution without contact."""
     with stages("system"):
         cg = ConjugateGradients(matrix, solver, energy_norm)
@@ -126,8 +126,15 @@ def _solve_linear(matrix, base, u, energy_norm, solver, stages):
     with stages("solve"):
         u = cg.solve(base, u, solver.tolerance)
     cg.destroy()
-    none = np.zeros(0)
-    return ContactSolution(u, none.astype(bool), none, none, 1, cg.iterations, cg.preconditioner, cg.energy_error)
+    none, rounding = np.zeros(0), _rounding(u, scale, matrix.comm)
+    return ContactSolution(
+        u, none.astype(bool), none, none, 1, cg.iterations, cg.preconditioner, cg.energy_error, rounding
+    )
+
+
+def _rounding(u, scale, comm):
+    """What rounding leaves of a displacement in the energy norm, from the roots of the stiffness' diagonal."""
+    return ROUNDING * float(np.sqrt(comm.allreduce(float(((scale * u) ** 2).sum()))))
 
 
 class _ClosedPairs:
@@ -144,10 +151,13 @@ class _ClosedPairs:
     #: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that
     #: costs a few iterations, and soon more than a new set-up does.
     _OUTLIERS = 3
+    #: Stiffness of a pair, relative to that of the bodies, from which on none may have opened since the set-up: in the
+    #: norm of that preconditioner a penetration that nothing resists any more would look small.
+    _STIFF = 1e4
 
     def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages):
         self._base, self._jump, self._active, self._stages = base, jump, active, stages
-        self._solver, self._enforcement = solver, enforcement
+        self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
         self._term = PenaltyTerm(jump)
         self._projection = Projection(jump) if enforcement.method == "exact" else None
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
@@ -182,8 +192,8 @@ class _ClosedPairs:
         Returns:
             (owned, 3) float64 [m].
         """
-        changed, unknown = self._changes(active)
-        late = tolerance <= self._solver.tolerance and unknown > self._OUTLIERS
+        changed, unknown, hidden = self._changes(active)
+        late = tolerance <= self._solver.tolerance and (unknown > self._OUTLIERS or hidden)
         if not self._is_set_up or late or self._cg.stops_paying():
             with self._stages("setup"):
                 self._term.change(self._cg.matrix, self._known, active)
@@ -200,11 +210,13 @@ class _ClosedPairs:
             return self._cg.solve(self._right_hand_side, u, tolerance, self._projection)
 
     def _changes(self, active):
-        """Number of pairs on all ranks that the matrix has otherwise, and of those that disturb the preconditioner."""
+        """Number of pairs on all ranks that the matrix has otherwise, of those that disturb the preconditioner, and of
+        those that it hides."""
         changed = self._known != active
+        hidden = changed & ~active & (self._jump.pairs.relative_stiffness > self._STIFF)
         # Where closed pairs are eliminated, those that close take an unknown away and leave no outlier.
         outliers = changed if self._projection is None else changed & ~active
-        return self._comm.allreduce(np.array([changed.sum(), outliers.sum()]))
+        return self._comm.allreduce(np.array([changed.sum(), outliers.sum(), hidden.sum()]))
 
     def trial(self, u):
         """Force of closed pairs, and of open ones the force that a penalty would exert.
@@ -220,26 +232,6 @@ class _ClosedPairs:
             return trial
         residual = self._cg.residual(self._right_hand_side, u)
         return np.where(self._projection.closed, self._projection.apply_transpose(residual), trial)
-
-    def undetermined(self, u, force):
-        """Share of the contact force that a solution leaves open.
-
-        A penalty's force is a small penetration times a large stiffness; exact forces are residuals already.
-
-        Args:
-            u: (owned, 3) float64, the last solution [m].
-            force: (n,) float64, of each pair [N].
-
-        Returns:
-            float, the same on all ranks [-].
-        """
-        if self._projection is not None:
-            return 0.0
-        pairs = self._jump.pairs
-        residual = pairs.prolongation.ghosted(self._cg.residual(self._right_hand_side, u))
-        left = (np.abs(np.einsum("ni,ni->n", pairs.normal, residual[at])).sum() for at in (pairs.first, pairs.second))
-        sums = self._comm.allreduce(np.array([*left, force.sum()]))
-        return float(sums[:2].max() / sums[2]) if sums[2] > 0 else 0.0
 
     def augment(self, trial, u):
         """Add the penalty's forces to those of the augmented Lagrangian, if they still leave a penetration.
@@ -258,11 +250,14 @@ class _ClosedPairs:
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
         left = np.abs(penetration[self._active & self._jump.movable & beyond_noise]).max(initial=0.0)
         moved = np.abs(u).max(initial=0.0)
-        largest = np.array([left, moved])
-        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        if largest[0] <= self._enforcement.gap_tolerance * largest[1]:
+        left, moved = self._comm.allreduce(np.array([left, moved]), op=MPI.MAX)
+        forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
+        pressed = self._comm.allreduce(float(forces.sum()))
+        # Bodies that come from afar move by more than they approach, which is about their energy over the force.
+        approach = min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
+        if left <= self._enforcement.gap_tolerance * approach:
             return False
-        self._forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
+        self._forces = forces
         return True
 
 
@@ -313,7 +308,10 @@ def _relax(matrix, base, term, u, status):
 
 
 def _impose(matrix, load, prescribed):
-    """Eliminate prescribed components symmetrically, identity rows scaled like the others; the right-hand side.
+    """Eliminate prescribed components symmetrically, identity rows scaled like the others.
+
+    Returns:
+        (owned, 3) float64 right-hand side [N], and the roots of the diagonal.
 
     Raises:
         SolveError: the matrix is not finite.
@@ -326,4 +324,4 @@ def _impose(matrix, load, prescribed):
     if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
         raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
     matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
-    return b.array.reshape(-1, 3).copy()
+    return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.balance import check_balance
 from fx_contact.checks import check_number, shown
 from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
-from fx_contact.errors import SceneError
+from fx_contact.errors import SceneError, SolveError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
 from fx_contact.krylov import Solver
@@ -24,8 +25,10 @@ from fx_contact.stages import Stages
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
 GEOMETRY_SHARE = 0.1
-#: Energy norms up to so many times the linear solver's error are noise: nothing is refined for them.
-NOISE = 1e3
+#: Energy norms of bodies without contact that are so many times what rounding leaves are those of rigid motions.
+RIGID = 1e3
+#: The most of the prescribed error that linear solver and rounding may use up.
+SOLVER_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         Step.
 
     Raises:
-        SolveError: the solve fails.
+        SolveError: the solve fails, or is not as accurate as the tolerance needs.
     """
     scene, comm = settings.scene, forest.comm
     with stages("mesh"):
@@ -158,7 +161,11 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         change = None if elasticity.has_mean else elasticity.energy_norm(contact.displacement - start)
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
-        error = estimate(elasticity, shear_free, stages, NOISE * contact.energy_error)
+        touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
+        error = estimate(elasticity, shear_free, stages, 0.0 if touches else RIGID * contact.rounding)
+        _check_solver(contact, error, settings.tolerance)
+        if error.energy_norm:
+            check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
         results = _contact_results(scene, pairs, contact, comm)
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
@@ -186,6 +193,20 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "versions": versions(),
     }
     return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages, along)
+
+
+def _check_solver(contact, error, tolerance):
+    """See that the linear solver's error is small against that prescribed.  Local.
+
+    Raises:
+        SolveError: it is not.
+    """
+    if contact.energy_error > SOLVER_SHARE * tolerance * error.energy_norm > 0:
+        raise SolveError(
+            f"linear solver and rounding leave {contact.energy_error / error.energy_norm:.1%} of the energy norm open, "
+            f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
+            "let the bodies begin closer to each other, whose rigid motions are large against their strains"
+        )
 
 
 def _contact_results(scene, pairs, contact, comm):
