@@ -18,10 +18,6 @@ from fx_contact.quality import brief
 from fx_contact.stages import Stages
 from fx_contact.step import Settings, solve_step
 
-#: The part of the error that the estimate is sure to see on root cells.  Where they are few across a body, stresses of
-#: neighbouring cells may agree and yet be wrong: on two layers of tall cells between clamped ends 0.56 was seen.
-SEEN_ON_ROOTS = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
@@ -31,10 +27,12 @@ class Beginning:
         forest: Forest.
         values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
             continuous trilinear fields, which go along through refinement and partition.
+        gain: Gain, what is known of the estimate; None: nothing, as on root cells.
     """
 
     forest: Forest
     values: np.ndarray
+    gain: Gain | None = None
 
     @classmethod
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
@@ -54,7 +52,7 @@ class Beginning:
 
     @classmethod
     def after(cls, step, marked):
-        """The forest of a step refined; the step's displacement is the first guess, and goes along.
+        """The forest of a step refined; its displacement is the first guess, and goes along, its estimate is trusted.
 
         Collective on the step's communicator.
 
@@ -62,7 +60,8 @@ class Beginning:
             step: Step.
             marked: (n,) bool, leaves to refine, or int, how often.
         """
-        return cls(*step.forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)))
+        gain = Gain(effectivity=step.record["assumed_effectivity"], compared=True)
+        return cls(*step.forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), gain)
 
 
 def adapt(
@@ -102,7 +101,8 @@ def adapt(
 
     Returns:
         Iterator of Step, until xi / (e omega) <= 1, xi divided by the part of the error that the estimate is found to
-        see if that is less than `estimate.ENOUGH_SEEN` (`SEEN_ON_ROOTS` on root cells), or max_steps are done.
+        see if that is less than `estimate.ENOUGH_SEEN`, or max_steps are done.  The first mesh is never the last one
+        but for that: only a second one shows what its estimate is worth.
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
@@ -141,12 +141,10 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
             forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
         again = len(records) < len(restart.records)
     elif beginning is not None:
-        forest, carried = beginning.forest, beginning.values
+        forest, carried, gain = beginning.forest, beginning.values, replace(beginning.gain or gain)
     else:
         with stages("partition"):
             forest = _first_forest(settings.scene, comm, partition_kind)
-    if restart is None and not comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX):
-        gain.effectivity = SEEN_ON_ROOTS
     del beginning, restart
     for number in range(len(records), max(max_steps, len(records) + 1)):
         with stages("partition"):
@@ -158,7 +156,7 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
             start, along = _start(forest, prolongation, carried)
             carried = None
         # The last step of a run that goes on again: what its refinement changed has been observed.
-        seen, again = replace(gain, expected=0.0) if again else gain, False
+        seen, again = replace(gain, refined=False) if again else gain, False
         try:
             step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
         except SolveError as error:

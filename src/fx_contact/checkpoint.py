@@ -7,7 +7,7 @@ problem it belongs to, and has the records of all steps so far.
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +89,7 @@ def save(folder, step, records, options, gain):
             "options": options,
             "records": records,
             "estimate": [error.error_global, error.energy_norm, error.cells],
-            "gain": [gain.before, gain.expected, gain.effectivity],
+            "gain": asdict(gain),
         },
         {
             "leaves": names[:, None],
@@ -187,7 +187,7 @@ class Checkpoint:
                 raise CheckpointError(f"{str(self.path)!r} is damaged: it lacks vertices of its leaves")
         error = self._file.table("indicator")[:, 0]
         estimate = Estimate(None, error, *self._file.content["estimate"])
-        gain = Gain(*self._file.content["gain"])
+        gain = Gain(**self._file.content["gain"])
         return State(forest, values[forest.vertices.cells], estimate, gain)
 
 

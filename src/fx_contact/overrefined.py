@@ -55,7 +55,7 @@ def true_error(step, tolerance, scene=None):
     marked = np.zeros(len(step.forest), dtype=np.int8)
     marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance, step.forest.comm)[0]
     beginning = Beginning.after(step, marked)
-    beginning = Beginning(_on(beginning.forest, scene), beginning.values)
+    beginning = replace(beginning, forest=_on(beginning.forest, scene))
     for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):
         pass
     distance = energy_distance(fine.elasticity, fine.forest, fine.along)
