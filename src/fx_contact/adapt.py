@@ -168,12 +168,11 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
                 save(checkpoint, step, records, options, gain)
             step.record.update(stages.costs(comm))
         yield step
-        aim = gain.aim(step.estimate, settings.tolerance)
-        if aim is None or number >= max_steps - 1:
+        if step.record["reached"] or number >= max_steps - 1:
             return
         stages = _stages(progress, number + 1)
         with stages("refine"):
-            forest, carried = _refine(step, aim, gain)
+            forest, carried = _refine(step, settings.tolerance, gain)
         del step
 
 
@@ -209,14 +208,15 @@ def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     times = np.zeros(len(step.forest), dtype=np.int8)
     times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    times = np.maximum(times, step.unseen)
     return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
 
 
 def _resumed(checkpoint, tolerance, max_steps):
     """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
     state, records = checkpoint.load(), list(checkpoint.records)
-    gain, aim = state.gain, state.gain.aim(state.estimate, tolerance)
-    if aim is None or len(records) >= max_steps:
+    gain, unseen = state.gain, state.forest.comm.allreduce(bool(state.unseen.any()), op=MPI.LOR)
+    if (gain.aim(state.estimate, tolerance) is None and not unseen) or len(records) >= max_steps:
         return state.forest, state.values, records[:-1], gain
-    times = gain.marked(state.estimate, aim, state.forest.comm)
+    times = np.maximum(gain.marked(state.estimate, tolerance, state.forest.comm), state.unseen)
     return *state.forest.refined_with(times, state.values), records, gain

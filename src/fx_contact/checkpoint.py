@@ -94,6 +94,7 @@ def save(folder, step, records, options, gain):
         {
             "leaves": names[:, None],
             "indicator": indicator[:, None],
+            "unseen": step.unseen[:, None].astype(float),
             "vertices": prolongation.vertices.keys[rows, None],
             "values": values[rows],
         },
@@ -108,12 +109,14 @@ class State:
         forest: Forest.
         values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
+        unseen: (n,) bool, leaves to refine for contact between their nodes.
         gain: Gain of the run, before it has marked this step.
     """
 
     forest: Forest
     values: np.ndarray
     estimate: Estimate
+    unseen: np.ndarray
     gain: Gain
 
 
@@ -188,7 +191,8 @@ class Checkpoint:
         error = self._file.table("indicator")[:, 0]
         estimate = Estimate(None, error, *self._file.content["estimate"])
         gain = Gain(**self._file.content["gain"])
-        return State(forest, values[forest.vertices.cells], estimate, gain)
+        unseen = self._file.table("unseen")[:, 0] > 0
+        return State(forest, values[forest.vertices.cells], estimate, unseen, gain)
 
 
 def problem(scene):

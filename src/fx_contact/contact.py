@@ -145,16 +145,11 @@ def loose_bodies(scene, pairs, active):
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):
     """Columns of NodePairs, after the prolongation, for one contact pair of the scene."""
-    vertices, pairing = forest.vertices, forest.pairing
-    leaf, face = forest.contact_faces()
-    ours = pairing.first[forest.cell[leaf], face] & (pairing.pair[forest.cell[leaf], face] == index)
-    leaf, face = leaf[ours], face[ours]
-    corner = reference.FACE_CORNERS[face]
+    vertices, (leaf, face, corner) = forest.vertices, facets_of(index, forest)
     vertex = vertices.cells[leaf[:, None], corner]
     points = forest.corners[leaf[:, None], corner]
-    here = _evaluate(forest, forest.cell[leaf], points)
-    cell, _, opposite = pairing.opposite(forest.cell[leaf], face, points)
-    there = _evaluate(forest, cell, opposite)
+    cell, opposite = _opposite(forest, leaf, face, points)
+    here, there = positions_across(forest, leaf, face, points)
     keys = forest.lattice.keys(cell, opposite)
 
     area, vector_area = _facet_shares(here, face)
@@ -187,6 +182,46 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair
 
 
+def facets_of(index, forest):
+    """This rank's leaf facets on the first surface of a contact pair.
+
+    Local.
+
+    Args:
+        index: of the contact pair in the scene.
+        forest: Forest.
+
+    Returns:
+        (n,) int64 leaves, (n,) int64 their local faces, (n, 4) int64 the leaf's corners that are the facet's.
+    """
+    leaf, face = forest.contact_faces()
+    cell, pairing = forest.cell[leaf], forest.pairing
+    ours = pairing.first[cell, face] & (pairing.pair[cell, face] == index)
+    return leaf[ours], face[ours], reference.FACE_CORNERS[face[ours]]
+
+
+def positions_across(forest, leaf, face, points):
+    """Positions of points of contact facets, and of the points that face them, on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+        leaf, face: (n,) int64, leaves and their local faces, all paired.
+        points: (n, m, 3) int32, lattice coordinates on those faces.
+
+    Returns:
+        two (n, m, 3) float64 [m].
+    """
+    return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, *_opposite(forest, leaf, face, points))
+
+
+def _opposite(forest, leaf, face, points):
+    """Root cells and lattice coordinates there of the points that face points of contact facets."""
+    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
+    return cell, opposite
+
+
 def _facet_shares(corners, face):
     """Integrals of the four bilinear functions over straight-sided facets, so that a uniform pressure is exact.
 
@@ -202,6 +237,6 @@ def _facet_shares(corners, face):
 
 
 def _evaluate(forest, cell, points):
-    """Positions (n, 4, 3) of lattice points (n, 4, 3) of root cells."""
+    """Positions (n, m, 3) of lattice points (n, m, 3) of root cells."""
     flat = points.reshape(-1, 3, 1) / SIDE
-    return forest.mesh.evaluate(np.repeat(cell, 4), flat).reshape(-1, 4, 3)
+    return forest.mesh.evaluate(np.repeat(cell, points.shape[1]), flat).reshape(points.shape)

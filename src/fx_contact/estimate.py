@@ -163,7 +163,7 @@ class Gain:
             (ncells,) int8, how often to refine each.
         """
         gain, square = None, error.error_global**2
-        self.refined = True
+        tolerance, self.refined = self.aim(error, tolerance) or tolerance, True
         if not self.compared and error.relative <= tolerance:
             self.before, self.expected = square, 0.75 * square
             return np.ones(len(error.error), dtype=np.int8)

@@ -21,6 +21,7 @@ from fx_contact.report import versions
 from fx_contact.scene import Scene
 from fx_contact.solve import solve_contact
 from fx_contact.stages import Stages
+from fx_contact.unseen import unseen_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
@@ -83,6 +84,7 @@ class Step:
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         contact: ContactSolution.
         estimate: Estimate.
+        unseen: (n,) bool, leaves to refine for contact between their nodes (`unseen_contact`).
         stages: Stages of this step, from the refinement that led to it.
         along: (n, 8, k) float64 at the corners of the leaves, further fields that go along.
     """
@@ -96,6 +98,7 @@ class Step:
     start: np.ndarray
     contact: object
     estimate: object
+    unseen: np.ndarray
     stages: Stages
     along: np.ndarray
 
@@ -167,6 +170,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         if error.energy_norm:
             check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
+        unseen = np.zeros(len(forest), dtype=bool) if pairs is None else unseen_contact(forest, pairs, contact)
+        leaves_unseen = comm.allreduce(int(unseen.sum()))
         results = _contact_results(scene, pairs, contact, comm)
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
@@ -187,12 +192,13 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "assumed_effectivity": gain.effectivity,
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
-        "reached": gain.aim(error, settings.tolerance) is None,
+        "unseen_contact": leaves_unseen,
+        "reached": gain.aim(error, settings.tolerance) is None and not leaves_unseen,
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, stages, along)
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, unseen, stages, along)
 
 
 def _check_solver(contact, error, tolerance):
