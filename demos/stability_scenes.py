@@ -9,14 +9,13 @@ import numpy as np
 from mpi4py import MPI
 from scipy.interpolate import PchipInterpolator
 from stability_checks import Exact, Twin
+from stability_shapes import PLAIN, about, all_held, bump, clamped, corner, in_two, ring, sheared_nodes, without
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, reference, scenes
+from fx_contact import Material, scenes
 from fx_contact.analytic import Hertz
 from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)
-PLAIN = Material(young=1.0, poisson=0.3)
 #: Force of the project's first benchmark: an axisymmetric computation, which does not use this program.
 HERTZ_A = Exact(force=5.37755e-4, approach=0.01, curved=True, unsure=1e-5)
 #: By how much half-spheres pressed by their flat faces, free sideways, are stiffer than Hertz's half-spaces, over
@@ -136,82 +135,6 @@ OTHER_MESH = {"same_mesh": False, "same_contact": False, "tolerance": 0.3}
 def refused(make):
     """A scene without solution."""
     return {"scene": make, "reference": None}
-
-
-# ------------------------------------------------------------------------------------------------- what only stresses
-
-
-def clamped(scene, displacement=0.01):
-    """The modelled part alone, its lower and upper faces held in all directions: no axis and no plane is special."""
-    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
-    return replace(scene, dirichlet=held, symmetry=1)
-
-
-def sheared_nodes(scene, amount, axes):
-    """Inner nodes of all root cells moved along axes towards one side, until the cells degenerate at amount = 1.
-
-    The bodies keep their shape: only the maps of the cells change, x -> x + amount x (1 - x) in each cell.
-    """
-    mesh = scene.mesh
-    place = reference.lattice(mesh.order) / mesh.order
-    moved = place.copy()
-    moved[:, axes] += amount * place[:, axes] * (1 - place[:, axes])
-    trilinear = np.prod(np.where(reference.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)
-    points = mesh.points.copy()
-    points[mesh.cells] = trilinear @ mesh.points[mesh.corners]
-    return replace(scene, mesh=replace(mesh, points=points))
-
-
-def without(scene, *places):
-    """The scene without its conditions on some places."""
-    return replace(scene, dirichlet=tuple(d for d in scene.dirichlet if d.where not in places))
-
-
-def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN), order=1):
-    """A cube pressed into the corner of a floor and a wall that stands on it: three bodies, three contact pairs."""
-    boxes = Boxes(order)
-    boxes.add("floor", (-1.0, 0.0, -1.0), (1.0, 1.0, 0.0), (4, 2, 2))
-    boxes.add("wall", (-1.0, 0.0, 0.0), (0.0, 1.0, 1.0), (2, 2, 2))
-    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
-    ground = boxes.facets(UP, 0.0, "floor")
-    under_cube = ground[:, 0] % 4 >= 2
-    surfaces = {
-        "bottom": boxes.facets(DOWN, -1.0),
-        "floor left": boxes.facets(LEFT, -1.0, "floor"),
-        "wall left": boxes.facets(LEFT, -1.0, "wall"),
-        "wall top": boxes.facets(UP, 1.0, "wall"),
-        "cube top": boxes.facets(UP, 1.0, "cube"),
-        "cube right": boxes.facets(RIGHT, 1.0, "cube"),
-        "y = 0": boxes.facets(FRONT, 0.0),
-        "y = 1": boxes.facets(BACK, 1.0),
-        "ground of wall": ground[~under_cube],
-        "ground of cube": ground[under_cube],
-        "wall foot": boxes.facets(DOWN, 0.0, "wall"),
-        "cube foot": boxes.facets(DOWN, 0.0, "cube"),
-        "wall face": boxes.facets(RIGHT, 0.0, "wall"),
-        "cube side": boxes.facets(LEFT, 0.0, "cube"),
-    }
-    held = [("bottom", "z", 0.0), ("floor left", "x", 0.0), ("wall left", "x", 0.0), ("wall top", "z", -push)]
-    held += [("cube top", "z", -push), ("cube right", "x", -push), ("y = 0", "y", 0.0), ("y = 1", "y", 0.0)]
-    return Scene(
-        "corner",
-        boxes.mesh(surfaces),
-        dict(zip(("floor", "wall", "cube"), materials)),
-        tuple(Dirichlet(where, **{axis: value}) for where, axis, value in held),
-        (
-            ContactPair("ground of wall", "wall foot", direction=(0.0, 0.0, 1.0)),
-            ContactPair("ground of cube", "cube foot", direction=(0.0, 0.0, 1.0)),
-            ContactPair("wall face", "cube side", direction=(1.0, 0.0, 0.0)),
-        ),
-    )
-
-
-def about(axis, degrees):
-    """Rotation matrix about an axis (Rodrigues)."""
-    x, y, z = np.array(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = np.radians(degrees)
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 # ---------------------------------------------------------------------------------------------------------- the tables
@@ -424,6 +347,31 @@ def held_by_contact():
         yield Case("held by contact", "refused", value, **refused(make))
 
 
+def between_nodes():
+    """Contact that root nodes do not see, meshes that know nothing at first, surfaces that meet at their vertices."""
+    for pole, displacement in product((0.0, 0.2, 1 / 3), (0.005, 0.01, 0.02, 0.04)):
+        make, twin = (partial(bump, cells, pole, displacement) for cells in (3, 4))
+        known = Twin(twin, curved=True, **OTHER_MESH)
+        yield Case("between nodes", f"bump at {pole:.1f}", exponent(displacement), make, known, tolerance=0.25)
+    for cells in ((2, 2, 1), (4, 4, 1)):
+        for height in (0.25, 1.0, 5.0):
+            make, twin = (partial(stack, [PLAIN, material(3.0)], height=height, cells=c) for c in (cells, (6, 6, 6)))
+            known = Twin(lambda twin=twin: all_held(twin()), **OTHER_MESH)
+            value = f"{cells[0]} x {cells[1]}, {height:g} high"
+            yield Case("between nodes", "all held", value, lambda make=make: all_held(make()), known, tolerance=0.2)
+    for bodies in (5, 6, 8):
+        make, by = partial(ring, bodies), about((0, 0, 1), 37)
+        twin = with_twin(make, partial(turned, rotation=by))
+        yield Case("between nodes", "ring, turned", str(bodies), **twin, tolerance=0.1)
+    for name, make in {
+        "spheres": partial(hertz, coarse=3),
+        "corner": corner,
+        "punch": partial(punch, order=6),
+    }.items():
+        twin = with_twin(make, in_two)
+        yield Case("between nodes", "contact cut in two", name, **twin)
+
+
 def gaps():
     """Overlap before anything moves, gaps wider than the bodies, and no contact at all."""
     unlike = [PLAIN, material(3.0)]
@@ -436,6 +384,12 @@ def gaps():
             make = partial(punch, displacement=displacement, gap=gap, order=6)
             twin = Twin(partial(punch, displacement=depth, order=6))
             yield Case("gap", "punch", value, make, twin)
+    for gap, depth, ratio in product((1.0, 100.0), (1e-3, 1e-4, 1e-5), (1.0, 1e3)):
+        make, near = (
+            partial(punch, displacement=g + depth, gap=g, order=6, punch=material(ratio)) for g in (gap, 0.0)
+        )
+        value = f"{exponent(gap)}, {exponent(depth)}, {exponent(ratio)}"
+        yield Case("gap", "punch from afar: gap, depth, ratio", value, make, Twin(near))
     nothing = Exact(force=0.0)
     for gap in (0.02, 1.0, 100.0):
         value = exponent(gap)
@@ -474,7 +428,7 @@ def cases(methods):
         dict name -> Case, axis by axis.
     """
     tables = [ratios, compressibility, aspects, degenerate, depths, units, grading, many_bodies, tilts]
-    tables += [held_by_contact, gaps, orders]
+    tables += [held_by_contact, gaps, between_nodes, orders]
     listed = [*enforcements(methods), *(case for table in tables for case in table())]
     result = {case.name: case for case in listed}
     if len(result) < len(listed):

@@ -1,0 +1,154 @@
+"""Scenes of the stress matrix that the package does not have, and ways to spoil those that it has."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, reference
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+
+PLAIN = Material(young=1.0, poisson=0.3)
+
+
+def clamped(scene, displacement=0.01):
+    """The modelled part alone, its lower and upper faces held in all directions: no axis and no plane is special."""
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
+    return replace(scene, dirichlet=held, symmetry=1)
+
+
+def all_held(scene, displacement=0.01):
+    """The scene clamped, its contact surfaces held sideways: on one layer of cells all unknowns are prescribed."""
+    sideways = [Dirichlet(name, x=0.0, y=0.0) for pair in scene.contact for name in (pair.first, pair.second)]
+    scene = clamped(scene, displacement)
+    return replace(scene, dirichlet=(*scene.dirichlet, *sideways))
+
+
+def sheared_nodes(scene, amount, axes):
+    """Inner nodes of all root cells moved along axes towards one side, until the cells degenerate at amount = 1.
+
+    The bodies keep their shape: only the maps of the cells change, x -> x + amount x (1 - x) in each cell.
+    """
+    mesh = scene.mesh
+    place = reference.lattice(mesh.order) / mesh.order
+    moved = place.copy()
+    moved[:, axes] += amount * place[:, axes] * (1 - place[:, axes])
+    trilinear = np.prod(np.where(reference.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)
+    points = mesh.points.copy()
+    points[mesh.cells] = trilinear @ mesh.points[mesh.corners]
+    return replace(scene, mesh=replace(mesh, points=points))
+
+
+def without(scene, *places):
+    """The scene without its conditions on some places."""
+    return replace(scene, dirichlet=tuple(d for d in scene.dirichlet if d.where not in places))
+
+
+def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN), order=1):
+    """A cube pressed into the corner of a floor and a wall that stands on it: three bodies, three contact pairs."""
+    boxes = Boxes(order)
+    boxes.add("floor", (-1.0, 0.0, -1.0), (1.0, 1.0, 0.0), (4, 2, 2))
+    boxes.add("wall", (-1.0, 0.0, 0.0), (0.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    ground = boxes.facets(UP, 0.0, "floor")
+    under_cube = ground[:, 0] % 4 >= 2
+    surfaces = {
+        "bottom": boxes.facets(DOWN, -1.0),
+        "floor left": boxes.facets(LEFT, -1.0, "floor"),
+        "wall left": boxes.facets(LEFT, -1.0, "wall"),
+        "wall top": boxes.facets(UP, 1.0, "wall"),
+        "cube top": boxes.facets(UP, 1.0, "cube"),
+        "cube right": boxes.facets(RIGHT, 1.0, "cube"),
+        "y = 0": boxes.facets(FRONT, 0.0),
+        "y = 1": boxes.facets(BACK, 1.0),
+        "ground of wall": ground[~under_cube],
+        "ground of cube": ground[under_cube],
+        "wall foot": boxes.facets(DOWN, 0.0, "wall"),
+        "cube foot": boxes.facets(DOWN, 0.0, "cube"),
+        "wall face": boxes.facets(RIGHT, 0.0, "wall"),
+        "cube side": boxes.facets(LEFT, 0.0, "cube"),
+    }
+    held = [("bottom", "z", 0.0), ("floor left", "x", 0.0), ("wall left", "x", 0.0), ("wall top", "z", -push)]
+    held += [("cube top", "z", -push), ("cube right", "x", -push), ("y = 0", "y", 0.0), ("y = 1", "y", 0.0)]
+    return Scene(
+        "corner",
+        boxes.mesh(surfaces),
+        dict(zip(("floor", "wall", "cube"), materials)),
+        tuple(Dirichlet(where, **{axis: value}) for where, axis, value in held),
+        (
+            ContactPair("ground of wall", "wall foot", direction=(0.0, 0.0, 1.0)),
+            ContactPair("ground of cube", "cube foot", direction=(0.0, 0.0, 1.0)),
+            ContactPair("wall face", "cube side", direction=(1.0, 0.0, 0.0)),
+        ),
+    )
+
+
+def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
+    """A block with a paraboloid below, pressed on another block; where its pole is nothing but the cells decide.
+
+    Args:
+        cells: root cells along x and y.
+        pole: x and y of the pole [m].
+        displacement: of the top [m].
+        radius: of curvature [m].
+    """
+    boxes = Boxes(2)
+    boxes.add("base", (-1.0, -1.0, -1.0), (1.0, 1.0, 0.0), (cells, cells, 2))
+    boxes.add("bump", (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (cells, cells, 2))
+
+    def place(name, x):
+        away = ((x[:, :2] - pole) ** 2).sum(axis=1) / (2 * radius)
+        return x + np.outer((1 - x[:, 2]) * away * (name == "bump"), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "bump")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "bump")}
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
+    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
+    return Scene("bump", boxes.mesh(surfaces, place=place), {"base": PLAIN, "bump": PLAIN}, held, (pair,))
+
+
+def ring(bodies=6, shrink=0.01):
+    """Blocks in a closed ring, each in contact with the next one, their outer faces moved inwards.
+
+    Args:
+        bodies: number of blocks.
+        shrink: radial displacement of the outer faces [m].
+    """
+    boxes, surfaces, conditions = Boxes(2), {}, []
+    for k in range(bodies):
+        boxes.add(f"block {k}", (k, 0.0, 0.0), (k + 1.0, 1.0, 1.0), (2, 2, 1))
+    for k in range(bodies):
+        name = f"block {k}"
+        surfaces |= {f"left {k}": boxes.facets(LEFT, k, name), f"right {k}": boxes.facets(RIGHT, k + 1.0, name)}
+        surfaces |= {f"outer {k}": boxes.facets(BACK, 1.0, name), f"z = 0 {k}": boxes.facets(DOWN, 0.0, name)}
+        inwards = [lambda x, axis=axis: -shrink * x[axis] / np.hypot(x[0], x[1]) for axis in (0, 1)]
+        conditions += [Dirichlet(f"outer {k}", *inwards, 0.0), SymmetryPlane(f"z = 0 {k}")]
+
+    def place(name, x):
+        angle, radius = -2 * np.pi / bodies * x[:, 0], 1 + x[:, 1]
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]], axis=1)
+
+    pairs = tuple(ContactPair(f"right {k}", f"left {(k + 1) % bodies}") for k in range(bodies))
+    materials = {f"block {k}": PLAIN for k in range(bodies)}
+    return Scene("ring", boxes.mesh(surfaces, place=place), materials, tuple(conditions), pairs)
+
+
+def in_two(scene):
+    """The scene, each of its contact pairs cut into two halves, whose facets share vertices where they meet."""
+    surfaces, pairs = dict(scene.mesh.surfaces), []
+    for pair in scene.contact:
+        for surface in (pair.first, pair.second):
+            facets = scene.mesh.surfaces[surface]
+            centre = scene.mesh.facet_points(facets, order=1).mean(axis=1)
+            along = np.cross(centre, pair.direction) @ [1.0, 2.0, 3.0]  # the same on both surfaces
+            first = along < np.median(along) + 1e-6
+            surfaces |= {f"{surface} a": facets[first], f"{surface} b": facets[~first]}
+        pairs += [replace(pair, first=f"{pair.first} {side}", second=f"{pair.second} {side}") for side in "ab"]
+    return replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=tuple(pairs))
+
+
+def about(axis, degrees):
+    """Rotation matrix about an axis (Rodrigues)."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(degrees)
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
