@@ -248,9 +248,10 @@ class _ClosedPairs:
         pairs = self._jump.pairs
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
-        left = np.abs(penetration[self._active & self._jump.movable & beyond_noise]).max(initial=0.0)
-        moved = np.abs(u).max(initial=0.0)
-        left, moved = self._comm.allreduce(np.array([left, moved]), op=MPI.MAX)
+        penetrating = np.abs(penetration[self._active & self._jump.movable & beyond_noise])
+        left, moved = (
+            self._comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX) for values in (penetrating, np.abs(u))
+        )
         forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
         pressed = self._comm.allreduce(float(forces.sum()))
         # Bodies that come from afar move by more than they approach, which is about their energy over the force.
