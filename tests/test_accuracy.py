@@ -143,16 +143,16 @@ def test_marking_learns_what_refinement_brings():
     assert counts[1] > 1.5 * counts[0]
 
 
-@pytest.mark.parametrize("seen", [0.5, 0.8, 1.0, 1.3])
+@pytest.mark.parametrize("seen", [0.3, 0.5, 0.8, 1.0, 1.3])
 def test_effectivity_is_learnt_from_what_refinement_changes(seen):
-    """An estimate that sees a part of each mesh's error is found to, within two meshes, if the error halves."""
+    """The part that an estimate sees of each mesh's error is found within two meshes, if the error halves."""
     true = 0.5 ** np.arange(4)
-    gain = Gain(effectivity=0.5)
+    gain = Gain()
     for last, now in zip(true, true[1:]):
         gain.marked(_spread(np.full(8, seen * last / np.sqrt(8))), 0.1, WORLD)
         gain.observe(_spread(np.full(8, seen * now / np.sqrt(8))), np.sqrt(last**2 - now**2))
-    assert abs(gain.effectivity - min(seen, 1.0)) < 0.02
-    blind = replace(gain, expected=0.0)
+    assert abs(gain.effectivity - min(max(seen, 0.5), 1.0)) < 0.02 and gain.compared
+    blind = replace(gain, refined=False)
     blind.observe(_spread(np.ones(8)), 1e9)
     assert blind.effectivity == gain.effectivity
     gain.observe(_spread(np.ones(8)), None)
@@ -170,9 +170,35 @@ def test_tolerance_is_less_where_the_estimate_sees_little():
         (0.4, 0.2, 0.08),
         (0.4, 0.251, None),
     ):
-        found = Gain(effectivity=seen).aim(error, tolerance)
+        found = Gain(effectivity=seen, compared=True).aim(error, tolerance)
         assert found is aim or abs(found - aim) < 1e-12
-    assert Gain(effectivity=0.4).aim(error, 0.05) == Gain().aim(error, 0.05) == 0.05
+    assert Gain(effectivity=0.4, compared=True).aim(error, 0.05) == Gain().aim(error, 0.05) == 0.05
+
+
+def test_a_first_mesh_is_refined_to_see():
+    """An estimate that meets the tolerance on a first mesh shows nothing: all of it is refined, once."""
+    error, gain = _spread(np.geomspace(1e-4, 1e-3, 8)), Gain()
+    assert gain.aim(error, 0.5) is not None
+    everywhere((gain.marked(error, 0.5, WORLD) == 1).all(), "not uniformly")
+    gain.observe(error, 0.0)
+    assert gain.compared and gain.aim(error, 0.5) is None
+    marked = Gain().marked(error, error.relative / 2, WORLD)
+    assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by criterion (2)"
+
+
+def test_a_mesh_without_free_vertices_is_not_taken_for_right():
+    """Blocks held at all root vertices are in uniform compression there, without an estimated error, and wrong."""
+    scene = stack([Material(1.0, 0.3), Material(3.0, 0.3)], cells=(4, 4, 1))
+    sideways = [Dirichlet(name, x=0.0, y=0.0) for pair in scene.contact for name in (pair.first, pair.second)]
+    ends = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    held = replace(scene, dirichlet=(*ends, *sideways))
+    first, *_, last = (step.record for step in adapt(held, 0.2))
+    *_, fine = adapt(
+        replace(stack([Material(1.0, 0.3), Material(3.0, 0.3)], cells=(6, 6, 6)), dirichlet=held.dirichlet), 0.07
+    )
+    assert first["estimate"] < 1e-6 and not first["reached"] and last["reached"]
+    errors = [record["force"] / fine.record["force"] - 1 for record in (first, last)]  # of the energy
+    assert errors[1] < 0.2**2 < errors[0]
 
 
 def test_tolerance_is_kept_on_few_layers():

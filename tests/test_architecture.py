@@ -18,7 +18,7 @@ ORDER = """
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options krylov
     elasticity conditions loads enforcement contact
-    activeset estimate solve
+    activeset estimate solve balance unseen
     accuracy
     step checkpoint
     adapt manufactured

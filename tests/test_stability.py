@@ -64,11 +64,7 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
     """Off by more than the record's error allows, or by more than the square of the tolerance, is wrong."""
     *_, step = adapt(stack([SOFT, SOFT]), 0.2, comm=stability.MPI.COMM_SELF)
     state = stability.State(step, "exact")
-    for estimate, seen, tolerance, square in (
-        (0.1, 1.0, 0.2, 0.015),
-        (0.1, 0.5, 0.25, 0.06),
-        (0.1, 0.5, 0.2, 0.04),
-    ):
+    for estimate, seen, tolerance, square in ((0.1, 1.0, 0.2, 0.015), (0.1, 0.5, 0.25, 0.06), (0.1, 0.5, 0.2, 0.04)):
         state.record.update(estimate=estimate, assumed_effectivity=seen, tolerance=tolerance)
         for off, holds in ((0.99 * square, True), (1.01 * square, False)):
             known = Exact(force=state.interfaces()[0] / (1 + off), approach=0.01)
