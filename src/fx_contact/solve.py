@@ -203,6 +203,10 @@ class _ClosedPairs:
             self._active, self._forces = active, np.where(active, self._forces, 0.0)
             self._cg.correct(self._term.difference(self._known, active) if changed else None)
             self._right_hand_side = self._base + self._term.right_hand_side(active, self._forces)
+            if not self._comm.allreduce(bool(active.any() or self._right_hand_side.any()), op=MPI.LOR):
+                u = np.zeros_like(
+                    u
+                )  # at rest; iterations from elsewhere would come close, but not by their own measure
             if self._projection is not None:
                 self._projection.close(active)
                 u = self._projection.onto_closed(u)

@@ -1,0 +1,90 @@
+"""Contact that no node sees is found between the nodes, on any number of ranks, and after a restart."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere, leaves
+from mpi4py import MPI
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+from stability_shapes import bump, in_two, ring  # noqa: E402
+
+from fx_contact import Material, adapt  # noqa: E402
+from fx_contact.adapt import Beginning  # noqa: E402
+from fx_contact.checkpoint import Checkpoint  # noqa: E402
+from fx_contact.pairing import leaf_code  # noqa: E402
+from fx_contact.scenes import punch  # noqa: E402
+
+HIDDEN = {"cells": 5, "displacement": 0.003}
+"""A bump whose pole is in the middle of a root facet, all of whose nodes stay apart."""
+
+
+def test_a_pole_between_nodes():
+    """No node is in contact at first; the facet that overlaps is named and refined, and the run goes on."""
+    first, *_, last = (step.record for step in adapt(bump(**HIDDEN), 0.3))
+    assert first["force"] == first["ratio"] == 0 and not first["reached"]
+    assert first["unseen_contact"] > 0 and last["unseen_contact"] == 0
+    alone = [step.record for step in adapt(bump(**HIDDEN), 0.3, MPI.COMM_SELF)][-1]
+    assert last["reached"] and last["force"] > 0 and abs(last["force"] / alone["force"] - 1) < 1e-7
+    # Seen or not at first, the contact is the same: with a node at the pole.
+    *_, seen = adapt(bump(**(HIDDEN | {"cells": 6})), 0.3)
+    assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
+
+
+def test_what_is_unseen_is_refined_alone():
+    """One facet in the middle of all overlaps; its leaf is marked, on the rank that has it."""
+    step = next(iter(adapt(bump(**HIDDEN), 0.3, max_steps=1)))
+    marked = step.forest.corners[step.unseen]
+    centre = np.concatenate(
+        WORLD.allgather(step.forest.mesh.points[step.forest.mesh.corners].mean(axis=1)[step.forest.cell[step.unseen]])
+    )
+    assert step.record["unseen_contact"] == len(centre) >= 1 and len(marked) <= len(centre)
+    everywhere(np.abs(centre[:, :2]).max() < 0.2, "another leaf")
+
+
+@pytest.mark.parametrize("displacement", [0.0, -0.01])
+def test_bodies_that_come_close_are_not_in_contact(displacement):
+    """Without an overlap nothing is marked, however close the pole is."""
+    step = next(iter(adapt(bump(5, displacement=displacement), 0.3, max_steps=1)))
+    assert step.record["unseen_contact"] == 0 and not step.unseen.any()
+
+
+def test_restart(tmp_path):
+    """A run that stops where contact is unseen knows it after a restart."""
+    folder, scene = WORLD.bcast(tmp_path), bump(**HIDDEN)
+    through = list(adapt(scene, 0.3, max_steps=2))
+    list(adapt(scene, 0.3, max_steps=1, checkpoint=folder))
+    before = Checkpoint(folder, scene, WORLD)
+    state = before.load()
+    assert WORLD.allreduce(int(state.unseen.sum())) == through[0].record["unseen_contact"] > 0
+    found = leaf_code(state.forest.cell, state.forest.anchor)[state.unseen]
+    expected = leaf_code(through[0].forest.cell, through[0].forest.anchor)[through[0].unseen]
+    found, expected = (np.sort(np.concatenate(WORLD.allgather(codes))) for codes in (found, expected))
+    assert np.array_equal(found, expected)
+    (again,) = adapt(scene, 0.3, max_steps=2, restart=before)
+    assert np.array_equal(leaves(again.forest), leaves(through[1].forest))
+    assert abs(again.record["force"] / through[1].record["force"] - 1) < 1e-7
+
+
+@pytest.mark.parametrize("bodies", [5, 6, 8])
+def test_ring(bodies):
+    """Blocks around an axis, whose contact planes meet at odd angles, press each other alike."""
+    *_, step = adapt(ring(bodies), 0.1)
+    forces = np.array(step.record["pair_forces"])
+    assert len(forces) == bodies and forces.min() > 0
+    assert np.ptp(forces) < 1e-6 * forces.mean()
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e3])
+def test_contact_cut_in_two(stiffness):
+    """Two contact pairs that continue each other share the nodes between them: nothing is counted twice."""
+    scene = punch(order=2, displacement=0.1, punch=Material(stiffness, 0.3))
+    halves = in_two(scene)
+    (one,), (two,) = (adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1)) for s in (scene, halves))
+    assert one.record["cells"] == two.record["cells"] and min(two.record["pair_forces"]) > 0
+    assert two.record["active_pairs"] > one.record["active_pairs"], "no node is in both"
+    for name in ("force", "max_pressure", "contact_radius"):
+        assert abs(two.record[name] / one.record[name] - 1) < 1e-6, name
+    assert abs(sum(two.record["pair_forces"]) / two.record["force"] - 1) < 1e-12
