@@ -551,6 +551,28 @@ CASES = {
         SolveError,
         "must be one of cg, fcg",
     ),
+    **{
+        f"{name} among PETSc's options": (
+            partial(lambda name, value: first(solver=Solver(options={name: value})), name, value),
+            SceneError,
+            f"'{name}' (on the command line -fx_{name}) is not the user's: {instead}",
+        )
+        for name, value, instead in (
+            ("ksp_rtol", 0.5, "set Solver.tolerance"),
+            ("ksp_atol", 1.0, "set Solver.tolerance"),
+            ("ksp_divtol", 2.0, "set Solver.max_krylov"),
+            ("ksp_max_it", 3, "set Solver.max_krylov"),
+            ("ksp_convergence_test", "skip", "set Solver.tolerance"),
+            ("ksp_converged_maxits", None, "set Solver.max_krylov"),
+            ("ksp_initial_guess_nonzero", None, "the solver has a first guess"),
+        )
+    },
+    "residuals in another norm": (
+        lambda: first(solver=Solver(options={"ksp_norm_type": "preconditioned"})),
+        SolveError,
+        "works in the norm of the energy",
+    ),
+    "no preconditioner": (lambda: first(solver=Solver(options={"pc_type": "none"})), SolveError, "take jacobi"),
     "preconditioner that cannot be set up": (
         lambda: first(solver=Solver(options={"pc_type": "bddc"})),
         SolveError,
@@ -719,6 +741,7 @@ def test_what_the_bad_cases_spoil_is_good():
         ("--tolerence 0.1", 2, "unknown option '--tolerence'; did you mean '--tolerance'?"),
         ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
         ("-fx_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
+        ("-fx_ksp_rtol 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
     ],

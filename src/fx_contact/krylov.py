@@ -51,9 +51,19 @@ PRECONDITIONERS = {
 _FACTOR_BYTES = 300
 
 
-#: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 #: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
 METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
+#: PETSc options that would undo what the solver states of its error, and why they are not the user's.
+_NOT_TO_SET = {
+    "ksp_rtol": "set Solver.tolerance and Solver.loose_tolerance, which are relative to the energy",
+    "ksp_atol": "set Solver.tolerance and Solver.loose_tolerance, which are relative to the energy",
+    "ksp_divtol": "set Solver.max_krylov: a residual may grow for a while",
+    "ksp_max_it": "set Solver.max_krylov",
+    "ksp_convergence_test": "set Solver.tolerance: the error in the norm of the energy decides",
+    "ksp_converged_maxits": "set Solver.max_krylov: a solve that ends there has not reached its tolerance",
+    "ksp_initial_guess_nonzero": "the solver has a first guess of its own, the last displacement",
+}
+#: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
 #: Relative error of a product with the operator, by rounding, with some room.
 ROUNDING = 1e-14
@@ -72,7 +82,8 @@ class Solver:
         loose_tolerance: the same while the active set still changes.
         max_krylov: most iterations of one linear solve.
         max_contact: most updates of the active set.
-        options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.
+        options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.  Tolerances and
+            numbers of iterations are not among them: they are above.
 
     Raises:
         SceneError: an unknown preconditioner, or a tolerance outside (0, 1).
@@ -139,6 +150,7 @@ class ConjugateGradients:
         """PCG with options that the user may replace, under a prefix."""
         self.preconditioner, self._prefix = preconditioner, prefix
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, self.PREFIX + "fallback_")
+        self._options.check_free(_NOT_TO_SET)
         self._ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
@@ -150,6 +162,16 @@ class ConjugateGradients:
             raise SolveError(
                 f"the Krylov method must be one of {', '.join(METHODS)}, which work in the norm of the energy, "
                 f"got -{prefix}ksp_type {ksp.getType()}"
+            )
+        if ksp.getNormType() != PETSc.KSP.NormType.NATURAL:
+            raise SolveError(
+                f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
+                "natural"
+            )
+        if ksp.getPC().getType() == PETSc.PC.Type.NONE:
+            raise SolveError(
+                f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
+                "jacobi, which is as simple"
             )
 
     @contextmanager
@@ -241,7 +263,7 @@ class ConjugateGradients:
             b.array[:] = residual.ravel()
             least = max(tolerance * energy, self._rounding_error(u))
             # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
-            self._set_tolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
+            ksp.setTolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             with self._named_errors():
                 ksp.solve(b, x)
             self._count += ksp.getIterationNumber()
@@ -281,11 +303,6 @@ class ConjugateGradients:
             before.destroy()
         self.set_up()
         return True
-
-    def _set_tolerances(self, **tolerances):
-        """Set what the user's command line does not."""
-        given = PETSc.Options(self._prefix)
-        self._ksp.setTolerances(**{k: v for k, v in tolerances.items() if not given.hasName(f"ksp_{k}")})
 
     def _rounding_error(self, u):
         """What rounding leaves of a displacement in the norm of the operator, at most [J^(1/2)]."""

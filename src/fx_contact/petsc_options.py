@@ -10,8 +10,8 @@ from fx_contact.errors import SceneError
 
 #: Options that users try most, to find the one that a misspelt name was to be.
 COMMON = (
-    "ksp_type ksp_max_it ksp_rtol ksp_atol ksp_norm_type ksp_monitor ksp_monitor_true_residual ksp_converged_reason "
-    "ksp_view ksp_view_singularvalues ksp_error_if_not_converged ksp_initial_guess_nonzero pc_type pc_hypre_type "
+    "ksp_type ksp_monitor ksp_monitor_true_residual ksp_converged_reason "
+    "ksp_view ksp_view_singularvalues ksp_error_if_not_converged pc_type pc_hypre_type "
     "pc_factor_mat_solver_type pc_gamg_threshold pc_gamg_type mg_levels_ksp_type mg_levels_pc_type "
     "pc_hypre_boomeramg_strong_threshold pc_hypre_boomeramg_max_iter pc_hypre_boomeramg_coarsen_type "
     "pc_hypre_boomeramg_interp_type pc_hypre_boomeramg_P_max pc_hypre_boomeramg_agg_nl "
@@ -36,6 +36,14 @@ class PetscOptions:
         self._prefix, self._values = prefix, defaults | given
         typed = [name for name in PETSc.Options(prefix).getAll() if not (prefix + name).startswith(others)]
         self._unread = {*given, *typed}
+
+    def check_free(self, taken):
+        """Raises SceneError if the user gave an option that is not theirs; taken: name -> what to do instead."""
+        for name in sorted(self._unread & taken.keys()):
+            raise SceneError(
+                f"the PETSc option {name!r} (on the command line -{self._prefix}{name}) is not the user's: "
+                + taken[name]
+            )
 
     @contextmanager
     def there(self):
