@@ -390,7 +390,12 @@ CASES = {
     ),
     "solver as text": (lambda: next(adapt(press(two_cubes()), 0.1, COMM, solver="ilu")), SceneError, "Solver"),
     "no Krylov iterations": (lambda: Solver(max_krylov=0), SceneError, "max_krylov"),
-    "loose tolerance too tight": (lambda: Solver(tolerance=0.1, loose_tolerance=1e-8), SceneError, "tighter"),
+    "solver tolerance of the mesh": (
+        lambda: Solver(tolerance=0.01, loose_tolerance=0.1),
+        SceneError,
+        "0.001 at most",
+    ),
+    "loose tolerance too tight": (lambda: Solver(tolerance=1e-4, loose_tolerance=1e-8), SceneError, "tighter"),
     "unknown PETSc type": (
         lambda: next(adapt(small_hertz(), 0.5, COMM, solver=Solver(options={"pc_type": "nonsense"}))),
         SolveError,

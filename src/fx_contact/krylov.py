@@ -65,6 +65,9 @@ _NOT_TO_SET = {
 }
 #: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
+#: Loosest tolerance of a last solve.  An error in the energy spreads over pairs that have little of it each: from 1e-2
+#: on contact forces are wrong by percents, or active sets do not settle; up to here they err by less than that.
+_LOOSEST = 1e-3
 #: Relative error of a product with the operator, by rounding, with some room.
 ROUNDING = 1e-14
 
@@ -78,7 +81,8 @@ class Solver:
             fit into the memory, else with "boomeramg-robust".
         tolerance: error of the displacement, in the norm of the operator as the preconditioner sees it, relative to
             the displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
-            holds for any penalty; the default leaves an error below 1e-7 in the contact force.
+            holds for any penalty; the default leaves an error below 1e-7 in the contact force; 1e-3, the most,
+            one below that.
         loose_tolerance: the same while the active set still changes.
         max_krylov: most iterations of one linear solve.
         max_contact: most updates of the active set.
@@ -86,7 +90,7 @@ class Solver:
             numbers of iterations are not among them: they are above.
 
     Raises:
-        SceneError: an unknown preconditioner, or a tolerance outside (0, 1).
+        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1.
     """
 
     preconditioner: str = "boomeramg"
@@ -103,6 +107,11 @@ class Solver:
             check_number(f"the solver's {name}", value, positive=True)
             if value >= 1:
                 raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
+        if self.tolerance > _LOOSEST:
+            raise SceneError(
+                f"the solver's tolerance must be {_LOOSEST:g} at most, got {self.tolerance!r}: a looser one leaves "
+                "contact forces wrong by percents; the error that the mesh may have is the tolerance of adapt"
+            )
         if self.loose_tolerance < self.tolerance:
             raise SceneError(f"loose_tolerance {self.loose_tolerance} is tighter than the tolerance {self.tolerance}")
         for name in ("max_krylov", "max_contact"):
