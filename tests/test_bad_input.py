@@ -696,6 +696,15 @@ def test_error(case):
     assert isinstance(caught, kind) and len(set(told)) == 1 and told[0][1], f"{told}: {caught}"
 
 
+def test_a_solve_after_a_failed_one():
+    """What hypre could not set up does not spoil what comes after it."""
+    force = first().record["force"]
+    for bad in ({"pc_hypre_boomeramg_strong_threshold": 5.0}, {"pc_hypre_type": "ams"}):
+        with pytest.raises(SolveError, match="the solver's options"):
+            first(solver=Solver(options=bad))
+        assert first().record["force"] == force
+
+
 def test_error_of_one_rank_reaches_all():
     """Whichever rank fails alone, all raise its error."""
     for culprit in range(COMM.size):

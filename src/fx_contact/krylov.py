@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from fx_contact.checks import check_count, check_label, check_name, check_number, shown
 from fx_contact.errors import SceneError, SolveError
+from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import shortage
 from fx_contact.petsc_options import PetscOptions
 
@@ -185,10 +186,11 @@ class ConjugateGradients:
 
     @contextmanager
     def _named_errors(self):
-        """What PETSc cannot do becomes our error."""
+        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after."""
         try:
             yield
         except PETSc.Error as error:
+            clear_hypre_errors()
             raise SolveError(
                 f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: {error}"
             ) from error

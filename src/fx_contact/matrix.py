@@ -56,6 +56,7 @@ class BlockMatrix:
         integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
         first, second = pointers
         if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
+            clear_hypre_errors()
             raise SolveError("PETSc cannot allocate a matrix in hypre's format")
         self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         return result
@@ -89,6 +90,13 @@ def create_matrix(prolongation, cells, pairs):
     mat.setType(PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
     return BlockMatrix(prolongation.comm, mat, lengths)
+
+
+def clear_hypre_errors():
+    """Let hypre forget that it failed: its error flag stays, and every later call would fail in its name.  Local."""
+    clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
+    if clear is not None:
+        clear()
 
 
 def _row_lengths(prolongation, cells, pairs):
