@@ -195,13 +195,15 @@ $EndElements
 """
 
 
-def from_file(data, name="cube.msh"):
-    """The root mesh of a file with the given text or bytes."""
+def from_file(data, name="cube.msh", beside=None):
+    """The root mesh of a file with the given text or bytes, and perhaps with a text in a second file name.opt."""
     folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
     path = Path(folder) / name
     try:
         if COMM.rank == 0:
             path.write_bytes(data if isinstance(data, bytes) else data.encode())
+            if beside is not None:
+                Path(f"{path}.opt").write_text(beside)
         return root_mesh_from_file(COMM, path)
     finally:
         COMM.Barrier()
@@ -742,6 +744,7 @@ def test_what_the_bad_cases_spoil_is_good():
     for name in ("a.geo", "a.msh", "a.txt"):
         with pytest.raises(SceneError, match="no mesh file of Gmsh"):
             from_file(f'SystemCall "touch {folder}/run";\n', name)
+    assert from_file(CUBE, beside=f'SystemCall "touch {folder}/run";\n').bodies == ("cube",)
     assert not list(Path(folder).iterdir())
     COMM.Barrier()
     if COMM.rank == 0:

@@ -8,6 +8,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
@@ -69,12 +72,13 @@ def root_mesh_from_file(comm, path):
         if not path.is_file():
             raise SceneError(f"there is no mesh file {str(path)!r}")
         _check_head(path)
-        _check_reading(path)
-        try:
-            gmsh.open(str(path))
-        except Exception as error:
-            reason = str(error).strip() or "its numbers make no sense"
-            raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
+        with _alone(path) as link:
+            _check_reading(path, link)
+            try:
+                gmsh.open(str(link))
+            except Exception as error:
+                reason = str(error).strip().replace(str(link), str(path)) or "its numbers make no sense"
+                raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
 
     return root_mesh_from_gmsh(comm, read)
 
@@ -95,11 +99,20 @@ def _check_head(path):
         )
 
 
-def _check_reading(path):
+@contextmanager
+def _alone(path):
+    """The file as a link in an empty folder: beside x.msh Gmsh runs x.msh.opt, a script that may call any command."""
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder, "mesh.msh")
+        link.symlink_to(path.resolve())
+        yield link
+
+
+def _check_reading(path, link):
     """A damaged file can crash Gmsh, and the run with it; so another process reads it first."""
     trial = "import gmsh, sys; gmsh.initialize(readConfigFiles=False, interruptible=False); gmsh.open(sys.argv[1])"
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
-    done = subprocess.run([sys.executable, "-c", trial, str(path)], env=environment, capture_output=True)
+    done = subprocess.run([sys.executable, "-c", trial, str(link)], env=environment, capture_output=True)
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
         raise SceneError(f"Gmsh cannot read {str(path)!r}: it crashes ({name}); is it whole? write it again")
