@@ -88,6 +88,32 @@ def press(mesh, *extra, **changes):
     return Scene(**(arguments | changes))
 
 
+def leaning(*vertices, pressure=0.01, **changes):
+    """The two cubes, the upper one pressed down and held by contact and at vertices of its base: (corner, x, y, z)."""
+    mesh = two_cubes()
+    return press(
+        replace(mesh, vertices={str(corner): [8 + corner] for corner, *_ in vertices}),
+        dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0), *(Dirichlet(str(corner), *held) for corner, *held in vertices)),
+        tractions=(Pressure("top", pressure),),
+        **changes,
+    )
+
+
+def far_apart(ratio, *held):
+    """A cube held below, and far from it one smaller by a ratio, held at corners: (corner, x, y, z)."""
+    (points, cells), (small, _) = grid(), grid(low=(3.0, 0.0, 0.0), size=ratio)
+    mesh = RootMesh(
+        np.concatenate([points, small]),
+        np.concatenate([cells, cells + 8]),
+        ("large", "small"),
+        [0, 1],
+        {"base": [[0, 0]]},
+        {str(corner): [8 + corner] for corner, *_ in held},
+    )
+    conditions = Dirichlet("base", 0, 0, 0), *(Dirichlet(str(corner), *values) for corner, *values in held)
+    return Scene("far apart", mesh, {"large": STEEL, "small": STEEL}, conditions)
+
+
 def inverted():
     points, cells = grid()
     return RootMesh(points, cells[:, ::-1], ("a",), np.zeros(1, np.int32))
@@ -624,6 +650,18 @@ CASES = {
         SceneError,
         "nothing holds body 'upper'",
     ),
+    "a cube that may slide on another": (lambda: leaning((0, 0.0, None)), SceneError, "nothing holds body 'upper'"),
+    "a cube that may turn on another": (lambda: leaning((0, 0.0, 0.0)), SceneError, "nothing holds body 'upper'"),
+    "a small cube that may turn": (
+        lambda: far_apart(1e-5, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0)),
+        SceneError,
+        "nothing holds body 'small'",
+    ),
+    "a shaft that may turn in its bore": (
+        lambda: replace(scenes.shrink_fit(), dirichlet=(Dirichlet("z = 0", z=0.0), Dirichlet("rim", 0.0, 0.0, 0.0))),
+        SceneError,
+        "nothing holds body 'inner'",
+    ),
     "more ranks than leaves": (too_many_ranks, PartitionError, "run on fewer ranks"),
     "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
     "folder that cannot be written": (
@@ -696,6 +734,19 @@ def test_error(case):
         caught = error
     told = COMM.allgather((type(caught).__name__, words in str(caught)))
     assert isinstance(caught, kind) and len(set(told)) == 1 and told[0][1], f"{told}: {caught}"
+
+
+@pytest.mark.parametrize("direction", [None, (0, 0, 1)])
+def test_what_contact_holds(direction):
+    """A body on a single facet is held by all its corners, and needs no more than two vertices besides."""
+    scene = leaning((0, 0.0, 0.0), (4, None, 0.0), contact=(ContactPair("under", "over", direction),))
+    assert abs(first(scene).record["force"] / 0.01 - 1) < 1e-6
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e-4, 1e-5])
+def test_what_vertices_hold(ratio):
+    """Three vertices hold a body, however small it is beside the others, and far from them."""
+    assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0), (2, None, None, 0.0)).free_motions)
 
 
 def test_a_solve_after_a_failed_one():

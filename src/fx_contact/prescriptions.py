@@ -100,13 +100,13 @@ class SymmetryPlane:
         normal = normals.mean(axis=0)
         normal /= max(np.linalg.norm(normal), np.finfo(float).tiny)
         off = np.ptp(points @ normal) / np.ptp(points, axis=0).max()
-        if off > _PLANE or (normals @ normal).min() < 1 - _PLANE:
+        if off > PLANE or (normals @ normal).min() < 1 - PLANE:
             raise SceneError(
                 f"the symmetry plane {self.surface!r} is not plane: its nodes are up to {off:.2g} of its size off the "
                 "mean plane; name plane facets only, those of each plane by themselves"
             )
         axis = int(np.abs(normal).argmax())
-        if np.abs(normal[axis]) < 1 - _PLANE:
+        if np.abs(normal[axis]) < 1 - PLANE:
             raise SceneError(
                 f"the symmetry plane {self.surface!r} has the normal {np.round(normal, 6).tolist()}: it must be across "
                 "x, y or z, for single components only can be prescribed; turn the whole model"
@@ -115,7 +115,7 @@ class SymmetryPlane:
 
 
 #: Distance from a plane, relative to the surface's size, that is rounding of the mesh generator.
-_PLANE = 1e-6
+PLANE = 1e-6
 
 
 @dataclass(frozen=True)

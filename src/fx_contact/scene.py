@@ -11,7 +11,7 @@ from fx_contact.checks import check_count, check_label, check_name, check_number
 from fx_contact.errors import SceneError
 from fx_contact.pairing import Pairing
 from fx_contact.plausibility import check_forces, check_units
-from fx_contact.prescriptions import COMPONENTS, BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.prescriptions import COMPONENTS, PLANE, BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.rootmesh import RootMesh
 
 #: Softest material of which energies are double precision numbers, the inverse of the hardest [Pa].
@@ -153,7 +153,7 @@ class Scene:
     def free_motions(self):
         """Rigid motions of the bodies that no displacement condition stops: (k, nbodies, 6) float64.
 
-        Three translations and three rotations about the middle of the mesh, in units of its size.
+        Three translations and three rotations about the middle of each body, in units of its size.
         """
         mesh = self.mesh
         body = np.zeros(len(mesh.points), dtype=np.int64)
@@ -162,14 +162,26 @@ class Scene:
         rows = [np.zeros((1, 6 * len(mesh.bodies)))]
         for component, direction in enumerate(np.eye(3)):
             nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
-            rows.append(_rigid_motions(self._scaled(mesh.points[nodes]), body[nodes], len(mesh.bodies), direction))
+            rows.append(
+                _rigid_motions(
+                    self._scaled(mesh.points[nodes], body[nodes]), body[nodes], len(mesh.bodies), direction
+                )
+            )
         held = np.concatenate(rows)
         _, strength, motions = np.linalg.svd(held.T @ held)
         return motions[strength <= 1e-10 * max(strength[0], 1e-300)].reshape(-1, len(mesh.bodies), 6)
 
-    def _scaled(self, points):
-        low, high = self.mesh.points.min(axis=0), self.mesh.points.max(axis=0)
-        return (points - (low + high) / 2) / max((high - low).max(), np.finfo(float).tiny)
+    @cached_property
+    def _extents(self):
+        """Middle and size of each body: (nbodies, 3) and (nbodies, 1) float64 [m]."""
+        mesh = self.mesh
+        corners = [mesh.points[mesh.corners[mesh.body == body]].reshape(-1, 3) for body in range(len(mesh.bodies))]
+        low, high = (np.array([end(points, axis=0) for points in corners]) for end in (np.min, np.max))
+        return (low + high) / 2, (high - low).max(axis=1, keepdims=True)
+
+    def _scaled(self, points, bodies):
+        middle, size = self._extents
+        return (points - middle[bodies]) / size[bodies]
 
     def motion(self, points, bodies, direction):
         """What the free motions move at points along a direction.
@@ -182,7 +194,7 @@ class Scene:
         Returns:
             (n, k) float64, a column for each of `free_motions`.
         """
-        rigid = _rigid_motions(self._scaled(points), bodies, len(self.mesh.bodies), direction)
+        rigid = _rigid_motions(self._scaled(points, bodies), bodies, len(self.mesh.bodies), direction)
         return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
 
     def unresisted(self, resistance):
@@ -314,10 +326,12 @@ def _check_held(scene):
     cell, face = np.nonzero(scene.pairing.first)
     first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
     direction = scene.contact_directions(first)
-    here, there = (mesh.facet_points(facets, order=1).mean(axis=1) for facets in (first, second))
-    resisted = scene.motion(here, mesh.body[first[:, 0]], direction) - scene.motion(
-        there, mesh.body[second[:, 0]], direction
+    points = _resisting(scene, first, direction).reshape(-1, 3)
+    here, there = (
+        scene.motion(points, np.repeat(mesh.body[facets[:, 0]], 4), np.repeat(direction, 4, axis=0))
+        for facets in (first, second)
     )
+    resisted = here - there
     loose = scene.unresisted(resisted.T @ resisted)
     if loose:
         raise SceneError(
@@ -325,6 +339,20 @@ def _check_held(scene):
             "condition stops, some meet no contact surface either; prescribe displacements that stop them (a vertex is "
             "enough where no force acts)"
         )
+
+
+def _resisting(scene, facets, direction):
+    """Points of contact facets that resist motions along a direction: (n, 4, 3) [m].
+
+    They are the corners; but the middle, four times, of a curved facet along whose normals gaps are measured: these are
+    others at its corners.
+    """
+    corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
+    middle = corners.mean(axis=1, keepdims=True)
+    height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
+    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
+    along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
+    return np.where((curved & along_normals)[:, None, None], middle, corners)
 
 
 def _rigid_motions(points, bodies, nbodies, direction):
