@@ -1,10 +1,12 @@
 """Bad input: a typed error on every rank that says what, where and what to do; no hang, whatever rank finds it."""
 
+import json
 import shutil
 import subprocess
 import sys
 import tempfile
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
@@ -481,6 +483,24 @@ CASES = {
     ),
     "file that is a folder": (lambda: root_mesh_from_file(COMM, "/tmp"), SceneError, "no mesh file '/tmp'"),
     "file name of a number": (lambda: root_mesh_from_file(COMM, 5), SceneError, "must be a path, got 5"),
+    "file name that is too long": (
+        lambda: root_mesh_from_file(COMM, "a" * 300 + ".msh"),
+        SceneError,
+        "File name too long",
+    ),
+    "file name with half a character": (
+        lambda: root_mesh_from_file(COMM, "\ud800.msh"),
+        SceneError,
+        "a character that no file system knows",
+    ),
+    "output into half a character": (lambda: RecordWriter("\ud800", COMM), OutputError, "no file system knows"),
+    "checkpoint into half a character": (lambda: first(checkpoint="\ud800"), OutputError, "no file system knows"),
+    "names in Latin-1": (
+        lambda: from_file(CUBE.replace('"cube"', '"W\xfcrfel"').encode("latin-1")),
+        SceneError,
+        "the name b'W\\xfcrfel' of a physical group is not in UTF-8",
+    ),
+    "no Gmsh model": (lambda: root_mesh_from_gmsh(COMM, None), SceneError, "must be a function of no argument"),
     "file name with NUL": (lambda: root_mesh_from_file(COMM, "a\0b"), SceneError, "must be a path"),
     "output into a number": (lambda: RecordWriter(5, COMM), OutputError, "must be a path, got 5"),
     "output into NUL": (lambda: RecordWriter("a\0b", COMM), OutputError, "must be a path"),
@@ -632,6 +652,8 @@ CASES = {
     "complex points": (lambda: RootMesh(grid()[0] * 1j, grid()[1], ("a",), [0]), GeometryError, "numbers"),
     "node beyond the last": (lambda: RootMesh(grid()[0], grid()[1] + 1, ("a",), [0]), GeometryError, "outside 0..7"),
     "nothing but None": (lambda: RootMesh(None, None, None, None), FxContactError, "got None"),
+    "body in rows": (lambda: RootMesh(*grid(), ("a",), [[0]]), GeometryError, "one number for each cell"),
+    "tolerance in an array": (lambda: adapt(press(two_cubes()), np.array(0.5), COMM), SceneError, "array(0.5)"),
     "body without cells": (lambda: RootMesh(*grid(), ("a", "b"), [0]), SceneError, "'b' has no root cell"),
     "body without name": (lambda: RootMesh(*grid(), ("",), [0]), SceneError, "a body must be a name"),
     "surfaces in a list": (lambda: RootMesh(*grid(), ("a",), [0], [("s", [[0, 0]])]), SceneError, "must be a dict"),
@@ -662,6 +684,22 @@ CASES = {
         SceneError,
         "nothing holds body 'inner'",
     ),
+    "rings of a wrong order": (
+        lambda: scenes.shrink_fit((1.0, 0.5, 2.0)),
+        SceneError,
+        "radii must be three growing positive numbers",
+    ),
+    "a number of cells for three": (
+        lambda: scenes.patch(cells=(1, 2)),
+        SceneError,
+        "must be a tuple of 3, got (1, 2)",
+    ),
+    "a material for a stack": (lambda: scenes.stack(STEEL), SceneError, "materials must be a tuple, got Material"),
+    "one radius for two": (lambda: scenes.cylinders(1.0), SceneError, "radii must be a tuple of 2, got 1.0"),
+    "radius of text": (lambda: scenes.spheres((1.0, "x")), SceneError, "radius must be a finite number, got 'x'"),
+    "radius without end": (lambda: scenes.spheres((1, 10**400)), SceneError, "radius must be a finite number"),
+    "force of nothing": (lambda: scenes.punch(force=()), SceneError, "force must be a finite number, got ()"),
+    "a rotation of text": (lambda: scenes.turned(small_hertz(), "x"), SceneError, "an orthogonal 3 x 3 matrix"),
     "more ranks than leaves": (too_many_ranks, PartitionError, "run on fewer ranks"),
     "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
     "folder that cannot be written": (
@@ -682,6 +720,7 @@ for given, spelt in {
     1j: "1j",
     True: "True",
     (1.0, 2.0): "(1.0, 2.0)",
+    10**400: "1000000",
 }.items():
     CASES |= {
         f"{place} is {given!r}": (partial(action, given), SceneError, spelt)
@@ -705,6 +744,15 @@ for given, spelt in {
             "mesh": lambda value: press(value),
             "materials": lambda value: press(two_cubes(), materials=value),
             "contact": lambda value: press(two_cubes(), contact=value),
+            "radii of spheres": lambda value: scenes.spheres((value,)),
+            "one radius of cylinders": lambda value: scenes.cylinders((value, 1.0)),
+            "one radius of rings": lambda value: scenes.shrink_fit((0.5, 1.0, value)),
+            "block of a punch": lambda value: scenes.punch(block=value),
+            "materials of a stack": lambda value: scenes.stack((STEEL, value)),
+            "materials of a patch": lambda value: scenes.patch(value, STEEL),
+            "cells of a stack": lambda value: scenes.stack(cells=value),
+            "twin": scenes.swapped,
+            "scaled twin": scenes.scaled,
             "communicator": lambda value: adapt(press(two_cubes()), 0.5, value),
         }.items()
     }
@@ -747,6 +795,18 @@ def test_what_contact_holds(direction):
 def test_what_vertices_hold(ratio):
     """Three vertices hold a body, however small it is beside the others, and far from them."""
     assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0), (2, None, None, 0.0)).free_motions)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, Fraction])
+def test_numbers_of_any_kind(kind):
+    """What is a number is taken as one in double precision; the record can be written."""
+    tolerance, stiff = kind(1) / 2, Material(kind(1), kind(1) / 4)
+    enforcement = Enforcement("penalty", kind(100), gap_tolerance=kind(1) / 2**20)
+    solver = Solver(tolerance=kind(1) / 2**27, loose_tolerance=kind(1) / 2**10)
+    scene = press(two_cubes(), materials={"lower": stiff, "upper": stiff})
+    record = next(adapt(scene, tolerance, COMM, enforcement=enforcement, solver=solver)).record
+    again = next(adapt(scene, 0.5, COMM, enforcement=enforcement, solver=solver)).record
+    assert json.loads(json.dumps(record))["estimate"] == again["estimate"] and type(stiff.young) is float
 
 
 def test_a_solve_after_a_failed_one():

@@ -15,16 +15,21 @@ from fx_contact.errors import SceneError
 
 
 def check_number(what, value, positive=False):
-    """Raises SceneError unless a value is a finite number, and positive if asked for."""
-    number = isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
-    if not number or not np.isfinite(float(value)) or (positive and value <= 0):
+    """The value as a float.  Raises SceneError unless it is a finite number, and positive if asked for."""
+    is_number = isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
+    try:
+        number = float(value) if is_number else np.nan
+    except OverflowError:
+        number = np.inf
+    if not np.isfinite(number) or (positive and number <= 0):
         raise SceneError(f"{what} must be a {'positive' if positive else 'finite'} number, got {shown(value)}")
+    return number
 
 
 def check_count(what, value, least=1):
-    """Raises SceneError unless a value is a whole number, not smaller than the least."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise SceneError(f"{what} must be a whole number, at least {least}, got {shown(value)}")
+    """Raises SceneError unless a value is a whole number, not smaller than the least, that PETSc can hold."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or not least <= value < 2**31:
+        raise SceneError(f"{what} must be a whole number, at least {least} and below 2^31, got {shown(value)}")
 
 
 def check_vector(what, value):
@@ -79,10 +84,17 @@ def as_path(what, value, error=SceneError):
     """
     if not isinstance(value, (str, os.PathLike)) or not str(value) or "\0" in str(value):
         raise error(f"{what} must be a path, got {shown(value)}")
+    try:
+        os.fsencode(value)
+    except UnicodeEncodeError:
+        raise error(f"{what} has a character that no file system knows, got {shown(value)}") from None
     return Path(value)
 
 
 def shown(value):
     """A value as it stands in an error: not longer than a line."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write whole numbers of thousands of digits
+        text = object.__repr__(value)
     return text if len(text) <= 200 else f"{text[:190]}... ({type(value).__name__})"

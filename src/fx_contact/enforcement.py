@@ -52,7 +52,7 @@ class Enforcement:
             value = getattr(self, name)
             if value is None and name != "gap_tolerance":
                 continue
-            check_number(f"the penalty {name}", value, positive=True)
+            object.__setattr__(self, name, check_number(f"the penalty {name}", value, positive=True))
         given = [name for name in ("factor", "node_stiffness") if getattr(self, name) is not None]
         if given and self.method == "exact":
             raise SceneError(

@@ -16,7 +16,7 @@ import numpy as np
 
 from fx_contact import reference
 from fx_contact._mpi import together
-from fx_contact.checks import as_path, check_comm
+from fx_contact.checks import as_path, check_comm, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER, RootMesh
 
@@ -38,6 +38,8 @@ def root_mesh_from_gmsh(comm, build):
         GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, or an order above 6.
     """
     check_comm(comm)
+    if not callable(build):
+        raise SceneError(f"what builds the Gmsh model must be a function of no argument, got {shown(build)}")
     parts = None
     with together(comm):
         if comm.rank == 0:
@@ -60,7 +62,7 @@ def root_mesh_from_file(comm, path):
         RootMesh, the same on all ranks.
 
     Raises:
-        SceneError: there is no such file, or Gmsh cannot read it.
+        SceneError: there is no such file, or Gmsh cannot read it, or a name in it is not in UTF-8.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     path = as_path("a mesh file", path)
@@ -69,8 +71,6 @@ def root_mesh_from_file(comm, path):
         """The file becomes the current model of Gmsh, once another process could read it without dying of it."""
         import gmsh
 
-        if not path.is_file():
-            raise SceneError(f"there is no mesh file {str(path)!r}")
         _check_head(path)
         with _alone(path) as link:
             _check_reading(path, link)
@@ -86,6 +86,8 @@ def root_mesh_from_file(comm, path):
 def _check_head(path):
     """The file must begin as Gmsh's meshes do: what does not Gmsh runs as a script, which may call any command."""
     try:
+        if not path.is_file():
+            raise SceneError(f"there is no mesh file {str(path)!r}")
         with path.open("rb") as file:
             head = file.read(100)
     except OSError as error:
@@ -215,7 +217,13 @@ def _groups(model, dimension):
     """
     groups = {}
     for _, tag in model.getPhysicalGroups(dimension):
-        name = model.getPhysicalName(dimension, tag) or str(tag)
+        try:
+            name = model.getPhysicalName(dimension, tag) or str(tag)
+        except UnicodeDecodeError as error:
+            raise SceneError(
+                f"the name {error.object!r} of a physical group is not in UTF-8: save the file in this encoding, or "
+                "use letters without accents"
+            ) from None
         groups[name] = model.getEntitiesForPhysicalGroup(dimension, tag)
     return groups
 

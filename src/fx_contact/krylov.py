@@ -104,8 +104,8 @@ class Solver:
     def __post_init__(self):
         check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
         for name in ("tolerance", "loose_tolerance"):
-            value = getattr(self, name)
-            check_number(f"the solver's {name}", value, positive=True)
+            value = check_number(f"the solver's {name}", getattr(self, name), positive=True)
+            object.__setattr__(self, name, value)
             if value >= 1:
                 raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
         if self.tolerance > _LOOSEST:

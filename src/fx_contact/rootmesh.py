@@ -240,6 +240,8 @@ def _check_shapes(mesh):
         raise GeometryError(
             f"cells have {nodes} nodes; complete hexahedra of order 1 to {MAX_ORDER} have (order+1)^3 nodes"
         )
+    if mesh.body.ndim != 1:
+        raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
     if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
     if len(mesh.cells) > 2_000_000:

@@ -34,8 +34,8 @@ class Material:
     poisson: float
 
     def __post_init__(self):
-        check_number("Young's modulus", self.young)
-        check_number("Poisson's ratio", self.poisson)
+        for name, what in (("young", "Young's modulus"), ("poisson", "Poisson's ratio")):
+            object.__setattr__(self, name, check_number(what, getattr(self, name)))
         if self.young <= 0:
             raise SceneError(f"Young's modulus must be positive, got {self.young}")
         if not _SOFTEST <= self.young <= 1 / _SOFTEST:

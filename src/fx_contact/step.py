@@ -57,8 +57,9 @@ class Settings:
     def __post_init__(self):
         if not isinstance(self.scene, Scene):
             raise SceneError(f"adapt needs a Scene, got {shown(self.scene)}")
-        tolerance, order, orders = self.tolerance, self.geometry_order, range(1, self.scene.mesh.order + 1)
-        check_number("the tolerance", tolerance, positive=True)
+        tolerance = check_number("the tolerance", self.tolerance, positive=True)
+        object.__setattr__(self, "tolerance", tolerance)
+        order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
         if tolerance >= 1:
             raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
         for name, kind in (("enforcement", Enforcement), ("solver", Solver)):
