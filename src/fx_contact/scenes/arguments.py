@@ -2,9 +2,12 @@
 
 import math
 
+import numpy as np
+
 from fx_contact.checks import check_count, check_name, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER
+from fx_contact.scene import Material
 
 #: Most root cells along a block: the root mesh is on every rank, it is for the leaves to be many.
 _MOST = 50
@@ -26,8 +29,22 @@ def check_mesh_size(order, coarse):
         )
 
 
+def check_list(what, values, count=None):
+    """Raises SceneError unless values are a tuple, list or array, of so many.  Local."""
+    listed = isinstance(values, (tuple, list)) or (isinstance(values, np.ndarray) and values.ndim == 1)
+    if not listed or count not in (None, len(values)):
+        raise SceneError(f"{what} must be a tuple{'' if count is None else f' of {count}'}, got {shown(values)}")
+
+
+def check_material(what, value):
+    """Raises SceneError unless a value is a Material.  Local."""
+    if not isinstance(value, Material):
+        raise SceneError(f"{what} must be a Material, got {shown(value)}")
+
+
 def check_cells(cells, blocks=1):
     """Raises SceneError unless cells, those along x, y, z of a block, are not too many for a root mesh.  Local."""
+    check_list("cells, the numbers of root cells along x, y, z,", cells, 3)
     for count in cells:
         check_count("the number of root cells along x, y or z", count)
     total = blocks * math.prod(cells)

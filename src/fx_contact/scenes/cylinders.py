@@ -6,7 +6,7 @@ from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.prescriptions import Dirichlet, SymmetryPlane
 from fx_contact.scene import ContactPair, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size
+from fx_contact.scenes.arguments import check_list, check_mesh_size
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -39,6 +39,7 @@ def cylinders(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
+    check_list("radii", radii, 2)
     for name, value in (
         ("radius of the lower cylinder", radii[0]),
         ("radius of the upper", radii[1]),

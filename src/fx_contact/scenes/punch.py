@@ -6,7 +6,7 @@ from fx_contact.checks import check_number
 from fx_contact.analytic import Hertz
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_material, check_mesh_size, check_symmetry
 from fx_contact.scenes.indentation import cube_on_block, sideways
 from fx_contact.scenes.roundness import check_roundness
 
@@ -49,8 +49,10 @@ def punch(
     check_symmetry(symmetry)
     for name, value in (("radius", radius), ("side", side)):
         check_number(name, value, positive=True)
-    for name, value in (("displacement", displacement), ("gap", gap), ("force", force or 0.0)):
+    for name, value in (("displacement", displacement), ("gap", gap), ("force", 0.0 if force is None else force)):
         check_number(name, value)
+    for name, material in (("block", block), ("punch", punch)):
+        check_material(f"the material of the {name}", material)
     check_mesh_size(order, coarse)
     if coarse % 2:
         raise SceneError(f"coarse must be even, for a vertex on the axis, got {coarse}")

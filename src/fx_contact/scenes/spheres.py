@@ -6,7 +6,7 @@ from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
 from fx_contact.prescriptions import Dirichlet, SymmetryPlane
 from fx_contact.scene import ContactPair, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size
+from fx_contact.scenes.arguments import check_list, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 from fx_contact.scenes.roundness import check_roundness
 
@@ -39,8 +39,10 @@ def spheres(
     Raises:
         SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
     """
-    if len(radii) != 2 or any(not isinstance(r, (int, float)) or np.isnan(r) or r == 0 for r in radii):
-        raise SceneError(f"radii must be two numbers, infinity for a flat end, got {shown(radii)}")
+    check_list("radii", radii, 2)
+    for radius in radii:
+        if not (isinstance(radius, float) and np.isinf(radius)) and check_number("radius", radius) == 0:
+            raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
     curvature = 1 / np.array(radii, dtype=np.float64)
     if curvature.sum() <= 0:
         raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")

@@ -3,7 +3,7 @@
 from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_cells, check_mesh_size
+from fx_contact.scenes.arguments import check_cells, check_list, check_material, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -39,11 +39,18 @@ def stack(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
+    check_list("materials", materials)
+    for material in materials:
+        check_material("the material of a block", material)
     if len(materials) < 2:
         raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
     for name, value in (("side", side), ("height", height)):
         check_number(name, value, positive=True)
-    for name, value in (("displacement", displacement), ("gap", gap), ("pressure", pressure or 0.0)):
+    for name, value in (
+        ("displacement", displacement),
+        ("gap", gap),
+        ("pressure", 0.0 if pressure is None else pressure),
+    ):
         check_number(name, value)
     check_mesh_size(order, coarse=1)
     check_cells(cells, len(materials))

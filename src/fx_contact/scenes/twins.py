@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact.checks import check_number
+from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
-from fx_contact.scene import ContactPair, Dirichlet, Material, Traction
+from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
 
 
 def scaled(scene, length=1.0, stress=1.0):
@@ -28,6 +28,7 @@ def scaled(scene, length=1.0, stress=1.0):
     Raises:
         SceneError: a factor that is not positive.
     """
+    _check_scene(scene)
     check_number("factor of length", length, positive=True)
     check_number("factor of stress", stress, positive=True)
 
@@ -63,8 +64,13 @@ def turned(scene, rotation):
     Raises:
         SceneError: not a rotation, or a condition on some components only that turns out of the axes.
     """
-    rotation = np.asarray(rotation, dtype=np.float64)
-    if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-12:
+    _check_scene(scene)
+    rotation = np.asarray(rotation)
+    if (
+        rotation.dtype.kind not in "fiu"
+        or rotation.shape != (3, 3)
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-12
+    ):
         raise SceneError("a rotation must be an orthogonal 3 x 3 matrix")
     if np.linalg.det(rotation) < 0:
         raise SceneError("a reflection would invert the cells: the rotation must have determinant 1")
@@ -106,7 +112,11 @@ def swapped(scene):
 
     Returns:
         Scene.
+
+    Raises:
+        SceneError: what is given is no scene.
     """
+    _check_scene(scene)
     return replace(
         scene,
         contact=tuple(
@@ -114,6 +124,11 @@ def swapped(scene):
             for pair in scene.contact
         ),
     )
+
+
+def _check_scene(scene):
+    if not isinstance(scene, Scene):
+        raise SceneError(f"a twin is made of a Scene, got {shown(scene)}")
 
 
 def _turned_condition(condition, rotation):
