@@ -29,6 +29,7 @@ from fx_contact import (
     scenes,
 )
 from fx_contact._mpi import together
+from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import Checkpoint
 from fx_contact.errors import (
     CheckpointError,
@@ -43,9 +44,11 @@ from fx_contact.errors import (
 from fx_contact.forest import Forest
 from fx_contact.gmsh_model import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.output import RecordWriter, write_fields
+from fx_contact.overrefined import true_error
 from fx_contact.partition import repartition
-from fx_contact.plot import draw_pressure
+from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
 from fx_contact.rootmesh import RootMesh
+from fx_contact.surface import write_contact
 
 STEEL = Material(young=1.0, poisson=0.3)
 COMM = MPI.COMM_WORLD
@@ -252,6 +255,11 @@ def first(scene=None, **options):
     return next(adapt(scene or small_hertz(), 0.5, COMM, **options))
 
 
+def unpaired():
+    """The two cubes without contact, each held."""
+    return press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, 0)), contact=())
+
+
 def never_converges():
     solver = Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12)
     list(adapt(scenes.hertz(order=1, coarse=4, comm=COMM), 0.5, COMM, solver=solver, max_steps=1))
@@ -438,6 +446,39 @@ CASES = {
         OutputError,
         "cannot draw",
     ),
+    "picture for a folder": (lambda: draw_pressure(first(), "/tmp"), OutputError, "must end in .png, got '/tmp'"),
+    "picture of the mesh for a folder": (
+        lambda: draw_mesh(first(), "/tmp"),
+        OutputError,
+        "must end in .png, got '/tmp'",
+    ),
+    "picture of a contact that is none": (
+        lambda: draw_pressure(first(unpaired()), "p.png"),
+        SceneError,
+        "the scene 'cubes' has no contact pairs",
+    ),
+    "files of a contact that is none": (
+        lambda: write_contact(first(unpaired()), "/tmp"),
+        SceneError,
+        "the scene 'cubes' has no contact pairs",
+    ),
+    "zoom of text": (lambda: draw_mesh(first(), "m.png", zoom="x"), SceneError, "zoom of a picture must be"),
+    "zoom of nothing": (lambda: draw_stress(first(), "s.png", zoom=0), SceneError, "zoom of a picture must be"),
+    "zoom at a contact that is none": (
+        lambda: draw_stress(first(unpaired()), "s.png", zoom=2),
+        SceneError,
+        "has no contact pairs",
+    ),
+    "true error for a tolerance of text": (lambda: true_error(first(), "x"), SceneError, "got 'x'"),
+    "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "needs a Scene, got 'x'"),
+    "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "for a Scene, got None"),
+    "root cells of no scene": (lambda: Beginning.uniform("x", 1, COMM), SceneError, "those of a Scene, got 'x'"),
+    "root cells refined by half": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),
+    "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),
+    **{
+        f"no step: {action.__name__}": (partial(action, "step", 0.1), SceneError, "a Step is needed")
+        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_contact)
+    },
     "file that is empty": (lambda: from_file(""), SceneError, "is empty"),
     "file cut in the nodes": (lambda: from_file(CUBE[:120]), SceneError, "Gmsh cannot read"),
     "file cut in the cells": (lambda: from_file(CUBE[:-40]), SceneError, "Gmsh cannot read"),

@@ -15,6 +15,7 @@ from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
 from fx_contact.partition import KINDS, repartition
 from fx_contact.quality import brief
+from fx_contact.scene import Scene
 from fx_contact.stages import Stages
 from fx_contact.step import Settings, solve_step
 
@@ -44,7 +45,14 @@ class Beginning:
             scene: Scene.
             levels: times to refine.
             comm: MPI communicator.
+
+        Raises:
+            SceneError: scene is no Scene, levels no number of times, or comm no communicator.
         """
+        check_comm(comm)
+        check_count("levels, the times to refine,", levels, least=0)
+        if not isinstance(scene, Scene):
+            raise SceneError(f"root cells are those of a Scene, got {shown(scene)}")
         forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))

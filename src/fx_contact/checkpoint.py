@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from fx_contact._mpi import Directory, together
-from fx_contact.checks import as_path, check_comm
-from fx_contact.errors import CheckpointError, OutputError
+from fx_contact.checks import as_path, check_comm, shown
+from fx_contact.errors import CheckpointError, OutputError, SceneError
 from fx_contact.estimate import Estimate, Gain
 from fx_contact.forest import Forest
 from fx_contact.lattice import Lattice
 from fx_contact.pairing import decode_leaf, leaf_code
 from fx_contact.prescriptions import Traction, evaluated
 from fx_contact.rowfile import RowFile, write
+from fx_contact.scene import Scene
 
 NAME = "checkpoint"
 KIND = "checkpoint of fx_contact, version 3"
@@ -135,11 +136,14 @@ class Checkpoint:
         records: list of dict, of all steps so far.
 
     Raises:
+        SceneError: comm is no communicator, or scene no Scene.
         CheckpointError: there is none, it is not complete, damaged, of another format, or belongs to another scene.
     """
 
     def __init__(self, folder, scene, comm):
         check_comm(comm)
+        if not isinstance(scene, Scene):
+            raise SceneError(f"a checkpoint is read for a Scene, got {shown(scene)}")
         self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
         self._scene, self._comm = scene, comm
         self._file = RowFile(self.path, comm)

@@ -11,7 +11,7 @@ from dolfinx.io import VTXWriter
 
 from fx_contact import reference
 from fx_contact._mpi import together
-from fx_contact.checks import as_path
+from fx_contact.checks import as_path, check_comm
 from fx_contact.errors import OutputError
 from fx_contact.estimate import VOIGT
 from fx_contact.surface import write_contact
@@ -29,10 +29,12 @@ class RecordWriter:
             that is not complete, and those that are missing are added; without, the file is begun anew.
 
     Raises:
+        SceneError: comm is no communicator.
         OutputError: the folder cannot be made or written.
     """
 
     def __init__(self, folder, comm, finished=()):
+        check_comm(comm)
         self.path = as_path("the output folder", folder, OutputError) / "steps.jsonl"
         self._comm, self._last = comm, 0
         with together(comm):

@@ -6,8 +6,11 @@ import numpy as np
 
 from fx_contact.accuracy import energy_distance
 from fx_contact.adapt import Beginning, adapt
+from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
 from fx_contact.lattice import Lattice
+from fx_contact.scene import Scene
+from fx_contact.step import check_step
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,10 @@ def true_error(step, tolerance, scene=None):
         TrueError.
 
     Raises:
-        SceneError: a scene with other root cells.
+        SceneError: no step, a tolerance that is not positive, no scene or one with other root cells.
     """
+    check_step(step)
+    tolerance = check_number("the tolerance of the finer solution", tolerance, positive=True)
     scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
     marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance, step.forest.comm)[0]
@@ -64,6 +69,8 @@ def true_error(step, tolerance, scene=None):
 
 def _on(forest, scene):
     """The same leaves on the root mesh of a scene."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"the over-refined solution needs a Scene, got {shown(scene)}")
     here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
     if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
         raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")

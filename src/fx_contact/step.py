@@ -115,6 +115,22 @@ class Step:
         return values[self.forest.vertices.cells]
 
 
+def check_step(step, contact=False):
+    """See that a value is a Step, and has contact if asked for.  Local.
+
+    Args:
+        step: what the user gave.
+        contact: whether the scene must have contact pairs.
+
+    Raises:
+        SceneError: it is none, or the scene has none.
+    """
+    if not isinstance(step, Step):
+        raise SceneError(f"a Step is needed, as adapt yields them, got {shown(step)}")
+    if contact and step.pairs is None:
+        raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, of which to show something")
+
+
 def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain):
     """Solve on a forest and estimate the error.
 

@@ -11,6 +11,7 @@ from fx_contact._mpi import together
 from fx_contact.checks import as_path
 from fx_contact.errors import OutputError
 from fx_contact.mesh import leaf_positions
+from fx_contact.step import check_step
 
 _LAGRANGE_QUADRILATERAL = 70
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
@@ -29,8 +30,10 @@ def write_contact(step, folder):
         folder: for the files, which are replaced if they are there.
 
     Raises:
+        SceneError: no step, or one without contact.
         OutputError: a file cannot be written.
     """
+    check_step(step, contact=True)
     comm, folder = step.forest.comm, as_path("the output folder", folder, OutputError)
     points, point_fields, cell_fields = contact_facets(step)
     piece = _piece(points, point_fields, cell_fields)

@@ -28,6 +28,10 @@ def draw_on_first(comm, path, draw):
         OutputError: the picture cannot be written.
     """
     path = as_path("the name of a picture", path, OutputError)
+    if not path.suffix:  # what draws would give it one, and the picture would be elsewhere
+        raise OutputError(
+            f"the name of a picture must end in .png, got {str(path)!r}: if this is a folder, name a file"
+        )
     with together(comm):
         if comm.rank == 0:
             try:

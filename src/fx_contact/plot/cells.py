@@ -6,9 +6,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import reference
-from fx_contact.checks import check_name
+from fx_contact.checks import check_name, check_number
 from fx_contact.lattice import SIDE
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
+from fx_contact.step import check_step
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
 RANK_COLOURS = (
@@ -43,9 +44,11 @@ def draw_mesh(step, path, zoom=3.0, colour="rank"):
         Path of the picture.
 
     Raises:
-        SceneError: an unknown colouring.
+        SceneError: an unknown colouring, a zoom that is not positive, or a step without contact.
         OutputError: the picture cannot be written.
     """
+    check_step(step, contact=True)
+    check_number("the zoom of a picture", zoom, positive=True)
     centre = np.asarray(step.scene.contact_centre)
     return _draw_leaves(step.forest, centre, centre, zoom * contact_size(step), colour, path)
 
@@ -77,9 +80,10 @@ def draw_partition(step, path, colour="rank"):
         Path of the picture.
 
     Raises:
-        SceneError: an unknown colouring.
+        SceneError: an unknown colouring, or no step.
         OutputError: the picture cannot be written.
     """
+    check_step(step)
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
     cut = np.asarray(step.scene.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))

@@ -3,8 +3,10 @@
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.checks import check_comm
 from fx_contact.errors import OutputError
 from fx_contact.plot.canvas import axes_for, draw_on_first
+from fx_contact.step import check_step
 
 
 def draw_pressure(step, path, exact=None):
@@ -21,8 +23,10 @@ def draw_pressure(step, path, exact=None):
         Path of the picture.
 
     Raises:
+        SceneError: no step, or one without contact.
         OutputError: the picture cannot be written.
     """
+    check_step(step, contact=True)
     pairs, comm = step.pairs, step.forest.comm
     arm = pairs.position - step.scene.contact_centre
     along = np.einsum("ni,ni->n", arm, pairs.normal)
@@ -62,8 +66,10 @@ def draw_convergence(records, path, comm=MPI.COMM_WORLD):
         Path of the picture.
 
     Raises:
+        SceneError: comm is no communicator.
         OutputError: there is no record, or the picture cannot be written.
     """
+    check_comm(comm)
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
     return draw_on_first(comm, path, lambda path: _draw_convergence(records, path))

@@ -4,9 +4,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import reference
+from fx_contact.checks import check_number
 from fx_contact.lattice import SIDE
 from fx_contact.plot.cells import contact_size
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
+from fx_contact.step import check_step
 
 
 def draw_stress(step, path, zoom=None):
@@ -15,7 +17,7 @@ def draw_stress(step, path, zoom=None):
     Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
 
     Args:
-        step: Step with contact.
+        step: Step, with contact if there is a zoom.
         path: of the PNG.
         zoom: half width of the picture, in contact radii; None: all of the bodies.
 
@@ -23,8 +25,12 @@ def draw_stress(step, path, zoom=None):
         Path of the picture.
 
     Raises:
+        SceneError: no step, or with a zoom one without contact, or a zoom that is not positive.
         OutputError: the picture cannot be written.
     """
+    check_step(step, contact=zoom is not None)
+    if zoom is not None:
+        check_number("the zoom of a picture", zoom, positive=True)
     comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
     leaf, stress = step.leaf_mesh.leaf, step.estimate.stress
     corners = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)[leaf]
