@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import petsc4py
+from mpi4py import MPI
 from tqdm import tqdm
 
 
@@ -23,9 +24,23 @@ def petsc_options(words):
     return result
 
 
-petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything else imports PETSc
+def check_options_files(words):
+    """End with a sentence where a file of options that PETSc is to read is not there: PETSc would show its own depths.
 
-from mpi4py import MPI  # noqa: E402
+    Collective on MPI.COMM_WORLD; as PETSc does, rank 0 looks.
+    """
+    given = [*words, *os.environ.get("PETSC_OPTIONS", "").split()]
+    named = [path for option, path in zip(given, [*given[1:], ""]) if option == "-options_file"]
+    missing = [path for path in named if not Path(path.removesuffix(":yaml")).is_file()]
+    missing = MPI.COMM_WORLD.bcast(missing)
+    if missing:
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"there is no file {missing[0]!r} of PETSc options, as -options_file says", file=sys.stderr)
+        sys.exit(2)
+
+
+check_options_files(petsc_options(sys.argv[1:]))
+petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything else imports PETSc
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
 from fx_contact.accuracy import NORMS  # noqa: E402
@@ -129,6 +144,8 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
         options.error(f"unknown option {word!r}{near or '; --help lists them, all with two dashes'}")
     if arguments.restart and not arguments.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
+    if arguments.restart and arguments.uniform is not None:
+        options.error("--restart goes on from the last step of a run, --uniform begins anew: give one of them")
     with plain_errors(comm):
         _run(comm, arguments, make_scene, exact, best_scene or make_scene, errors, beginning or uniform)
 

@@ -904,6 +904,17 @@ def test_what_the_bad_cases_spoil_is_good():
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+def test_options_file_of_the_environment():
+    """On two ranks too, a file that PETSC_OPTIONS names and that is not there is one sentence and an exit code."""
+    demo = Path(__file__).parents[1] / "demos" / "hertz.py"
+    plain = outside() | {"PETSC_OPTIONS": "-fx_ksp_monitor -options_file no/such"}
+    command = ["mpirun", "-n", "2", sys.executable, str(demo), "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, env=plain, timeout=100)
+    assert done.returncode == 2 and done.stderr.count("there is no file 'no/such' of PETSc options") == 1, done.stderr
+    assert "PETSC ERROR" not in done.stderr
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize(
     "words, code, message",
     [
@@ -913,6 +924,9 @@ def test_what_the_bad_cases_spoil_is_good():
         ("-fx_ksp_rtol 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
+        ("--restart --checkpoint no/such --uniform 1", 2, "--uniform begins anew: give one of them"),
+        ("-options_file no/such", 2, "there is no file 'no/such' of PETSc options"),
+        ("-options_file", 2, "there is no file '' of PETSc options"),
     ],
 )
 def test_command_line(tmp_path, words, code, message):
