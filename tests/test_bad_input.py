@@ -742,6 +742,11 @@ CASES = {
     "force of nothing": (lambda: scenes.punch(force=()), SceneError, "force must be a finite number, got ()"),
     "a rotation of text": (lambda: scenes.turned(small_hertz(), "x"), SceneError, "an orthogonal 3 x 3 matrix"),
     "more ranks than leaves": (too_many_ranks, PartitionError, "run on fewer ranks"),
+    "penalty whose gaps are lost": (
+        lambda: list(adapt(scenes.stack(gap=0.003), 0.3, COMM, enforcement=Enforcement("penalty", 1e12))),
+        SolveError,
+        "take a factor of 100, or the enforcement 'exact', the default",
+    ),
     "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),

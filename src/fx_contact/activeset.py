@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact import loose_bodies
+from fx_contact.enforcement import FACTOR
 from fx_contact.errors import SolveError
 
 
@@ -32,6 +33,8 @@ class ActiveSet:
 
     #: Widths of the band of closest pairs that close to hold a loose body, relative to the range of the gaps.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
+    #: Stiffness of a pair, relative to that of the bodies, from which on the penalty is the first to be suspected.
+    _STIFF = 10 * FACTOR
 
     def __init__(self, pairs, scene, u, most):
         self._pairs, self._scene, self._most = pairs, scene, most
@@ -100,10 +103,13 @@ class ActiveSet:
             self.check_held()
         self.updates += 1
         if self.updates > self._most:
-            raise SolveError(
-                f"the active set still changes after {self._most} updates; allow more (max_contact), "
-                "apply less load, or take a softer penalty"
-            )
+            stiffest, remedy = self._max(self._pairs.relative_stiffness), "allow more (Solver.max_contact)"
+            if stiffest > self._STIFF:
+                remedy = (
+                    f"its penalty is up to {stiffest:.0e} times as stiff as the bodies, whose gaps are then lost in "
+                    f"rounding: take a factor of {FACTOR:g}, or the enforcement 'exact', the default"
+                )
+            raise SolveError(f"the active set still changes after {self._most} updates; {remedy}; or apply less load")
         wrong = self.differs(wanted)
         if wrong < self._fewest:
             self._fewest, self._single = wrong, False
