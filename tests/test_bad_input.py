@@ -852,7 +852,7 @@ def test_numbers_of_any_kind(kind):
     scene = press(two_cubes(), materials={"lower": stiff, "upper": stiff})
     record = next(adapt(scene, tolerance, COMM, enforcement=enforcement, solver=solver)).record
     again = next(adapt(scene, 0.5, COMM, enforcement=enforcement, solver=solver)).record
-    assert json.loads(json.dumps(record))["estimate"] == again["estimate"] and type(stiff.young) is float
+    assert abs(json.loads(json.dumps(record))["estimate"] / again["estimate"] - 1) < 1e-12 and type(stiff.young) is float
 
 
 def test_a_solve_after_a_failed_one():
