@@ -253,6 +253,7 @@ def lone_set(size, most):
         prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
         penetration=lambda u: -np.arange(size, dtype=float),
         stiffness=np.ones(size),
+        relative_stiffness=np.ones(size),
         first=np.arange(size),
         second=size + np.arange(size),
     )
