@@ -12,9 +12,9 @@ FOLDER = Path(fx_contact.__file__).parent
 
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
-    errors _mpi checks stages memory report rowfile
+    errors _mpi agreement checks stages memory report rowfile
     reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
-    scene scenes
+    scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options krylov
     elasticity conditions loads enforcement contact

@@ -119,6 +119,11 @@ def far_apart(ratio, *held):
     return Scene("far apart", mesh, {"large": STEEL, "small": STEEL}, conditions)
 
 
+def pressed_by(displacement):
+    """The two cubes, the upper one moved by another displacement."""
+    return press(two_cubes(), dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, displacement)))
+
+
 def inverted():
     points, cells = grid()
     return RootMesh(points, cells[:, ::-1], ("a",), np.zeros(1, np.int32))
@@ -258,6 +263,43 @@ def first(scene=None, **options):
 def unpaired():
     """The two cubes without contact, each held."""
     return press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, 0)), contact=())
+
+
+def begin(change=lambda values: values, **others):
+    """A run that begins on once refined root cells with other values there, or of another scene."""
+    beginning = Beginning.uniform(small_hertz(), 1, COMM)
+    return first(replace(small_hertz(), **others), beginning=replace(beginning, values=change(beginning.values)))
+
+
+def nan_on_last_rank(values):
+    """The same values, but for one that is no number."""
+    values = values.copy()
+    values[-1, -1, -1] = np.nan if COMM.rank == COMM.size - 1 else 0.0
+    return values
+
+
+def of_one_rank():
+    """A beginning that each rank has for itself."""
+    if COMM.size == 1:
+        pytest.skip("one rank has no other communicator")
+    return Beginning.uniform(small_hertz(), 0, MPI.COMM_SELF)
+
+
+def go_on(**others):
+    """A run of another scene that goes on from a checkpoint."""
+    scene = small_hertz()
+    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
+    try:
+        first(scene, checkpoint=folder)
+        return first(replace(scene, **others), restart=Checkpoint(folder, scene, COMM))
+    finally:
+        COMM.Barrier()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def finer():
+    """Mesh of the same bodies with more root cells."""
+    return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
 
 
 def never_converges():
@@ -747,6 +789,23 @@ CASES = {
         SolveError,
         "take a factor of 100, or the enforcement 'exact', the default",
     ),
+    "beginning of another mesh": (lambda: begin(mesh=finer()), SceneError, "another root mesh"),
+    "beginning with other pairs": (
+        lambda: begin(contact=(), dirichlet=(*small_hertz().dirichlet, Dirichlet("lower pole", z=0.0))),
+        SceneError,
+        "other contact pairs",
+    ),
+    "beginning that is no number": (lambda: begin(nan_on_last_rank), SceneError, "must be finite"),
+    "beginning of other leaves": (lambda: begin(lambda values: values[1:]), SceneError, "8, 3 or more"),
+    "beginning of two components": (lambda: begin(lambda values: values[..., :2]), SceneError, "3 or more"),
+    "beginning of text": (lambda: begin(lambda _: "rest"), SceneError, "array of float64, got 'rest'"),
+    "beginning of one rank": (lambda: first(beginning=of_one_rank()), SceneError, "communicator of 1 rank"),
+    "checkpoint of another mesh": (lambda: go_on(mesh=finer()), CheckpointError, "root mesh"),
+    "checkpoint of other materials": (
+        lambda: go_on(materials={"lower": STEEL, "upper": Material(2.0, 0.3)}),
+        CheckpointError,
+        "materials",
+    ),
     "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
@@ -852,7 +911,9 @@ def test_numbers_of_any_kind(kind):
     scene = press(two_cubes(), materials={"lower": stiff, "upper": stiff})
     record = next(adapt(scene, tolerance, COMM, enforcement=enforcement, solver=solver)).record
     again = next(adapt(scene, 0.5, COMM, enforcement=enforcement, solver=solver)).record
-    assert abs(json.loads(json.dumps(record))["estimate"] / again["estimate"] - 1) < 1e-12 and type(stiff.young) is float
+    assert (
+        abs(json.loads(json.dumps(record))["estimate"] / again["estimate"] - 1) < 1e-12 and type(stiff.young) is float
+    )
 
 
 def test_a_solve_after_a_failed_one():
@@ -862,6 +923,71 @@ def test_a_solve_after_a_failed_one():
         with pytest.raises(SolveError, match="the solver's options"):
             first(solver=Solver(options=bad))
         assert first().record["force"] == force
+
+
+def told(action):
+    """Type and message of the error that an action ends in on each rank."""
+    try:
+        action()
+    except FxContactError as error:
+        return COMM.allgather((type(error), str(error)))
+    return COMM.allgather((type(None), ""))
+
+
+#: Arguments of `adapt` as rank 0 gives them, and as the last rank does; what the error says.
+UNLIKE = {
+    "tolerance": ({}, {"tolerance": 0.4}, "tolerance (0.5 on rank 0, 0.4 on rank"),
+    "no tolerance": ({}, {"tolerance": -1.0}, "positive number, got -1.0"),
+    "most steps": ({}, {"max_steps": 1}, "most steps (20 on rank 0, 1 on rank"),
+    "no scene": ({}, {"scene": None}, "must be a Scene, got None"),
+    "geometry order": ({}, {"geometry_order": 1}, "geometry order (null on rank 0, 1 on"),
+    "enforcement": ({}, {"enforcement": Enforcement("penalty")}, "enforcement ({"),
+    "enforcement as text": ({}, {"enforcement": "penalty"}, "must be a Enforcement, got 'penalty'"),
+    "solver": ({}, {"solver": Solver("ilu")}, "solver's preconditioner"),
+    "option of the solver": ({}, {"solver": Solver(options={"pc_typ": 1})}, "solver's option pc_typ (null on rank 0"),
+    "partition": ({}, {"partition_kind": "sfc"}, 'partition ("contact-sfc" on rank 0'),
+    "misspelt partition": ({}, {"partition_kind": "sfx"}, "unknown partition 'sfx'"),
+    "folder": ({}, {"checkpoint": "/dev/null/a"}, "checkpoint (null on rank 0"),
+    "progress": ({}, {"progress": 3}, "must be a function"),
+    "restart": ({}, {"restart": "here"}, "must be a Checkpoint, got 'here'"),
+    "material": (
+        {},
+        {"scene": press(two_cubes(), materials={"lower": STEEL, "upper": Material(2.0, 0.3)})},
+        "materials ({",
+    ),
+    "displacement": ({}, {"scene": pressed_by(-0.02)}, "displacement conditions ([["),
+    "displacement that is a function": (
+        {"scene": pressed_by(lambda x: 0 * x[0] - 0.01)},
+        {"scene": pressed_by(lambda x: 0 * x[0] - 0.02)},
+        "displacement conditions ([[",
+    ),
+    "mesh": ({}, {"scene": press(two_cubes(order=2))}, "root mesh"),
+    "name": ({}, {"scene": press(two_cubes(), name="others")}, 'scene ("cubes" on rank 0, "others"'),
+}
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank agrees with itself")
+@pytest.mark.parametrize("case", UNLIKE)
+def test_ranks_that_differ(case):
+    """What ranks are asked for must be the same: the error says what is not, on all ranks."""
+    *given, words = UNLIKE[case]
+    arguments = dict(scene=press(two_cubes()), tolerance=0.5, comm=COMM) | given[COMM.rank == COMM.size - 1]
+    answers = told(lambda: adapt(**arguments))
+    assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank agrees with itself")
+def test_checkpoints_that_differ():
+    """Ranks that look for a checkpoint in different folders, or of different scenes, say so."""
+    scene, last = press(two_cubes()), COMM.rank == COMM.size - 1
+    for arguments, words in (
+        (("b" if last else "a", scene), 'folder ("a" on rank 0, "b" on'),
+        ((None if last else "a", scene), "must be a path, got None"),
+        (("a", press(two_cubes(), name="cubes", symmetry=1 + last)), "symmetry"),
+        (("a", None if last else scene), "must be a Scene, got None"),
+    ):
+        answers = told(lambda: Checkpoint(*arguments, COMM))
+        assert len(set(answers)) == 1 and words in answers[0][1], answers
 
 
 def test_error_of_one_rank_reaches_all():

@@ -8,12 +8,12 @@ from conftest import DISTRIBUTIONS, STEEL, WORLD, everywhere, grown, roots, two_
 
 from fx_contact import BodyForce, Dirichlet, Pressure, Scene, SymmetryPlane, Traction, adapt
 from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import problem
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import SceneError
 from fx_contact.hanging import Prolongation
 from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh
+from fx_contact.problem import problem
 from fx_contact.reference import corner_nodes
 from fx_contact.rootmesh import RootMesh
 from fx_contact.scenes import punch, scaled, stack, turned

@@ -5,8 +5,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact._mpi import together
+from fx_contact.agreement import check_alike
 from fx_contact.checkpoint import Checkpoint, prepare, save
-from fx_contact.checks import check_comm, check_count, check_name, shown
+from fx_contact.checks import check_comm, check_count, check_name, check_same_comm, shown
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import PartitionError, SceneError, SolveError
 from fx_contact.estimate import Gain
@@ -14,6 +16,7 @@ from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
 from fx_contact.partition import KINDS, repartition
+from fx_contact.problem import mesh_digest
 from fx_contact.quality import brief
 from fx_contact.scene import Scene
 from fx_contact.stages import Stages
@@ -22,10 +25,10 @@ from fx_contact.step import Settings, solve_step
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Where a run begins if not at the root cells.
+    """Where a run begins if not at the root cells; checked when it does.
 
     Attributes:
-        forest: Forest.
+        forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
         values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
             continuous trilinear fields, which go along through refinement and partition.
         gain: Gain, what is known of the estimate; None: nothing, as on root cells.
@@ -34,6 +37,38 @@ class Beginning:
     forest: Forest
     values: np.ndarray
     gain: Gain | None = None
+
+    def check(self, scene, comm):
+        """See that a run of a scene can begin here.
+
+        Local.
+
+        Args:
+            scene: Scene.
+            comm: MPI communicator of the run.
+
+        Raises:
+            SceneError: the forest is of another root mesh, has other contact pairs or another communicator, or the
+                values are not finite numbers at the corners of its leaves.
+        """
+        forest, values = self.forest, self.values
+        for name, value, kind in (("forest", forest, Forest), ("gain", self.gain or Gain(), Gain)):
+            if not isinstance(value, kind):
+                raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
+        check_same_comm("the forest of the Beginning", forest.comm, comm)
+        if forest.mesh is not scene.mesh and mesh_digest(forest.mesh) != mesh_digest(scene.mesh):
+            raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")
+        if not np.array_equal(forest.pairing.partner, scene.pairing.partner):
+            raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
+        if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+            raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
+        if values.ndim != 3 or values.shape[:2] != (len(forest), 8) or values.shape[2] < 3:
+            raise SceneError(
+                f"the values of a Beginning must be an array of shape ({len(forest)}, 8, 3 or more), three components "
+                f"of the displacement and other fields at the corners of each leaf, got one of {values.shape}"
+            )
+        if not np.isfinite(values).all():
+            raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
 
     @classmethod
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
@@ -92,7 +127,7 @@ def adapt(
     Collective on comm; so is every step of the iteration.
 
     Args:
-        scene: Scene, the same on all ranks.
+        scene: Scene.  It and all that follows must be the same on all ranks, but for progress.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
         comm: MPI communicator.
         max_steps: most solves, with those before a restart.
@@ -114,30 +149,49 @@ def adapt(
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
-            progress that is no function.
+            progress that is no function, a beginning of another scene, arguments that differ between ranks.
         PartitionError: a rank would get no leaf.
-        CheckpointError: the checkpoint is damaged, or of a run with another enforcement or geometry order.
+        CheckpointError: the checkpoint is damaged, or of a run with another scene, enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
         SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
     """
-    enforcement = Enforcement() if enforcement is None else enforcement
-    settings = Settings(scene, tolerance, geometry_order, enforcement, Solver() if solver is None else solver)
     check_comm(comm)
-    check_count("max_steps", max_steps)
-    check_name("partition", partition_kind, KINDS)
-    if progress is not None and not callable(progress):
-        raise SceneError(f"progress must be a function of a step's number and a stage's name, got {shown(progress)}")
+    with together(comm):
+        enforcement = Enforcement() if enforcement is None else enforcement
+        settings = Settings(scene, tolerance, geometry_order, enforcement, Solver() if solver is None else solver)
+        check_count("max_steps", max_steps)
+        check_name("partition", partition_kind, KINDS)
+        if progress is not None and not callable(progress):
+            raise SceneError(
+                f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
+            )
+        options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
+        _check_start(scene, comm, options, beginning, restart)
+        asked = settings.asked() | {
+            "most steps": max_steps,
+            "partition": partition_kind,
+            "fields that a beginning carries": None if beginning is None else beginning.values.shape[2],
+            "checkpoint": None if checkpoint is None else str(checkpoint),
+            "restart": None if restart is None else [str(restart.path), len(restart.records)],
+        }
+    check_alike(comm, asked)
+    if checkpoint is not None:
+        prepare(checkpoint, comm, restart)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress)
+
+
+def _check_start(scene, comm, options, beginning, restart):
+    """See that a run of a scene can begin where it is told to.  Local."""
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
     if beginning is not None and restart is not None:
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
-    options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
     if restart is not None:
-        restart.check(options)
-    if checkpoint is not None:
-        prepare(checkpoint, comm, restart)
-    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress)
+        check_same_comm("the checkpoint to restart from", restart.comm, comm)
+        restart.check(scene, options)
+    if beginning is not None:
+        beginning.check(scene, comm)
 
 
 def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress):

@@ -5,23 +5,22 @@ vertex with its displacement 32.  The displacement is also the start of the next
 problem it belongs to, and has the records of all steps so far.
 """
 
-import hashlib
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fx_contact._mpi import Directory, together
-from fx_contact.checks import as_path, check_comm, shown
-from fx_contact.errors import CheckpointError, OutputError, SceneError
+from fx_contact.agreement import check_alike, differences
+from fx_contact.checks import as_path, check_comm
+from fx_contact.errors import CheckpointError, OutputError
 from fx_contact.estimate import Estimate, Gain
 from fx_contact.forest import Forest
 from fx_contact.lattice import Lattice
 from fx_contact.pairing import decode_leaf, leaf_code
-from fx_contact.prescriptions import Traction, evaluated
+from fx_contact.problem import problem
 from fx_contact.rowfile import RowFile, write
-from fx_contact.scene import Scene
+from fx_contact.scene import check_scene
 
 NAME = "checkpoint"
 KIND = "checkpoint of fx_contact, version 3"
@@ -133,41 +132,49 @@ class Checkpoint:
 
     Attributes:
         path: of the file.
+        comm: as given.
         records: list of dict, of all steps so far.
 
     Raises:
-        SceneError: comm is no communicator, or scene no Scene.
+        SceneError: folder or scene differ between ranks, or the scene is none.
         CheckpointError: there is none, it is not complete, damaged, of another format, or belongs to another scene.
     """
 
     def __init__(self, folder, scene, comm):
         check_comm(comm)
-        if not isinstance(scene, Scene):
-            raise SceneError(f"a checkpoint is read for a Scene, got {shown(scene)}")
-        self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
-        self._scene, self._comm = scene, comm
+        with together(comm):
+            check_scene(scene)
+            self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
+            asked = problem(scene)
+        check_alike(comm, {"folder": str(folder), **asked})
+        self.comm, self._scene = comm, scene
         self._file = RowFile(self.path, comm)
         content = self._file.content
         if not isinstance(content, dict) or content.get("kind") != KIND:
             raise CheckpointError(f"{str(self.path)!r} is no {KIND}")
-        self._compare(content["problem"], problem(scene))
+        self._compare(content["problem"], asked)
         self.records = content["records"]
 
-    def check(self, options):
-        """Raises CheckpointError unless the run had these options, a dict that JSON can hold.  Local."""
+    def check(self, scene, options):
+        """See that a run can go on from here.
+
+        Local.
+
+        Args:
+            scene: Scene.
+            options: dict that JSON can hold, those that must not change.
+
+        Raises:
+            CheckpointError: the run had another scene or other options.
+        """
+        self._compare(self._file.content["problem"], problem(scene))
         self._compare(self._file.content["options"], options)
 
     def _compare(self, before, now):
-        now = json.loads(json.dumps(now, default=float))
-        differences = [
-            f"{name} ({_brief(before.get(name))} then, {_brief(now.get(name))} now)"
-            for name in {**before, **now}
-            if before.get(name) != now.get(name)
-        ]
-        if differences:
+        if differing := differences(before, now, "then", "now"):
             raise CheckpointError(
-                f"{str(self.path)!r} belongs to another problem: {'; '.join(differences)}; go on with what the "
-                "run was begun with, or begin anew in another folder"
+                f"{str(self.path)!r} belongs to another problem: {differing}; go on with what the run was begun with, "
+                "or begin anew in another folder"
             )
 
     def load(self):
@@ -181,7 +188,7 @@ class Checkpoint:
         Raises:
             CheckpointError: the file is damaged.
         """
-        scene, comm = self._scene, self._comm
+        scene, comm = self._scene, self.comm
         leaves = self._file.table("leaves")[:, 0]
         level = (leaves & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
         cell, anchor = decode_leaf((leaves >> np.uint64(_LEVEL_BITS)).astype(np.int64))
@@ -197,62 +204,3 @@ class Checkpoint:
         gain = Gain(**self._file.content["gain"])
         unseen = self._file.table("unseen")[:, 0] > 0
         return State(forest, values[forest.vertices.cells], estimate, unseen, gain)
-
-
-def problem(scene):
-    """What a scene asks for, part by part, as JSON can hold it; the root mesh by a digest.
-
-    Local.  Positions are rounded to 1e-9 of the mesh's size: what another machine's Gmsh rounds otherwise is the same.
-    Functions of position are told apart by their values, not by their code.
-
-    Args:
-        scene: Scene.
-
-    Returns:
-        dict.
-    """
-    mesh = scene.mesh
-    size = np.ptp(mesh.points, axis=0).max()
-    digest = hashlib.sha256(repr([mesh.bodies, float(f"{size:.9g}")]).encode())
-    for array in (np.rint(mesh.points / size * 1e9), mesh.cells, mesh.body):
-        digest.update(np.ascontiguousarray(array, np.int64))
-    for kind in (mesh.surfaces, mesh.vertices, mesh.curves):
-        for name in sorted(kind):
-            digest.update(repr([name, np.shape(kind[name])]).encode())
-            digest.update(np.ascontiguousarray(kind[name], np.int64))
-    return {
-        "root mesh": digest.hexdigest()[:16],
-        "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
-        "displacement conditions": [
-            [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))] for c in scene.conditions
-        ],
-        "contact pairs": [
-            [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact
-        ],
-        "tractions": [
-            [t.surface, _given(scene, t.surface, t.value, 3 if isinstance(t, Traction) else 1)]
-            for t in scene.tractions
-        ],
-        "body forces": [[f.body, _given(scene, f.body, f.value, 3)] for f in scene.body_forces],
-        "symmetry": [int(scene.symmetry), *_floats(scene.contact_centre)],
-    }
-
-
-def _given(scene, name, value, components):
-    """A prescribed value as JSON can hold it: numbers, or for a function a digest of what it gives on its place."""
-    if not callable(value):
-        return None if value is None else _floats(np.atleast_1d(value))
-    values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
-    size = np.abs(values).max()
-    rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
-    digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
-    return f"function {digest.hexdigest()[:16]}"
-
-
-def _floats(values):
-    return [None if value is None else float(value) for value in values]
-
-
-def _brief(value):
-    text = json.dumps(value)
-    return text if len(text) <= 200 else text[:197] + "..."

@@ -76,6 +76,12 @@ def check_comm(comm):
         raise SceneError(f"comm must be a communicator of mpi4py, as MPI.COMM_WORLD, got {shown(comm)}")
 
 
+def check_same_comm(what, theirs, comm):
+    """Raises SceneError unless two communicators have the same ranks in the same order."""
+    if MPI.Comm.Compare(theirs, comm) not in (MPI.IDENT, MPI.CONGRUENT):
+        raise SceneError(f"{what} is on a communicator of {theirs.size} ranks, the run on another one of {comm.size}")
+
+
 def as_path(what, value, error=SceneError):
     """A path from what the user gave.
 

@@ -320,6 +320,12 @@ _SAMPLES = 5
 _SAME = 1e-12
 
 
+def check_scene(scene):
+    """Raises SceneError unless a value is a Scene.  Local."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"the scene must be a Scene, got {shown(scene)}")
+
+
 def _check_held(scene):
     """The rigid motions of all bodies that neither a condition nor contact resists must be none."""
     mesh, motions = scene.mesh, scene.free_motions

@@ -1,6 +1,6 @@
 """One adaptive step: the solution on a given forest, its estimated error, and the record of both."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -17,8 +17,9 @@ from fx_contact.forest import Forest
 from fx_contact.krylov import Solver
 from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.problem import problem
 from fx_contact.report import versions
-from fx_contact.scene import Scene
+from fx_contact.scene import Scene, check_scene
 from fx_contact.solve import solve_contact
 from fx_contact.stages import Stages
 from fx_contact.unseen import unseen_contact
@@ -55,8 +56,7 @@ class Settings:
     solver: Solver
 
     def __post_init__(self):
-        if not isinstance(self.scene, Scene):
-            raise SceneError(f"adapt needs a Scene, got {shown(self.scene)}")
+        check_scene(self.scene)
         tolerance = check_number("the tolerance", self.tolerance, positive=True)
         object.__setattr__(self, "tolerance", tolerance)
         order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
@@ -69,6 +69,18 @@ class Settings:
             raise SceneError(
                 f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
             )
+
+    def asked(self):
+        """All of it as JSON can hold it, by name: dict.  Local."""
+        return {
+            "scene": self.scene.name,
+            **problem(self.scene),
+            "tolerance": self.tolerance,
+            "geometry order": self.geometry_order,
+            "enforcement": asdict(self.enforcement),
+            **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
+            **{f"solver's option {name}": value for name, value in self.solver.options.items()},
+        }
 
 
 @dataclass(frozen=True, eq=False)
