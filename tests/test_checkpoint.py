@@ -4,6 +4,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,16 +12,20 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from uuid import uuid4
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere, leaves, outside, vertex_positions
 from mpi4py import MPI
 
-from fx_contact import Enforcement, Material, Traction, adapt
+from fx_contact import Enforcement, Material, Traction, adapt, forest
 from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import KIND, NAME, Checkpoint
-from fx_contact.errors import CheckpointError, FxContactError, OutputError, SceneError
+from fx_contact.errors import CheckpointError, FxContactError, GeometryError, OutputError, PartitionError, SceneError
+from fx_contact.forest import Forest
+from fx_contact.hanging import Prolongation
 from fx_contact.output import RecordWriter
 from fx_contact.pairing import leaf_code
 from fx_contact.rowfile import RowFile, write
@@ -260,23 +265,103 @@ def test_checkpoint_of_another_run_stays(scene, folder):
     assert "cannot keep" in caught(OutputError, lambda: next(adapt(scene, 0.25, checkpoint="/dev/null/run")))
 
 
-def test_disk_full_on_one_rank(folder):
-    """Where one rank cannot write, all raise, and the file before is still there; what is left over does not matter."""
-    rows = np.arange(4000.0).reshape(-1, 1) + WORLD.rank
-    write(folder / "file", WORLD, "old", {"rows": rows})
+def test_two_runs_at_once(scene, folder):
+    """Of two runs that begin in one folder, or go on from one checkpoint, the first to finish a step has it."""
+    for restart in (None, Checkpoint):
+        before = restart and restart(folder, scene, WORLD)
+        one, other = (adapt(scene, 0.16, checkpoint=folder, restart=before) for _ in range(2))
+        next(one)
+        WORLD.Barrier()
+        kept = (folder / NAME).read_bytes()
+        with pytest.raises(OutputError, match="of another run and would be replaced") as caught:
+            next(other)
+        assert (folder / NAME).read_bytes() == kept and not any(folder.glob(NAME + ".new*"))
+        holds_last_state(caught.value, len(Checkpoint(folder, scene, WORLD).records) - 1)
+        with pytest.raises(OutputError, match="would be replaced"):
+            adapt(scene, 0.16, checkpoint=folder, restart=before)
+        next(one)
+
+
+def holds_last_state(error, number):
+    """An error in the middle of a run has the last step's record, and a displacement that belongs to a forest."""
+    assert error.record["step"] == number
+    held = Prolongation(error.forest)
+    everywhere(error.displacement.shape == (held.owned, 3), "a displacement of another forest")
+    everywhere(WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) > 0, "no displacement")
+
+
+def test_disk_full_in_a_run(scene, folder, monkeypatch):
+    """The error says so, and has the step that could not be kept; the one before is kept, and nothing else is there."""
+    run = adapt(scene, 0.16, checkpoint=folder)
+    next(run)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=2000))
+    with (
+        file_size(1000),
+        pytest.raises(OutputError, match="no space left on .* takes .* MB, 0.002 MB are free") as full,
+    ):
+        next(run)
+    holds_last_state(full.value, 1)
+    everywhere([path.name for path in folder.iterdir()] == [NAME], "half a file is left")
+    assert len(Checkpoint(folder, scene, WORLD).records) == 1
+
+
+@pytest.mark.parametrize(
+    "place, name, error",
+    [(Forest, "refined_with", GeometryError), (sys.modules["fx_contact.adapt"], "repartition", PartitionError)],
+)
+def test_error_between_steps(scene, monkeypatch, place, name, error):
+    """What fails between steps holds the last one."""
+
+    def fails(*_):
+        raise error("on purpose")
+
+    run = adapt(scene, 0.16)
+    next(run)
+    monkeypatch.setattr(place, name, fails)
+    with pytest.raises(error, match="on purpose") as caught:
+        next(run)
+    holds_last_state(caught.value, 0)
+
+
+def test_finest_level(scene, monkeypatch):
+    """A run that would have to refine the finest leaves ends with an error that holds the last step."""
+    monkeypatch.setattr(forest, "MAX_LEVEL", 2)
+    with pytest.raises(GeometryError, match="leaves of the finest level, 2, are marked") as caught:
+        list(adapt(scene, 0.01))
+    holds_last_state(caught.value, caught.value.record["step"])
+
+
+@contextmanager
+def file_size(limit):
+    """On the last rank no file may be longer than a limit."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     if WORLD.rank == WORLD.size - 1:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (WORLD.rank * 32000 + 1000, limits[1]))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
     try:
-        message = caught(OutputError, lambda: write(folder / "file", WORLD, "new", {"rows": rows + 1}))
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_disk_full_on_one_rank(folder):
+    """Where one rank cannot write, all raise, and the file before is still there; what killed runs leave is removed."""
+    rows = np.arange(4000.0).reshape(-1, 1) + WORLD.rank
+    write(folder / "file", WORLD, "old", {"rows": rows})
+    with file_size(WORLD.rank * 32000 + 1000):
+        message = caught(OutputError, lambda: write(folder / "file", WORLD, "new", {"rows": rows + 1}))
     assert "make room" in message
+    everywhere([path.name for path in folder.iterdir()] == ["file"], "half a file is left")
     file = RowFile(folder / "file", WORLD)
     assert file.content == "old" and np.concatenate(WORLD.allgather(file.table("rows")))[-1] == 3999 + WORLD.size - 1
-    alone(lambda: (folder / "file.new").write_bytes(b"garbage" * 99999))
+    left = f"file.new-{WORLD.bcast(uuid4().hex)}"
+    theirs = {"file.new", "file.new-2", f"{left}.txt", f"my {left}"}
+    for name in theirs | {left}:
+        alone(lambda: (folder / name).write_bytes(b"garbage" * 999))
     write(folder / "file", WORLD, "newest", {"rows": rows})
-    assert RowFile(folder / "file", WORLD).content == "newest" and not any(folder.glob("file.new*"))
+    assert RowFile(folder / "file", WORLD).content == "newest"
+    everywhere(
+        {path.name for path in folder.iterdir()} == theirs | {"file"}, "more or less than what users put there"
+    )
 
 
 @pytest.mark.parametrize(

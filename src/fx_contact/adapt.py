@@ -7,10 +7,10 @@ from mpi4py import MPI
 
 from fx_contact._mpi import together
 from fx_contact.agreement import check_alike
-from fx_contact.checkpoint import Checkpoint, prepare, save
+from fx_contact.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.checks import check_comm, check_count, check_name, check_same_comm, shown
 from fx_contact.enforcement import Enforcement
-from fx_contact.errors import PartitionError, SceneError, SolveError
+from fx_contact.errors import FxContactError, PartitionError, SceneError
 from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
@@ -151,9 +151,11 @@ def adapt(
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
             progress that is no function, a beginning of another scene, arguments that differ between ranks.
         PartitionError: a rank would get no leaf.
+        GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
-        SolveError: a solve fails; what was yielded before stays valid, and the error holds the last displacement.
+        SolveError: a solve fails, or would not fit into the memory.
+        Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
     """
     check_comm(comm)
     with together(comm):
@@ -175,9 +177,8 @@ def adapt(
             "restart": None if restart is None else [str(restart.path), len(restart.records)],
         }
     check_alike(comm, asked)
-    if checkpoint is not None:
-        prepare(checkpoint, comm, restart)
-    return _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress)
+    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, restart)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress)
 
 
 def _check_start(scene, comm, options, beginning, restart):
@@ -194,14 +195,32 @@ def _check_start(scene, comm, options, beginning, restart):
         beginning.check(scene, comm)
 
 
-def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, restart, options, progress):
-    """The steps that `adapt` yields."""
+class _Last:
+    """The last state of a run: what errors hold (`errors.FxContactError`)."""
+
+    def __init__(self):
+        self.record = self.forest = self.displacement = None
+
+
+def _steps(*arguments):
+    """The steps that `adapt` yields; errors hold the last one."""
+    last = _Last()
+    try:
+        yield from _loop(last, *arguments)
+    except FxContactError as error:
+        vars(error).update(vars(last))
+        raise
+
+
+def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress):
+    """Solve, refine, repartition, and remember the last state."""
     carried, records, gain, again = None, [], Gain(), False
     stages = _stages(progress, len(restart.records) if restart else 0)
     if restart is not None:
         with stages("refine"):
             forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
         again = len(records) < len(restart.records)
+        last.record = records[-1] if records else None
     elif beginning is not None:
         forest, carried, gain = beginning.forest, beginning.values, replace(beginning.gain or gain)
     else:
@@ -217,17 +236,15 @@ def _steps(settings, comm, max_steps, partition_kind, beginning, checkpoint, res
             prolongation = Prolongation(forest)
             start, along = _start(forest, prolongation, carried)
             carried = None
+        last.forest, last.displacement = forest, start
         # The last step of a run that goes on again: what its refinement changed has been observed.
         seen, again = replace(gain, refined=False) if again else gain, False
-        try:
-            step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
-        except SolveError as error:
-            error.record, error.forest, error.displacement = records[-1] if records else None, forest, start
-            raise
+        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
+        last.record, last.displacement = step.record, step.contact.displacement
         records.append(step.record)
-        if checkpoint is not None:
+        if writer is not None:
             with stages("output"):
-                save(checkpoint, step, records, options, gain)
+                writer.save(step, records, options, gain)
             step.record.update(stages.costs(comm))
         yield step
         if step.record["reached"] or number >= max_steps - 1:

@@ -6,9 +6,10 @@ problem it belongs to, and has the records of all steps so far.
 """
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
+from mpi4py import MPI
 
 from fx_contact._mpi import Directory, together
 from fx_contact.agreement import check_alike, differences
@@ -23,82 +24,102 @@ from fx_contact.rowfile import RowFile, write
 from fx_contact.scene import check_scene
 
 NAME = "checkpoint"
-KIND = "checkpoint of fx_contact, version 3"
+KIND = "checkpoint of fx_contact, version 4"
 _LEVEL_BITS = 4
 
 
-def prepare(folder, comm, restart=None):
-    """Make the folder for the checkpoints of a run.
+class CheckpointWriter:
+    """Keeps the last step of a run in a folder, and nobody else's.
+
+    Every run has an id of its own, which its checkpoints hold: a run replaces its own checkpoint, or once that which
+    it goes on from, and no other, whoever has written it in the meantime.
 
     Collective on comm.
 
     Args:
-        folder: for the checkpoints.
+        folder: for the checkpoints; made if it is not there.
         comm: MPI communicator.
         restart: Checkpoint from which the run goes on, the only one that may be in the folder already; or None.
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
     """
-    path = as_path("the folder for checkpoints", folder, OutputError) / NAME
-    with together(comm):
-        if comm.rank == 0:
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                if path.exists() and not (restart is not None and path.samefile(restart.path)):
+
+    def __init__(self, folder, comm, restart=None):
+        self._run = comm.bcast(uuid4().hex)
+        self._replaceable = {self._run} | ({restart.run} if restart is not None else set())
+        with together(comm):
+            self._path = as_path("the folder for checkpoints", folder, OutputError) / NAME
+            if comm.rank == 0:
+                try:
+                    self._path.parent.mkdir(parents=True, exist_ok=True)
+                    self._allow()
+                except OSError as error:
                     raise OutputError(
-                        f"{str(path)!r} is the checkpoint of an earlier run and would be replaced: go on from it with "
-                        "restart, remove it, or name another folder"
-                    )
-            except OSError as error:
-                raise OutputError(
-                    f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
-                ) from None
+                        f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
+                    ) from None
+
+    def save(self, step, records, options, gain):
+        """Replace the checkpoint in the folder by the state after a step.
+
+        Collective on the step's comm.
+
+        Args:
+            step: Step.
+            records: list of dict, of all steps up to this one.
+            options: dict that JSON can hold, the options that must not change.
+            gain: Gain of the run, before it has marked this step.
+
+        Raises:
+            OutputError: the checkpoint cannot be written, or another run has written one; what was there still is.
+        """
+        forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
+        indicator = np.empty(len(forest))
+        indicator[step.leaf_mesh.leaf] = error.error
+        names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
+        names |= forest.level.astype(np.uint64)
+        leaf, corner = prolongation.vertices.example.T
+        values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
+        # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
+        rows = prolongation.conforming < prolongation.owned
+        write(
+            self._path,
+            forest.comm,
+            {
+                "kind": KIND,
+                "run": self._run,
+                "problem": problem(step.scene),
+                "options": options,
+                "records": records,
+                "estimate": [error.error_global, error.energy_norm, error.cells],
+                "gain": asdict(gain),
+            },
+            {
+                "leaves": names[:, None],
+                "indicator": indicator[:, None],
+                "unseen": step.unseen[:, None].astype(float),
+                "vertices": prolongation.vertices.keys[rows, None],
+                "values": values[rows],
+            },
+            self._allow,
+        )
+        self._replaceable = {self._run}
+
+    def _allow(self):
+        """Raises OutputError if there is a checkpoint of another run.  Local."""
+        if self._path.exists() and _run_of(self._path) not in self._replaceable:
+            raise OutputError(
+                f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
+                "restart, remove it, or name another folder"
+            )
 
 
-def save(folder, step, records, options, gain):
-    """Replace the checkpoint in a folder by the state after a step.
-
-    Collective on the step's comm.
-
-    Args:
-        folder: for the checkpoint, which `prepare` has seen.
-        step: Step.
-        records: list of dict, of all steps up to this one.
-        options: dict that JSON can hold, the options that must not change.
-        gain: Gain of the run, before it has marked this step.
-
-    Raises:
-        OutputError: the checkpoint cannot be written; the one before is still there.
-    """
-    forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
-    indicator = np.empty(len(forest))
-    indicator[step.leaf_mesh.leaf] = error.error
-    names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
-    names |= forest.level.astype(np.uint64)
-    leaf, corner = prolongation.vertices.example.T
-    values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
-    # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
-    rows = prolongation.conforming < prolongation.owned
-    write(
-        Path(folder) / NAME,
-        forest.comm,
-        {
-            "kind": KIND,
-            "problem": problem(step.scene),
-            "options": options,
-            "records": records,
-            "estimate": [error.error_global, error.energy_norm, error.cells],
-            "gain": asdict(gain),
-        },
-        {
-            "leaves": names[:, None],
-            "indicator": indicator[:, None],
-            "unseen": step.unseen[:, None].astype(float),
-            "vertices": prolongation.vertices.keys[rows, None],
-            "values": values[rows],
-        },
-    )
+def _run_of(path):
+    """The id of the run that has written a checkpoint, None if that cannot be told.  Local."""
+    try:
+        return RowFile(path, MPI.COMM_SELF).content["run"]
+    except (CheckpointError, KeyError, TypeError):
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +154,7 @@ class Checkpoint:
     Attributes:
         path: of the file.
         comm: as given.
+        run: id of the run that has written it.
         records: list of dict, of all steps so far.
 
     Raises:
@@ -153,7 +175,7 @@ class Checkpoint:
         if not isinstance(content, dict) or content.get("kind") != KIND:
             raise CheckpointError(f"{str(self.path)!r} is no {KIND}")
         self._compare(content["problem"], asked)
-        self.records = content["records"]
+        self.run, self.records = content["run"], content["records"]
 
     def check(self, scene, options):
         """See that a run can go on from here.

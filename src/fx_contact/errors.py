@@ -6,7 +6,15 @@ Every error of this package derives from `FxContactError` and is raised on all r
 
 
 class FxContactError(Exception):
-    """Base of all errors raised by fx_contact."""
+    """Base of all errors raised by fx_contact.
+
+    Attributes, set where a run fails after it has begun (else None), so that nothing is lost:
+        record: dict of the last step that was solved.
+        forest: Forest of that step, or the one after it where that was being solved.
+        displacement: (owned, 3) float64, the last step's displacement on that forest's conforming vertices [m].
+    """
+
+    record = forest = displacement = None
 
 
 class SceneError(FxContactError):
@@ -26,15 +34,7 @@ class PartitionError(FxContactError):
 
 
 class SolveError(FxContactError):
-    """The linear solver or the contact loop did not converge, or would not fit into the memory.
-
-    Attributes, set where a step of the adaptive loop failed after others (else None):
-        record: dict of the last step that succeeded.
-        forest: Forest of the step that failed.
-        displacement: (owned, 3) float64, the last step's displacement on that forest's conforming vertices [m].
-    """
-
-    record = forest = displacement = None
+    """The linear solver or the contact loop did not converge, or a step would not fit into the memory."""
 
 
 class OutputError(FxContactError):

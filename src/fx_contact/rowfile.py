@@ -10,9 +10,11 @@ which rows; a change of any one word changes it.
 
 import json
 import os
+import re
+import shutil
 import struct
 import zlib
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -27,7 +29,7 @@ _PREAMBLE = struct.Struct("<8sQQQ")
 _ADVICE = "take a copy of it if there is one, else remove it and begin anew"
 
 
-def write(path, comm, content, tables):
+def write(path, comm, content, tables, allow=lambda: None):
     """Write a file, in the place of one that is there.
 
     Collective on comm.
@@ -37,9 +39,11 @@ def write(path, comm, content, tables):
         comm: MPI communicator.
         content: what JSON can hold, the same on all ranks.
         tables: name -> (n, k) float64, int64 or uint64, this rank's rows; they follow those of the rank before.
+        allow: function that rank 0 calls before the file is begun and before it takes the place of the old one; it
+            raises an error if it must not.
 
     Raises:
-        OutputError: the file cannot be written; what was there before still is.
+        OutputError: the file cannot be written; what was there before still is, and nothing of the new file.
     """
     path = Path(path)
     # A name of its own each time: Open MPI locks a semaphore that is called like the file, and whoever is killed in
@@ -57,34 +61,73 @@ def write(path, comm, content, tables):
         }
     header = json.dumps({"content": content, "tables": layout}, default=float).encode()
     header = comm.bcast(header + b" " * (-len(header) % 8))
-    preamble = _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header))
+    head = _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header)) + header
     starts, end = _places(len(header), layout)
+    pieces = [(starts[name] + 8 * first[name], rows.view(np.uint64)) for name, rows in tables.items()]
     with together(comm), _written(path):
         if comm.rank == 0:
-            for left in [p for p in path.parent.iterdir() if p.name.startswith(path.name + ".new")]:
-                left.unlink()  # of a run that was killed
+            allow()
+            _remove_left(path)
+    try:
+        _write_pieces(path, new, comm, end, [(0, head), *pieces] if comm.rank == 0 else pieces)
+        with together(comm), _written(path):
+            if comm.rank == 0:
+                allow()
+                _put_in_place(new, path)
+    except OutputError:
+        with together(comm):
+            if comm.rank == 0:
+                _give_up(new, path, end)
+        raise
+
+
+def _write_pieces(path, new, comm, end, pieces):
+    """Write (place, words) into a new file of all ranks that ends at a place.  Collective on comm."""
     with together(comm), _written(path):
         file = MPI.File.Open(comm, str(new), MPI.MODE_CREATE | MPI.MODE_WRONLY)
         file.Set_size(end)
     with together(comm), _written(path):
         try:  # of what is inside, nothing is collective: a rank on which it fails still meets the others below
-            if comm.rank == 0:
-                file.Write_at(0, preamble + header)
-            for name, rows in tables.items():
-                file.Write_at(starts[name] + 8 * first[name], rows.view(np.uint64))
+            for place, words in pieces:
+                file.Write_at(place, words)
         finally:
             try:
                 file.Sync()
             finally:
                 file.Close()
-    with together(comm), _written(path):
-        if comm.rank == 0:
-            os.replace(new, path)
-            folder = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)  # else the new name may be lost with the power
-            finally:
-                os.close(folder)
+
+
+def _remove_left(path):
+    """Remove what killed runs have left of new files, known by its exact name.  Local."""
+    for left in path.parent.iterdir():
+        if re.fullmatch(re.escape(path.name) + r"\.new-[0-9a-f]{32}", left.name):
+            left.unlink()
+
+
+def _put_in_place(new, path):
+    """The new file takes the name of the old one.  Local."""
+    os.replace(new, path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # else the new name may be lost with the power
+    finally:
+        os.close(folder)
+
+
+def _give_up(new, path, size):
+    """Remove half a file, and see whether there was room for the whole.  Local.
+
+    Raises:
+        OutputError: there was not.
+    """
+    with suppress(OSError):
+        new.unlink(missing_ok=True)
+        free = shutil.disk_usage(path.parent).free
+        if free < size:
+            raise OutputError(
+                f"no space left on {str(path.parent)!r}: {path.name!r} takes {size / 1e6:.3g} MB, {free / 1e6:.3g} MB "
+                "are free; what was there before still is: make room, or name another folder"
+            ) from None
 
 
 class RowFile:
