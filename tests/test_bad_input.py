@@ -285,6 +285,19 @@ def of_one_rank():
     return Beginning.uniform(small_hertz(), 0, MPI.COMM_SELF)
 
 
+def unlike_levels():
+    """Root cells that only the last rank refines."""
+    if COMM.size == 1:
+        pytest.skip("one rank agrees with itself")
+    return Beginning.uniform(small_hertz(), int(COMM.rank == COMM.size - 1), COMM)
+
+
+def refine(marked):
+    """The beginning after a step of which leaves are marked by a function of their number."""
+    step = first()
+    return Beginning.after(step, marked(len(step.forest)))
+
+
 def go_on(**others):
     """A run of another scene that goes on from a checkpoint."""
     scene = small_hertz()
@@ -800,6 +813,30 @@ CASES = {
     "beginning of two components": (lambda: begin(lambda values: values[..., :2]), SceneError, "3 or more"),
     "beginning of text": (lambda: begin(lambda _: "rest"), SceneError, "array of float64, got 'rest'"),
     "beginning of one rank": (lambda: first(beginning=of_one_rank()), SceneError, "communicator of 1 rank"),
+    "30 uniform refinements": (
+        lambda: Beginning.uniform(small_hertz(), 30, COMM),
+        SceneError,
+        "can be refined 14 times, got 30",
+    ),
+    "12 uniform refinements": (
+        lambda: Beginning.uniform(small_hertz(), 12, COMM),
+        SolveError,
+        "a forest of 549,755,813,888 leaves needs",
+    ),
+    "half a refinement": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),
+    "less than no refinement": (lambda: Beginning.uniform(small_hertz(), -1, COMM), SceneError, "at least 0, got -1"),
+    "refinements that differ": (unlike_levels, SceneError, "number of refinements (0 on rank 0"),
+    "refinement of no scene": (lambda: Beginning.uniform(None, 1, COMM), SceneError, "must be a Scene, got None"),
+    "too few marked": (lambda: refine(lambda n: np.ones(max(n - 1, 0), bool)), SceneError, "one for each of the"),
+    "all marked": (lambda: refine(lambda n: True), SceneError, "got True"),
+    "marked by halves": (lambda: refine(lambda n: np.full(n, 0.5)), SceneError, "bool or whole numbers"),
+    "marked on one rank": (
+        lambda: refine(lambda n: None if COMM.rank == COMM.size - 1 else np.ones(n, bool)),
+        SceneError,
+        "got None",
+    ),
+    "marked by less than nothing": (lambda: refine(lambda n: np.full(n, -1)), SceneError, "got -1 to -1"),
+    "marked too often": (lambda: refine(lambda n: np.full(n, 256)), SceneError, "0 to 14 times, got 256"),
     "checkpoint of another mesh": (lambda: go_on(mesh=finer()), CheckpointError, "root mesh"),
     "checkpoint of other materials": (
         lambda: go_on(materials={"lower": STEEL, "upper": Material(2.0, 0.3)}),

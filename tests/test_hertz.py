@@ -1,5 +1,7 @@
 """Hertz contact of two half-spheres: the same run on any number of ranks, and the reference values."""
 
+import resource
+
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere, leaves
@@ -181,15 +183,55 @@ def test_fallback(monkeypatch, fits):
     assert abs(records[1][-1]["force"] / records[0][-1]["force"] - 1) < 1e-6
 
 
-def test_memory_is_not_overdrawn(monkeypatch):
-    """A system that would not fit is refused before it is allocated, with what it needs and what there is."""
+@pytest.mark.parametrize("free, what", [(2e6, "the system of .* unknowns"), (1e6, "a forest of .* leaves")])
+def test_memory_is_not_overdrawn(monkeypatch, free, what):
+    """What would not fit is refused before it is allocated, with what it needs and what there is; no step is lost."""
     scene, steps = hertz(order=2, coarse=2), []
-    with pytest.raises(SolveError, match=r"unknowns needs .* GB on a host that has 0.0 GB left"):
+    with pytest.raises(SolveError, match=rf"{what} needs .* GB on a host that has 0.0 GB left") as caught:
         for step in adapt(scene, 0.16):
             steps.append(step.record)
-            monkeypatch.setattr(memory, "available", lambda: 1e6)
-    assert len(steps) == 1
+            monkeypatch.setattr(memory, "available", lambda: free)
+    assert len(steps) == 1 and caught.value.record is steps[0] and caught.value.displacement is not None
     assert memory.shortage(WORLD, 0) is None, "nothing is always there"
+
+
+def test_memory_of_one_rank(monkeypatch):
+    """A limit of one rank's own counts, whatever the host has left."""
+    if WORLD.rank == WORLD.size - 1:
+        monkeypatch.setattr(memory, "address_space", lambda: 1000)
+    assert memory.shortage(WORLD, 1000) is None
+    assert memory.shortage(WORLD, 1001) == (1001, 1000, "on a rank under a limit (ulimit -v)")
+
+
+def test_limit_of_the_address_space():
+    """What a process may still take is its limit less what it has."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (1 << 42, limits[1]))
+    try:
+        assert 0 < (1 << 42) - memory.address_space() < 1 << 41
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+@pytest.mark.parametrize(
+    "line, files",
+    [
+        ("0::/a/b", ("memory.max", "memory.current", "inactive_file")),
+        ("7:memory:/a/b", ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")),
+    ],
+)
+def test_memory_of_nested_groups(monkeypatch, tmp_path, line, files):
+    """The tightest control group counts, of those around this process; what the page cache holds can be had back."""
+    limit, used, cache = files
+    for group, texts in {".": "max 9 9", "a": "5000 4500 200", "a/b": "max 10 0", "other": "1 1 0"}.items():
+        folder = tmp_path / ("memory" * line.startswith("7")) / group
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in zip((limit, used, "memory.stat"), texts.split()):
+            (folder / name).write_text(f"anon 3\n{cache} {text}\n" if name == "memory.stat" else text)
+    (tmp_path / "cgroup").write_text(f"9:cpu:/other\n{line}\n")
+    monkeypatch.setattr(memory, "_CGROUP", tmp_path)
+    monkeypatch.setattr(memory, "_MEMBERSHIP", tmp_path / "cgroup")
+    assert memory.available() == 700
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,12 @@ from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.krylov import Solver
+from fx_contact.lattice import MAX_LEVEL
+from fx_contact.memory import check_leaves
 from fx_contact.partition import KINDS, repartition
-from fx_contact.problem import mesh_digest
+from fx_contact.problem import mesh_digest, problem
 from fx_contact.quality import brief
-from fx_contact.scene import Scene
+from fx_contact.scene import check_scene
 from fx_contact.stages import Stages
 from fx_contact.step import Settings, solve_step
 
@@ -78,17 +80,23 @@ class Beginning:
 
         Args:
             scene: Scene.
-            levels: times to refine.
+            levels: times to refine, up to `lattice.MAX_LEVEL`.
             comm: MPI communicator.
 
         Raises:
-            SceneError: scene is no Scene, levels no number of times, or comm no communicator.
+            SceneError: scene or levels are none, or differ between ranks.
+            SolveError: so many leaves would not fit into the memory.
         """
         check_comm(comm)
-        check_count("levels, the times to refine,", levels, least=0)
-        if not isinstance(scene, Scene):
-            raise SceneError(f"root cells are those of a Scene, got {shown(scene)}")
+        with together(comm):
+            check_scene(scene)
+            check_count("the number of refinements", levels, least=0)
+            if levels > MAX_LEVEL:
+                raise SceneError(f"root cells can be refined {MAX_LEVEL} times, got {levels}: take a finer root mesh")
+            asked = problem(scene) | {"number of refinements": int(levels)}
+        check_alike(comm, asked)
         forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        check_leaves(comm, len(forest) * 8 ** int(levels))
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
         return cls(forest, np.zeros((len(forest), 8, 3)))
@@ -102,9 +110,26 @@ class Beginning:
         Args:
             step: Step.
             marked: (n,) bool, leaves to refine, or int, how often.
+
+        Raises:
+            SceneError: marked is no such array.
+            GeometryError: leaves of the finest level are marked.
+            SolveError: the new forest would not fit into the memory.
         """
+        forest = step.forest
+        with together(forest.comm):
+            if not isinstance(marked, np.ndarray) or marked.dtype.kind not in "bui" or marked.shape != (len(forest),):
+                raise SceneError(
+                    f"marked must be an array of bool or whole numbers, one for each of the {len(forest)} leaves of "
+                    f"this rank, got {shown(marked)}"
+                )
+            if not ((marked >= 0) & (marked <= MAX_LEVEL)).all():
+                raise SceneError(
+                    f"marked must say how often to refine each leaf, 0 to {MAX_LEVEL} times, got "
+                    f"{marked.min()} to {marked.max()}"
+                )
         gain = Gain(effectivity=step.record["assumed_effectivity"], compared=True)
-        return cls(*step.forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), gain)
+        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), gain)
 
 
 def adapt(

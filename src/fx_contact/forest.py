@@ -14,6 +14,7 @@ from fx_contact import lattice, reference
 from fx_contact._mpi import Directory, Exchange
 from fx_contact.errors import GeometryError
 from fx_contact.lattice import MAX_LEVEL, SIDE, Lattice
+from fx_contact.memory import check_leaves
 from fx_contact.pairing import leaf_code
 
 
@@ -159,11 +160,13 @@ class Forest:
 
         Raises:
             GeometryError: a leaf of the finest level is marked.
+            SolveError: the new forest would not fit into the memory that the hosts have left.
         """
         marked = self._closure(marked)
         deepest = self.comm.allreduce(int(self.level[marked].max(initial=-1)), op=MPI.MAX)
         if deepest >= MAX_LEVEL:
             raise GeometryError(f"leaves of the finest level, {MAX_LEVEL}, are marked: start from a finer root mesh")
+        check_leaves(self.comm, len(self) + 7 * int(marked.sum()))
         parent = np.repeat(np.arange(len(self)), np.where(marked, 8, 1))
         child = np.full(len(parent), -1, dtype=np.int8)
         child[marked[parent]] = np.tile(np.arange(8, dtype=np.int8), int(marked.sum()))
@@ -187,6 +190,7 @@ class Forest:
 
         Raises:
             GeometryError: a leaf of the finest level is to be refined.
+            SolveError: as `refined`.
         """
         forest, glue = self.refined(times > 0)
         values, times = glue.carry(values), np.maximum(times[glue.parent] - 1, 0)

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from fx_contact._mpi import Exchange
 from fx_contact.errors import SolveError
-from fx_contact.memory import shortage
+from fx_contact.memory import check_memory
 
 #: Memory of a block of 3 x 3 in the matrix, its copy in hypre's format and the levels below: what a system needs.
 _BLOCK_BYTES = 76 + 108 + 50
@@ -79,12 +79,12 @@ def create_matrix(prolongation, cells, pairs):
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
     """
     imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, pairs)
-    short = shortage(prolongation.comm, _BLOCK_BYTES * sum(int(length.sum()) for length in lengths))
-    if short is not None:
-        raise SolveError(
-            f"the system of {3 * imap.size_global:,} unknowns needs {short[0] / 1e9:.1f} GB on a host that has "
-            f"{short[1] / 1e9:.1f} GB left; ask for a larger tolerance, or use more hosts"
-        )
+    check_memory(
+        prolongation.comm,
+        f"the system of {3 * imap.size_global:,} unknowns",
+        _BLOCK_BYTES * sum(int(length.sum()) for length in lengths),
+        "ask for a larger tolerance, or use more hosts",
+    )
     mat = PETSc.Mat().create(prolongation.comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.BAIJ)

@@ -1,15 +1,65 @@
 """How much memory the hosts have left: large allocations are refused before the system ends the program for them."""
 
+import resource
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-_MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+from fx_contact.errors import SolveError
+
+#: Bytes that a leaf of a forest takes while it is made and its vertices and edges are named, as measured.
+_LEAF_BYTES = 1900
+
+_MEMINFO, _STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
+#: The control groups of this process, and where they are.
+_MEMBERSHIP, _CGROUP = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
+#: Of both versions of control groups, by the controllers in a line of the membership: folder below the mount, files of
+#: the limit and of what is used, and the name of what the system takes back from the page cache at once.
+_VERSIONS = {
+    "": (".", "memory.max", "memory.current", "inactive_file"),
+    "memory": ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+}
+
+
+def check_leaves(comm, leaves):
+    """See that there is memory for the leaves of a forest.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        leaves: how many this rank will have.
+
+    Raises:
+        SolveError: a host or a rank lacks it.
+    """
+    what = f"a forest of {comm.allreduce(leaves):,} leaves"
+    check_memory(comm, what, _LEAF_BYTES * leaves, "refine less, ask for a larger tolerance, or use more hosts")
+
+
+def check_memory(comm, what, needed, advice):
+    """See that there is memory for what comes next.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        what: needs it, for the message.
+        needed: bytes that this rank will take.
+        advice: what to do where it is not there.
+
+    Raises:
+        SolveError: a host or a rank lacks it.
+    """
+    short = shortage(comm, needed)
+    if short is not None:
+        needed, free, place = short
+        raise SolveError(f"{what} needs {needed / 1e9:.1f} GB {place} that has {free / 1e9:.1f} GB left; {advice}")
 
 
 def shortage(comm, needed):
-    """The host that lacks most of the memory that its ranks are about to take.
+    """The host, or the rank under a limit of its own, that lacks most of the memory that is about to be taken.
 
     Collective on comm.
 
@@ -18,17 +68,20 @@ def shortage(comm, needed):
         needed: bytes that this rank will take.
 
     Returns:
-        (bytes needed, bytes free) of that host, the same on all ranks; None if all hosts have enough, or do not tell.
+        (bytes needed, bytes free, where) of it, the same on all ranks; None if all have enough, or do not tell.
     """
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    needed, free = host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN)
+    places = (
+        (int(needed), address_space(), "on a rank under a limit (ulimit -v)"),
+        (host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN), "on a host"),
+    )
     host.Free()
-    worst = max(comm.allgather((needed - free, needed, free)))
+    worst = max(comm.allgather(max((needed - free, needed, free, place) for needed, free, place in places)))
     return worst[1:] if worst[0] > 0 else None
 
 
 def available():
-    """Bytes that this host, or the control group of this process, can still give.  Local.
+    """Bytes that this host, or a control group of this process, can still give.  Local.
 
     Returns:
         int or float, infinite where the system does not tell.
@@ -39,8 +92,40 @@ def available():
         limits.append(1024 * int(lines["MemAvailable"].split()[0]))
     except (OSError, KeyError, ValueError):
         pass
-    try:
-        limits.append(int((_CGROUP / "memory.max").read_text()) - int((_CGROUP / "memory.current").read_text()))
-    except (OSError, ValueError):  # not there, or "max"
-        pass
+    for group, (_, limit, used, cache) in _groups():
+        try:
+            free = int((group / limit).read_text()) - int((group / used).read_text())
+            kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+            limits.append(free + int(kept.get(cache, 0)))
+        except (OSError, ValueError):  # not there, or "max"
+            pass
     return max(min(limits), 0)
+
+
+def _groups():
+    """Folders of the control groups that this process is in, up to the outermost, and the names of their files."""
+    try:
+        lines = [line.split(":", 2) for line in _MEMBERSHIP.read_text().splitlines()]
+    except OSError:
+        return
+    for _, controllers, path in lines:
+        version = _VERSIONS.get(controllers)
+        if version is not None:
+            inner = Path(path.lstrip("/"))  # as the system names it, which inside a container need not be there
+            for group in (inner, *inner.parents):
+                yield _CGROUP / version[0] / group, version
+
+
+def address_space():
+    """Bytes that this process may still take by its own limit (ulimit -v).  Local.
+
+    Returns:
+        int or float, infinite where there is none.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return np.inf
+    try:
+        return max(limit - int(_STATM.read_text().split()[0]) * resource.getpagesize(), 0)
+    except OSError:
+        return limit
