@@ -1,5 +1,6 @@
 """Checkpoints: the same run goes on from them on any number of ranks; whatever is killed, no finished step is lost."""
 
+import ctypes
 import json
 import os
 import random
@@ -362,6 +363,46 @@ def test_disk_full_on_one_rank(folder):
     everywhere(
         {path.name for path in folder.iterdir()} == theirs | {"file"}, "more or less than what users put there"
     )
+
+
+@contextmanager
+def locked(*names):
+    """Locks of Open MPI's, for files of some names, as killed runs leave them.  Local."""
+    library, names = ctypes.CDLL(None), [f"/OMPIO_{name}".encode() for name in names]
+    library.sem_open.restype = ctypes.c_void_p
+    for name in names:
+        assert library.sem_open(name, os.O_CREAT, 0o644, 0), name
+    try:
+        yield
+    finally:
+        for name in names:
+            library.sem_unlink(name)
+
+
+def ends(action, patience):
+    """Whether a program of its own ends in time.  Local."""
+    try:
+        subprocess.run([sys.executable, "-c", action], env=outside(), timeout=patience, check=True)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
+def test_lock_of_a_killed_run(tmp_path):
+    """A run that was killed while Open MPI opened its file left the lock of that name: later ones write all the same."""
+    killed = tmp_path / f"{NAME}.new-{uuid4().hex}"
+    with locked(NAME, f"{NAME}.new", killed.name):
+        opened = (
+            f"from mpi4py import MPI; MPI.File.Open(MPI.COMM_WORLD, {str(killed)!r}, MPI.MODE_CREATE | MPI.MODE_RDWR)"
+        )
+        if ends(f"{opened}.Close()", 5):
+            pytest.skip("this MPI has no such lock")
+        imports = "from mpi4py import MPI; from fx_contact.rowfile import write; "
+        assert ends(
+            f"{imports}write({str(tmp_path / NAME)!r}, MPI.COMM_WORLD, 'kept', {{}})", 60
+        ), "it waits for a lock"
+    assert RowFile(tmp_path / NAME, WORLD).content == "kept" and not killed.exists()
 
 
 @pytest.mark.parametrize(
