@@ -12,7 +12,7 @@ FOLDER = Path(fx_contact.__file__).parent
 
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
-    errors _mpi agreement checks stages memory report rowfile
+    errors _mpi checks agreement stages memory report rowfile
     reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
     scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh

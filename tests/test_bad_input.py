@@ -1013,18 +1013,42 @@ def test_ranks_that_differ(case):
     assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
 
 
+#: What else all ranks do together: functions of what they are given, which the last rank is given otherwise.
+UNLIKE_ELSEWHERE = {
+    "checkpoint": (
+        lambda folder: Checkpoint(folder, press(two_cubes()), COMM),
+        "a",
+        "b",
+        'folder ("a" on rank 0, "b"',
+    ),
+    "no checkpoint": (lambda folder: Checkpoint(folder, press(two_cubes()), COMM), "a", None, "a path, got None"),
+    "scene of a checkpoint": (
+        lambda copies: Checkpoint("a", press(two_cubes(), symmetry=copies), COMM),
+        1,
+        2,
+        "symmetry ([1",
+    ),
+    "no scene of a checkpoint": (lambda scene: Checkpoint("a", scene, COMM), press(two_cubes()), None, "got None"),
+    "records": (lambda folder: RecordWriter(folder, COMM), "/dev/null/a", "/dev/null/b", "output folder"),
+    "no records": (lambda folder: RecordWriter(folder, COMM), "/dev/null", 5, "must be a path, got 5"),
+    "fields": (lambda folder: write_fields(first(), folder), "/dev/null/a", "/dev/null/b", "output folder"),
+    "no fields": (lambda folder: write_fields(first(), folder), "/dev/null/a", None, "must be a path, got None"),
+    "picture": (lambda path: draw_pressure(first(), path), "/dev/null/a", "/dev/null/b", "name of a picture"),
+    "mesh file": (lambda path: root_mesh_from_file(COMM, path), "a.msh", "b.msh", "a mesh file ("),
+    "no mesh file": (lambda path: root_mesh_from_file(COMM, path), "a.msh", 5, "must be a path, got 5"),
+    "radius": (lambda radius: scenes.hertz(radius, comm=COMM), 1.0, 2.0, "radius (1.0 on rank 0, 2.0 on rank"),
+    "no radius": (lambda radius: scenes.hertz(radius, comm=COMM), 1.0, -1.0, "positive number, got -1.0"),
+    "no material": (lambda it: scenes.hertz(material=it, coarse=2, comm=COMM), STEEL, None, "has no material"),
+}
+
+
 @pytest.mark.skipif(COMM.size == 1, reason="one rank agrees with itself")
-def test_checkpoints_that_differ():
-    """Ranks that look for a checkpoint in different folders, or of different scenes, say so."""
-    scene, last = press(two_cubes()), COMM.rank == COMM.size - 1
-    for arguments, words in (
-        (("b" if last else "a", scene), 'folder ("a" on rank 0, "b" on'),
-        ((None if last else "a", scene), "must be a path, got None"),
-        (("a", press(two_cubes(), name="cubes", symmetry=1 + last)), "symmetry"),
-        (("a", None if last else scene), "must be a Scene, got None"),
-    ):
-        answers = told(lambda: Checkpoint(*arguments, COMM))
-        assert len(set(answers)) == 1 and words in answers[0][1], answers
+@pytest.mark.parametrize("case", UNLIKE_ELSEWHERE)
+def test_ranks_that_differ_elsewhere(case):
+    """Also before a run and after it."""
+    action, others, last, words = UNLIKE_ELSEWHERE[case]
+    answers = told(lambda: action(last if COMM.rank == COMM.size - 1 else others))
+    assert len(set(answers)) == 1 and words in answers[0][1], answers
 
 
 def test_error_of_one_rank_reaches_all():

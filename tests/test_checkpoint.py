@@ -390,7 +390,7 @@ def ends(action, patience):
 
 @pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
 def test_lock_of_a_killed_run(tmp_path):
-    """A run that was killed while Open MPI opened its file left the lock of that name: later ones write all the same."""
+    """A run that was killed while Open MPI opened its file left it locked: later ones write all the same."""
     killed = tmp_path / f"{NAME}.new-{uuid4().hex}"
     with locked(NAME, f"{NAME}.new", killed.name):
         opened = (

@@ -3,6 +3,7 @@
 import json
 
 from fx_contact._mpi import together
+from fx_contact.checks import as_path
 from fx_contact.errors import SceneError
 
 
@@ -22,6 +23,29 @@ def check_alike(comm, settings):
     with together(comm):
         if differing := differences(first, settings, "on rank 0", f"on rank {comm.rank}"):
             raise SceneError(f"all ranks must be asked for the same, but they differ in {differing}")
+
+
+def shared_path(comm, what, value, error=SceneError):
+    """A path from what the user gave, the same on all ranks.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        what: it is, for the message.
+        value: as given.
+        error: type to raise where it is no path.
+
+    Returns:
+        Path.
+
+    Raises:
+        SceneError, or the error given: it is none on some rank, or not the same on all.
+    """
+    with together(comm):
+        path = as_path(what, value, error)
+    check_alike(comm, {what: str(path)})
+    return path
 
 
 def differences(one, other, here, there):

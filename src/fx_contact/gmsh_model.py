@@ -16,7 +16,8 @@ import numpy as np
 
 from fx_contact import reference
 from fx_contact._mpi import together
-from fx_contact.checks import as_path, check_comm, shown
+from fx_contact.agreement import shared_path
+from fx_contact.checks import check_comm, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER, RootMesh
 
@@ -65,7 +66,8 @@ def root_mesh_from_file(comm, path):
         SceneError: there is no such file, or Gmsh cannot read it, or a name in it is not in UTF-8.
         GeometryError: as `root_mesh_from_gmsh`.
     """
-    path = as_path("a mesh file", path)
+    check_comm(comm)
+    path = shared_path(comm, "a mesh file", path)
 
     def read():
         """The file becomes the current model of Gmsh, once another process could read it without dying of it."""

@@ -11,7 +11,8 @@ from dolfinx.io import VTXWriter
 
 from fx_contact import reference
 from fx_contact._mpi import together
-from fx_contact.checks import as_path, check_comm
+from fx_contact.agreement import shared_path
+from fx_contact.checks import check_comm
 from fx_contact.errors import OutputError
 from fx_contact.estimate import VOIGT
 from fx_contact.surface import write_contact
@@ -35,7 +36,7 @@ class RecordWriter:
 
     def __init__(self, folder, comm, finished=()):
         check_comm(comm)
-        self.path = as_path("the output folder", folder, OutputError) / "steps.jsonl"
+        self.path = shared_path(comm, "the output folder", folder, OutputError) / "steps.jsonl"
         self._comm, self._last = comm, 0
         with together(comm):
             if comm.rank == 0:
@@ -121,7 +122,8 @@ def write_fields(step, folder):
     Raises:
         OutputError: a file cannot be written.
     """
-    leaf, mesh, folder = step.leaf_mesh.leaf, step.leaf_mesh.mesh, as_path("the output folder", folder, OutputError)
+    folder = shared_path(step.forest.comm, "the output folder", folder, OutputError)
+    leaf, mesh = step.leaf_mesh.leaf, step.leaf_mesh.mesh
     cells = {
         "indicator": step.estimate.error,
         "level": step.forest.level[leaf],

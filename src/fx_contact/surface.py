@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_contact import reference
 from fx_contact._mpi import together
-from fx_contact.checks import as_path
+from fx_contact.agreement import shared_path
 from fx_contact.errors import OutputError
 from fx_contact.mesh import leaf_positions
 from fx_contact.step import check_step
@@ -34,7 +34,8 @@ def write_contact(step, folder):
         OutputError: a file cannot be written.
     """
     check_step(step, contact=True)
-    comm, folder = step.forest.comm, as_path("the output folder", folder, OutputError)
+    comm = step.forest.comm
+    folder = shared_path(comm, "the output folder", folder, OutputError)
     points, point_fields, cell_fields = contact_facets(step)
     piece = _piece(points, point_fields, cell_fields)
     counts = comm.allgather(len(points))

@@ -7,7 +7,7 @@ import warnings
 from contextlib import contextmanager
 
 from fx_contact._mpi import together
-from fx_contact.checks import as_path
+from fx_contact.agreement import shared_path
 from fx_contact.errors import OutputError
 
 
@@ -27,7 +27,7 @@ def draw_on_first(comm, path, draw):
     Raises:
         OutputError: the picture cannot be written.
     """
-    path = as_path("the name of a picture", path, OutputError)
+    path = shared_path(comm, "the name of a picture", path, OutputError)
     if not path.suffix:  # what draws would give it one, and the picture would be elsewhere
         raise OutputError(
             f"the name of a picture must end in .png, got {str(path)!r}: if this is a folder, name a file"

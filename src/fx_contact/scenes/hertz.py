@@ -3,7 +3,9 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.checks import check_number
+from fx_contact._mpi import together
+from fx_contact.agreement import check_alike
+from fx_contact.checks import check_comm, check_number
 from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.reference import CORNERS, FACE_CORNERS
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
@@ -37,13 +39,29 @@ def hertz(
         Scene.
 
     Raises:
-        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
+        SceneError, GeometryError: an argument outside its range or not the same on all ranks, or a root mesh too coarse
+            for so small a displacement.
     """
-    check_symmetry(symmetry)
-    check_number("radius", radius, positive=True)
-    check_number("displacement", displacement)
-    check_mesh_size(order, coarse)
+    check_comm(comm)
+    with together(comm):
+        check_symmetry(symmetry)
+        check_number("radius", radius, positive=True)
+        check_number("displacement", displacement)
+        check_mesh_size(order, coarse)
+        asked = {
+            "radius": radius,
+            "displacement": displacement,
+            "order": order,
+            "coarse": coarse,
+            "symmetry": symmetry,
+        }
+    check_alike(comm, asked)
     mesh = root_mesh_from_gmsh(comm, lambda: _half_balls(float(radius), order, coarse, symmetry))
+    with together(comm):
+        return _scene(mesh, radius, displacement, material, symmetry)
+
+
+def _scene(mesh, radius, displacement, material, symmetry):
     if displacement > 0:  # each sphere has half of the approach; Hertz: a^2 = R* delta
         contact_radius = np.sqrt(radius / 2 * displacement)
         check_roundness(mesh, "upper pole", (0.0, 0.0, radius), radius, contact_radius, displacement / 2)
