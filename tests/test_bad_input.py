@@ -525,7 +525,7 @@ CASES = {
         "has no contact pairs",
     ),
     "true error for a tolerance of text": (lambda: true_error(first(), "x"), SceneError, "got 'x'"),
-    "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "needs a Scene, got 'x'"),
+    "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "must be a Scene, got 'x'"),
     "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "must be a Scene, got None"),
     "root cells refined by half": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),
     "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),

@@ -6,10 +6,10 @@ import numpy as np
 
 from fx_contact.accuracy import energy_distance
 from fx_contact.adapt import Beginning, adapt
-from fx_contact.checks import check_number, shown
+from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.lattice import Lattice
-from fx_contact.scene import Scene
+from fx_contact.scene import check_scene
 from fx_contact.step import check_step
 
 
@@ -69,8 +69,7 @@ def true_error(step, tolerance, scene=None):
 
 def _on(forest, scene):
     """The same leaves on the root mesh of a scene."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"the over-refined solution needs a Scene, got {shown(scene)}")
+    check_scene(scene)
     here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
     if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
         raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")

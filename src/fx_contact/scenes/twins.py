@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact.checks import check_number, shown
+from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
-from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
+from fx_contact.scene import ContactPair, Dirichlet, Material, Traction, check_scene
 
 
 def scaled(scene, length=1.0, stress=1.0):
@@ -28,7 +28,7 @@ def scaled(scene, length=1.0, stress=1.0):
     Raises:
         SceneError: a factor that is not positive.
     """
-    _check_scene(scene)
+    check_scene(scene)
     check_number("factor of length", length, positive=True)
     check_number("factor of stress", stress, positive=True)
 
@@ -64,7 +64,7 @@ def turned(scene, rotation):
     Raises:
         SceneError: not a rotation, or a condition on some components only that turns out of the axes.
     """
-    _check_scene(scene)
+    check_scene(scene)
     rotation = np.asarray(rotation)
     if (
         rotation.dtype.kind not in "fiu"
@@ -116,7 +116,7 @@ def swapped(scene):
     Raises:
         SceneError: what is given is no scene.
     """
-    _check_scene(scene)
+    check_scene(scene)
     return replace(
         scene,
         contact=tuple(
@@ -124,11 +124,6 @@ def swapped(scene):
             for pair in scene.contact
         ),
     )
-
-
-def _check_scene(scene):
-    if not isinstance(scene, Scene):
-        raise SceneError(f"a twin is made of a Scene, got {shown(scene)}")
 
 
 def _turned_condition(condition, rotation):
