@@ -359,8 +359,8 @@ def between_nodes():
         for height in (0.25, 1.0, 5.0):
             make, twin = (partial(stack, [PLAIN, material(3.0)], height=height, cells=c) for c in (cells, (6, 6, 6)))
             known = Twin(lambda twin=twin: all_held(twin()), **OTHER_MESH)
-            value = f"{cells[0]} x {cells[1]}, {height:g} high"
-            yield Case("between nodes", "all held", value, lambda make=make: all_held(make()), known, tolerance=0.2)
+            row = f"all held, {cells[0]} x {cells[1]}: height"
+            yield Case("between nodes", row, f"{height:g}", lambda make=make: all_held(make()), known, tolerance=0.2)
     for bodies in (5, 6, 8):
         make, by = partial(ring, bodies), about((0, 0, 1), 37)
         twin = with_twin(make, partial(turned, rotation=by))
@@ -386,12 +386,12 @@ def gaps():
             make = partial(punch, displacement=displacement, gap=gap, order=6)
             twin = Twin(partial(punch, displacement=depth, order=6))
             yield Case("gap", "punch", value, make, twin)
-    for gap, depth, ratio in product((1.0, 100.0), (1e-3, 1e-4, 1e-5), (1.0, 1e3)):
+    for ratio, gap, depth in product((1.0, 1e3), (1.0, 100.0), (1e-3, 1e-4, 1e-5)):
         make, near = (
             partial(punch, displacement=g + depth, gap=g, order=6, punch=material(ratio)) for g in (gap, 0.0)
         )
-        value = f"{exponent(gap)}, {exponent(depth)}, {exponent(ratio)}"
-        yield Case("gap", "punch from afar: gap, depth, ratio", value, make, Twin(near))
+        row = f"punch, ratio {exponent(ratio)}, gap {exponent(gap)}: depth"
+        yield Case("gap", row, exponent(depth), make, Twin(near))
     nothing = Exact(force=0.0)
     for gap in (0.02, 1.0, 100.0):
         value = exponent(gap)
