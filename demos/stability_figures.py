@@ -6,7 +6,6 @@ import csv
 SCORES = {
     "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
     "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
-    "soft": ("s", "#e8e8e8", "#9a9a9a", "agrees with so soft a penalty, which errs by more than the error asked for"),
     "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
     "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
     "error": ("E", "#a8a8a8", "#E69F00", "a typed error where there is a solution"),

@@ -10,7 +10,7 @@ from fx_contact.agreement import check_alike
 from fx_contact.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.checks import check_comm, check_count, check_name, check_same_comm, shown
 from fx_contact.enforcement import Enforcement
-from fx_contact.errors import FxContactError, PartitionError, SceneError
+from fx_contact.errors import FxContactError, PartitionError, SceneError, SolveError
 from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
@@ -179,7 +179,7 @@ def adapt(
         GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
-        SolveError: a solve fails, or would not fit into the memory.
+        SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
     """
     check_comm(comm)
@@ -274,10 +274,26 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         yield step
         if step.record["reached"] or number >= max_steps - 1:
             return
+        _check_penalty(step, gain, settings.tolerance)
         stages = _stages(progress, number + 1)
         with stages("refine"):
             forest, carried = _refine(step, settings.tolerance, gain)
         del step
+
+
+def _check_penalty(step, gain, tolerance):
+    """See that there is something to refine for: a penalty's own error no mesh takes away.  Local.
+
+    Raises:
+        SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
+    """
+    record = step.record
+    if gain.aim(step.estimate, tolerance) is None and not record["unseen_contact"]:
+        raise SolveError(
+            f"the penalty is too soft for the tolerance: overlaps hold {record['penalty_share']:.2%} of the energy, a "
+            f"tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor, or the "
+            "enforcement 'exact', the default"
+        )
 
 
 def _stages(progress, number):

@@ -61,8 +61,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         ContactSolution.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets or augmentations, or nothing holds a body
-            once the contact opens.
+        SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
+            the contact opens, or conditions press vertices into each other.
     """
     u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
@@ -103,6 +103,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
             status.check_held()
             force = np.where(status.active, trial, 0.0)
             break
+    _check_prescribed(pairs, jump, status.active, u)
     linear.destroy()
     return ContactSolution(
         u,
@@ -132,6 +133,25 @@ def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale):
     )
 
 
+def _check_prescribed(pairs, jump, active, u):
+    """See that conditions press no two vertices into each other: no force could keep them apart.  Collective.
+
+    Raises:
+        SolveError: they do, by more than rounding.
+    """
+    comm = pairs.prolongation.comm
+    overlap = np.where(active & ~jump.movable, pairs.penetration(u), 0.0)
+    moved = comm.allreduce(float(np.abs(u).max(initial=0.0)), op=MPI.MAX)
+    worst = int(overlap.argmax()) if len(overlap) else 0
+    mine = (float(overlap[worst]), pairs.position[worst].tolist()) if len(overlap) else (0.0, [])
+    deepest, place = max(comm.allgather(mine))
+    if deepest > _OVERLAP * moved:
+        raise SolveError(
+            f"displacements prescribed on both surfaces of a contact press them {deepest:.3g} m into each other, at "
+            f"({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave one of them free"
+        )
+
+
 def _rounding(u, scale, comm):
     """What rounding leaves of a displacement in the energy norm, from the roots of the stiffness' diagonal."""
     return ROUNDING * float(np.sqrt(comm.allreduce(float(((scale * u) ** 2).sum()))))
@@ -150,7 +170,7 @@ class _ClosedPairs:
 
     #: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that
     #: costs a few iterations, and soon more than a new set-up does.
-    _OUTLIERS = 3
+    _OUTLIERS = 1
     #: Stiffness of a pair, relative to that of the bodies, from which on none may have opened since the set-up: in the
     #: norm of that preconditioner a penetration that nothing resists any more would look small.
     _STIFF = 1e4
@@ -266,6 +286,8 @@ class _ClosedPairs:
         return True
 
 
+#: Overlap of two vertices that are both prescribed, relative to the largest displacement, up to which it is rounding.
+_OVERLAP = 1e-6
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
 _RELAXATION, _LOOKS = 15, 5
 

@@ -201,7 +201,11 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         gain.observe(error, change)
         unseen = np.zeros(len(forest), dtype=bool) if pairs is None else unseen_contact(forest, pairs, contact)
         leaves_unseen = comm.allreduce(int(unseen.sum()))
+        refined = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
+        # Of the augmented Lagrangian and of exact enforcement it is nothing, or below the gap tolerance.
+        stored = comm.allreduce(float(contact.force @ contact.penetration), op=MPI.SUM)
+        share = max(stored, 0.0) / error.energy_norm**2 if error.energy_norm else 0.0
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
         "scene": scene.name,
@@ -222,7 +226,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
         "unseen_contact": leaves_unseen,
-        "reached": gain.aim(error, settings.tolerance) is None and not leaves_unseen,
+        "penalty_share": share,
+        "reached": refined and share <= settings.tolerance**2,
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),

@@ -13,11 +13,18 @@ from fx_contact.contact import facets_of, positions_across
 _VARIATION = 1e-3
 #: and up to this part of the facet's size from rounding.
 _ROUNDING = 1e-9
-#: Bilinear functions at 3 x 3 points of a facet, and the quadratic ones of these points at 9 x 9.
-_BILINEAR, _QUADRATIC = (
-    np.einsum("va,ub->vuab", line, line).reshape(len(line) ** 2, -1)
-    for line in (reference.lagrange(1, np.linspace(0, 1, 3)), reference.lagrange(2, np.linspace(0, 1, 9)))
-)
+#: Levels of leaves that may be as curved as root cells of a higher order than 2; their children are less and less.
+_COARSE = 3
+
+
+def _on_facets(functions, points):
+    """Products of one-dimensional Lagrange functions, at points on a line, in a grid of these points on a facet."""
+    line = reference.lagrange(functions, np.linspace(0, 1, points))
+    return np.einsum("va,ub->vuab", line, line).reshape(points**2, -1)
+
+
+#: Points along a facet's side -> bilinear functions at these points, and what interpolates from them between them.
+_SAMPLES = {3: (_on_facets(1, 3), _on_facets(2, 9)), 17: (_on_facets(1, 17), np.identity(17**2))}
 
 
 def unseen_contact(forest, pairs, contact):
@@ -39,17 +46,29 @@ def unseen_contact(forest, pairs, contact):
         nodal = _at_vertices(pairs, contact, index)[forest.vertices.cells[leaf[:, None], corner]]
         away = ~_around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, 1] > 0).any(axis=1))
         leaf, face, corner, nodal = leaf[away], face[away], corner[away], nodal[away]
-        points = (
-            np.einsum("pv,nvi->npi", (4 * _BILINEAR).astype(np.int32), forest.corners[leaf[:, None], corner]) // 4
-        )
-        here, there = positions_across(forest, leaf, face, points)
-        at = np.einsum("pv,nvk->npk", _BILINEAR, nodal)
-        normal = at[:, :, 2:] / np.linalg.norm(at[:, :, 2:], axis=2)[:, :, None]
-        gap = np.einsum("npi,npi->np", normal, there - here) - at[:, :, 0]
-        size = np.linalg.norm(here[:, 8] - here[:, 0], axis=1)
-        allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * size
-        unseen[leaf[(gap @ _QUADRATIC.T).min(axis=1) < -allowed]] = True
+        coarse = (forest.level[leaf] <= _COARSE) & (forest.mesh.order > 2)
+        for count, these in ((3, ~coarse), (17, coarse)):
+            if these.any():
+                unseen[
+                    leaf[these][_overlap(forest, leaf[these], face[these], corner[these], nodal[these], count)]
+                ] = True
     return unseen
+
+
+def _overlap(forest, leaf, face, corner, nodal, count):
+    """Whether contact facets overlap with those that face them, somewhere between so many points a side: (n,) bool."""
+    bilinear, finer = _SAMPLES[count]
+    steps = (count - 1) ** 2
+    points = np.einsum(
+        "pv,nvi->npi", np.rint(steps * bilinear).astype(np.int64), forest.corners[leaf[:, None], corner]
+    )
+    here, there = positions_across(forest, leaf, face, (points // steps).astype(np.int32))
+    at = np.einsum("pv,nvk->npk", bilinear, nodal)
+    normal = at[:, :, 2:] / np.linalg.norm(at[:, :, 2:], axis=2)[:, :, None]
+    gap = np.einsum("npi,npi->np", normal, there - here) - at[:, :, 0]
+    size = np.linalg.norm(here[:, -1] - here[:, 0], axis=1)
+    allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * size
+    return (gap @ finer.T).min(axis=1) < -allowed
 
 
 def _at_vertices(pairs, contact, index):
