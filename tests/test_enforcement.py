@@ -155,6 +155,37 @@ def test_gap_tolerance_is_that_of_the_approach():
     assert abs(step["force"] / exact["force"] - 1) < 1e-3
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_conditions_that_press_vertices_into_each_other(method):
+    """No force keeps two prescribed vertices apart; nor is one made up for them."""
+    scene = stack((Material(1.0, 0.3),) * 2)
+    (pair,) = np.flatnonzero((np.abs(scene.mesh.points - [0.0, 0.0, 1.0]) < 1e-9).all(axis=1)).reshape(-1, 2)
+    mesh = replace(scene.mesh, vertices={"lower": pair[:1], "upper": pair[1:]})
+
+    def pinned(lower, upper):
+        pins = Dirichlet("lower", z=lower), Dirichlet("upper", z=upper)
+        return replace(scene, mesh=mesh, dirichlet=(*scene.dirichlet, *pins))
+
+    with pytest.raises(SolveError, match=r"press them 0.001 m into each other, at \(0, 0, 1\)"):
+        next(adapt(pinned(-0.003, -0.004), 0.3, enforcement=Enforcement(method)))
+    held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
+    # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
+    assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
+
+
+def test_penalty_too_soft_for_the_tolerance():
+    """Where overlaps hold more of the energy than the square of the tolerance, a run says so, after its steps."""
+    scene, steps = stack((Material(1.0, 0.3),) * 2), []
+    with pytest.raises(SolveError, match="too soft for the tolerance") as failure:
+        for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 1.0)):
+            steps.append(step.record)
+    assert len(steps) == 2 and failure.value.record is steps[-1] and not steps[-1]["reached"]
+    share = 0.005 / steps[-1]["force"] - 1  # springs in a row share the energy as they share the approach
+    assert abs(steps[-1]["penalty_share"] / share - 1) < 1e-6 and share > 0.1**2
+    *_, last = (step.record for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 100.0)))
+    assert last["reached"] and 0 < last["penalty_share"] < 0.1**2
+
+
 def test_solver_error_is_no_estimate():
     """A solver too loose for the tolerance is an error, not a solution without error."""
     with pytest.raises(SolveError, match="linear solver and rounding leave .* of the energy norm open"):

@@ -2,13 +2,14 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import WORLD, outside
 
-from fx_contact import Material, adapt
+from fx_contact import BodyForce, Material, adapt
 from fx_contact.analytic import Hertz, HertzLine, ShrinkFit
 from fx_contact.errors import GeometryError, SceneError, SolveError
 from fx_contact.scenes import cylinders, hertz, patch, punch, scaled, shrink_fit, spheres, stack, swapped, turned
@@ -34,6 +35,17 @@ def test_stack_is_in_uniform_compression(materials, gap):
     for force in record["pair_forces"]:
         assert -0.02 < force / exact - 1 <= 1e-7
     assert record["estimate"] < 1e-6 and record["active_pairs"] == 25 * pairs
+
+
+def test_weights_add_up_downward():
+    """Each contact of a stack carries what lies on it, and the record says which carries what."""
+    scene = stack((SOFT, STIFF, SOFT, SOFT), pressure=0.001, cells=(1, 1, 1))
+    weights = tuple(
+        BodyForce(body, (0.0, 0.0, -weight)) for body, weight in zip(scene.mesh.bodies, (1e-3, 2e-3, 3e-3, 4e-3))
+    )
+    forces = np.array(last(replace(scene, body_forces=weights))["pair_forces"])
+    expected = 0.001 + np.array([9e-3, 7e-3, 4e-3])  # of blocks of 1 m^3 [N]
+    assert np.abs(forces / expected - 1).max() < 1e-6
 
 
 def test_stack_under_pressure():

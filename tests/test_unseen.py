@@ -11,11 +11,12 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import bump, in_two, ring  # noqa: E402
 
-from fx_contact import Material, adapt  # noqa: E402
+from fx_contact import ContactPair, Dirichlet, Material, Scene, adapt  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch  # noqa: E402
+from fx_contact.scenes.boxes import DOWN, UP, Boxes  # noqa: E402
 
 HIDDEN = {"cells": 5, "displacement": 0.003}
 """A bump whose pole is in the middle of a root facet, all of whose nodes stay apart."""
@@ -88,3 +89,30 @@ def test_contact_cut_in_two(stiffness):
     for name in ("force", "max_pressure", "contact_radius"):
         assert abs(two.record[name] / one.record[name] - 1) < 1e-6, name
     assert abs(sum(two.record["pair_forces"]) / two.record["force"] - 1) < 1e-12
+
+
+def wave(order=6, gap=0.012, height=0.03):
+    """Blocks of few cells of a high order, the upper one wavy below: the gap is the same at all quarters of a facet."""
+    boxes = Boxes(order)
+    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (2, 2, 2))
+    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+
+    def place(name, x):
+        u = 2 * x[:, 0] % 1
+        wavy = u * (u - 0.25) * (u - 0.5) * (u - 0.75) * (u - 1) / 0.0035  # about 1 in its first extremum
+        return x + np.outer((1 - x[:, 2]) * (gap + height * wavy) * (name == "wave"), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
+    material = Material(1.0, 0.3)
+    return Scene("wave", boxes.mesh(surfaces, place=place), {"base": material, "wave": material}, held, (pair,))
+
+
+def test_waves_between_quarters():
+    """Cells of order 6 may touch where neither nodes nor quarters of their facets do."""
+    first, *_, last = (step.record for step in adapt(wave(), 0.4, max_steps=4))
+    assert first["force"] == 0 and first["unseen_contact"] > 0 and last["force"] > 0
+    low = next(adapt(wave(height=0.001), 0.4, max_steps=1)).record
+    assert low["force"] == low["unseen_contact"] == 0
