@@ -104,9 +104,33 @@ class Elasticity:
         """
         self.set_displacement(conforming)
         if self._energy is None:
-            elastic = 2 * self.lame[1] * ufl.inner(ufl.sym(ufl.grad(self.u)), ufl.sym(ufl.grad(self.u)))
-            self._energy = self._compiled(elastic + self.lame[0] * self.volume_strain**2)
-        return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(self._energy)), 0.0)))
+            self._energy = self._compiled(self._shear_energy() + self.lame[0] * self.volume_strain**2)
+        return self._root(self._energy)
+
+    def change_norm(self, conforming):
+        """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)].
+
+        Collective.  Without that of the mean volume strains: the halves of a cell have other ones than the whole.
+
+        Args:
+            conforming: (owned, 3) float64 [m].
+
+        Returns:
+            float, the same on all ranks.
+        """
+        if not self.has_mean:
+            return self.energy_norm(conforming)
+        self.set_displacement(conforming)
+        volume = self.lame[0] * self._pointwise * ufl.div(self.u) ** 2
+        return self._root(self._compiled(self._shear_energy() + volume))
+
+    def _shear_energy(self):
+        strain = ufl.sym(ufl.grad(self.u))
+        return 2 * self.lame[1] * ufl.inner(strain, strain)
+
+    def _root(self, energy):
+        """Root of a compiled energy on all ranks: float."""
+        return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(energy)), 0.0)))
 
     def internal_forces(self):
         """P^T K u, integrated from the stress of `u` without a matrix: (owned, 3) float64 [N].  Collective."""

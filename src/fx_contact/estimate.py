@@ -121,15 +121,12 @@ class Gain:
 
         Args:
             error: Estimate on the present mesh.
-            change: energy norm of the difference of the solutions on this mesh and the last one [J^(1/2)]; None where
-                squares do not add up, with mean volume strains: the estimate is then taken at its word.
+            change: energy norm of the difference of the solutions on this mesh and the last one, without that of mean
+                volume strains, with which squares nearly add up [J^(1/2)].
         """
         if not self.refined:
             return
         self.compared = True
-        if change is None:
-            self.effectivity = 1.0
-            return
         for _ in range(2):
             on_last_mesh = np.hypot(change, error.error_global / self.effectivity)
             seen = float(np.sqrt(self.before) / on_last_mesh) if on_last_mesh else 1.0

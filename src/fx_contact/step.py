@@ -190,7 +190,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         scene,
     )
     with stages("estimate"):
-        change = None if elasticity.has_mean else elasticity.energy_norm(contact.displacement - start)
+        change = elasticity.change_norm(contact.displacement - start)
         elasticity.set_displacement(contact.displacement)
         shear_free = shear_free_components(scene, forest, prolongation)
         touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
@@ -227,7 +227,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "ratio": error.relative / settings.tolerance,
         "unseen_contact": leaves_unseen,
         "penalty_share": share,
-        "reached": refined and share <= settings.tolerance**2,
+        "reached": bool(refined and share <= settings.tolerance**2),
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
