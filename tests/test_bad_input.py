@@ -1076,6 +1076,24 @@ def test_error_that_cannot_be_sent():
                     raise Odd("odd")
 
 
+def test_gmsh_model_of_rank_0():
+    """Rank 0 builds a Gmsh model, so what the others give does not matter."""
+
+    def build():
+        import gmsh
+
+        gmsh.model.add("box")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], name="box")
+        gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
+        gmsh.model.mesh.generate(3)
+
+    assert root_mesh_from_gmsh(COMM, build if COMM.rank == 0 else None).bodies == ("box",)
+    (answer,) = set(told(lambda: root_mesh_from_gmsh(COMM, None if COMM.rank == 0 else build)))
+    assert answer[0] is SceneError and "a function of no argument, got None" in answer[1]
+
+
 def test_what_the_bad_cases_spoil_is_good():
     """The file and the lists are taken where nothing is wrong with them; a script in a file is not run."""
     mesh = from_file(CUBE)

@@ -30,7 +30,7 @@ def root_mesh_from_gmsh(comm, build):
     Args:
         comm: MPI communicator.
         build: function of no argument, called on rank 0 with Gmsh initialised and silent; it leaves a meshed current
-            model.
+            model.  Other ranks may give None.
 
     Returns:
         RootMesh, the same on all ranks.
@@ -39,11 +39,11 @@ def root_mesh_from_gmsh(comm, build):
         GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, or an order above 6.
     """
     check_comm(comm)
-    if not callable(build):
-        raise SceneError(f"what builds the Gmsh model must be a function of no argument, got {shown(build)}")
     parts = None
     with together(comm):
         if comm.rank == 0:
+            if not callable(build):
+                raise SceneError(f"what builds the Gmsh model must be a function of no argument, got {shown(build)}")
             parts = _with_gmsh(build)
     parts = comm.bcast(parts, root=0)
     with together(comm):
