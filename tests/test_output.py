@@ -1,6 +1,8 @@
 """What is written for ParaView: VTK's own reader finds the curved contact surfaces and what happens on them."""
 
+import shutil
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from mpi4py import MPI
 
 from fx_contact import Material, adapt
 from fx_contact.analytic import Hertz
+from fx_contact.errors import OutputError
 from fx_contact.output import write_fields
 from fx_contact.scenes import hertz, indentation
 from fx_contact.surface import contact_facets
@@ -113,3 +116,24 @@ def test_adios_files_name_their_fields(tmp_path, name, field):
     if WORLD.rank == 0:
         index = b"".join(path.read_bytes() for path in (folder / name).iterdir())
         assert b"connectivity" in index and field.encode() in index
+
+
+def test_disk_full(tmp_path, monkeypatch):
+    """A file that does not fit is refused on all ranks, and the one before kept; what fits is not refused."""
+    step, folder = last_step(), shared(tmp_path)
+    write_fields(step, folder)
+    WORLD.Barrier()
+    sizes = {
+        name: sum(path.stat().st_size for path in (folder / name).iterdir()) for name in ("fields.bp", "cells.bp")
+    }
+    for free, full in ((-(2**15) * WORLD.size, True), (2**15 * WORLD.size, False)):
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
+        if full:
+            with pytest.raises(OutputError, match="'fields.bp' takes .* MB are free: make room"):
+                write_fields(step, folder)
+        else:
+            write_fields(step, folder)
+        WORLD.Barrier()
+        for name, size in sizes.items():
+            again = sum(path.stat().st_size for path in (folder / name).iterdir())
+            everywhere(abs(again - size) < 100 * WORLD.size, f"{name} is not what it was")

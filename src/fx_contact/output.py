@@ -17,6 +17,9 @@ from fx_contact.errors import OutputError
 from fx_contact.estimate import VOIGT
 from fx_contact.surface import write_contact
 
+#: Bytes that a rank's part of a file of ADIOS2 takes at most beside its arrays, in whole blocks of the disk.
+_HEAD_BYTES = 2**15
+
 
 class RecordWriter:
     """Step records, one JSON object a line, each on disk as soon as it is written.
@@ -113,14 +116,15 @@ def write_fields(step, folder):
 
     Collective.  `fields.bp` (ADIOS2, VTX) has point fields, continuous of the mesh's order: displacement [m], stress
     [Pa]; `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank; `contact.pvtu` has what `write_contact`
-    says of the contact surfaces, if there are any.
+    says of the contact surfaces, if there are any.  ADIOS2 ends the program where the disk is full, so the free space
+    is looked at before a file is begun.
 
     Args:
         step: Step.
         folder: for the files, which are replaced if they are there.
 
     Raises:
-        OutputError: a file cannot be written.
+        OutputError: a file cannot be written, or there is no room for it; then one that was there before still is.
     """
     folder = shared_path(step.forest.comm, "the output folder", folder, OutputError)
     leaf, mesh = step.leaf_mesh.leaf, step.leaf_mesh.mesh
@@ -144,19 +148,37 @@ def write_fields(step, folder):
 
 
 def _write(step, path, fields):
-    comm = step.forest.comm
+    comm, fields = step.forest.comm, fields()
+    size = comm.allreduce(_bytes(step.leaf_mesh.mesh, fields))
     with together(comm):
         if comm.rank == 0:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
+                _check_room(path, size)
                 shutil.rmtree(path, ignore_errors=True)
                 path.mkdir()
             except OSError as error:
                 raise OutputError(
                     f"cannot write {str(path)!r}: {error.strerror}; name another output folder"
                 ) from None
-    with VTXWriter(comm, path, fields(), engine="BP4") as writer:
+    with VTXWriter(comm, path, fields, engine="BP4") as writer:
         writer.write(float(step.record["step"]))
+
+
+def _bytes(mesh, fields):
+    """What this rank's part of a file takes: places, numbers and marks of the nodes, cells, fields, and a head."""
+    nodes, (cells, corners) = len(mesh.geometry.x), mesh.geometry.dofmap.shape
+    return (24 + 8 + 1) * nodes + 8 * (1 + corners) * cells + sum(f.x.array.nbytes for f in fields) + _HEAD_BYTES
+
+
+def _check_room(path, size):
+    """Raises OutputError unless a file of ADIOS2 fits on the disk, the space of the one it replaces counted.  Local."""
+    free = shutil.disk_usage(path.parent).free + sum(file.stat().st_size for file in path.glob("*"))
+    if free < size:
+        raise OutputError(
+            f"no space left on {str(path.parent)!r}: {path.name!r} takes {size / 1e6:.3g} MB, {free / 1e6:.3g} MB "
+            "are free: make room, or name another output folder"
+        )
 
 
 def _corner_values(function):
