@@ -7,9 +7,11 @@ import random
 import resource
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -198,7 +200,8 @@ def test_every_byte_counts(folder):
     "spoil, words",
     [
         (lambda path: path.unlink(), "No such file"),
-        (lambda path: (path.unlink(), path.mkdir()), "Is a directory"),
+        (lambda path: (path.unlink(), path.mkdir()), "is no file"),
+        (lambda path: (path.unlink(), os.mkfifo(path)), "is no file"),
         (lambda path: path.write_bytes(b""), "not complete"),
         (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not complete"),
         (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not complete"),
@@ -215,6 +218,66 @@ def test_damaged(scene, folder, spoil, words):
     assert words in caught(
         CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
     )
+
+
+def rewritten(path, change):
+    """Change the header of a file of rows by a function, its checksum too.  Local."""
+    data = path.read_bytes()
+    magic, version, length, _ = struct.unpack_from("<8sQQQ", data)
+    header = json.dumps(change(json.loads(data[32 : 32 + length]))).encode()
+    header += b" " * (-len(header) % 8)
+    head = struct.pack("<8sQQQ", magic, version, len(header), zlib.crc32(header))
+    path.write_bytes(head + header + data[32 + length :])
+
+
+def with_content(**changes):
+    """A function that changes what a header says besides its tables; None: takes it out."""
+    return lambda header: header | {
+        "content": {name: value for name, value in (header["content"] | changes).items() if value is not None}
+    }
+
+
+def with_tables(**changes):
+    """A function that changes what a header says of each table."""
+    return lambda header: header | {"tables": {name: table | changes for name, table in header["tables"].items()}}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(with_content(**{name: None}) for name in ("run", "problem", "options", "records", "estimate", "gain")),
+        *(with_content(**{name: 1}) for name in ("run", "problem", "options", "records", "estimate", "gain")),
+        with_content(records=[]),
+        with_content(records=["x"]),
+        with_content(estimate=[1.0, "x", 1]),
+        with_content(gain={"before": 1.0}),
+        with_tables(rows=-1),
+        with_tables(rows="x"),
+        with_tables(columns=None),
+        with_tables(type="x"),
+        with_tables(type="<f8"),
+        lambda header: header | {"tables": {}},
+        lambda header: header | {"tables": []},
+        lambda header: {"tables": header["tables"]},
+        lambda header: {"content": header["content"]},
+        lambda header: [header],
+    ],
+)
+def test_header_that_makes_no_sense(scene, folder, change):
+    """Whole by its checksums, but with something missing or of another type."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: rewritten(folder / NAME, change))
+    message = caught(CheckpointError, lambda: adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    assert "is damaged or of another version" in message or "is not complete" in message
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.write_text("mine")])
+def test_what_is_no_checkpoint_stays(scene, folder, make):
+    """What is called like a checkpoint, but is none, is neither replaced nor called one, and nobody waits for it."""
+    alone(lambda: make(folder / NAME))
+    before = (folder / NAME).stat()
+    message = caught(OutputError, lambda: adapt(scene, 0.25, checkpoint=folder))
+    assert "is no checkpoint that can be read" in message and (folder / NAME).stat() == before
 
 
 def test_another_file_of_rows(scene, folder):

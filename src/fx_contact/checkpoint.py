@@ -5,7 +5,8 @@ vertex with its displacement 32.  The displacement is also the start of the next
 problem it belongs to, and has the records of all steps so far.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from numbers import Real
 from uuid import uuid4
 
 import numpy as np
@@ -26,6 +27,27 @@ from fx_contact.scene import check_scene
 NAME = "checkpoint"
 KIND = "checkpoint of fx_contact, version 4"
 _LEVEL_BITS = 4
+#: What the content must hold besides its kind, as functions that tell whether a value can be meant.
+_CONTENT = {
+    "run": lambda run: isinstance(run, str),
+    "problem": lambda problem: isinstance(problem, dict),
+    "options": lambda options: isinstance(options, dict),
+    "records": lambda records: isinstance(records, list)
+    and len(records) > 0
+    and all(isinstance(record, dict) and "step" in record for record in records),
+    "estimate": lambda numbers: isinstance(numbers, list) and len(numbers) == 3 and _are_numbers(numbers),
+    "gain": lambda gain: isinstance(gain, dict)
+    and gain.keys() == {entry.name for entry in fields(Gain)}
+    and _are_numbers(gain.values()),
+}
+#: Types of the tables, and the least numbers of their columns.
+_TABLES = {
+    "leaves": ("<u8", 1),
+    "indicator": ("<f8", 1),
+    "unseen": ("<f8", 1),
+    "vertices": ("<i8", 1),
+    "values": ("<f8", 3),
+}
 
 
 class CheckpointWriter:
@@ -106,20 +128,55 @@ class CheckpointWriter:
         self._replaceable = {self._run}
 
     def _allow(self):
-        """Raises OutputError if there is a checkpoint of another run.  Local."""
-        if self._path.exists() and _run_of(self._path) not in self._replaceable:
+        """Raises OutputError if there is a checkpoint of another run, or what is none that can be read.  Local."""
+        if not self._path.exists():
+            return
+        try:
+            run = _content(RowFile(self._path, MPI.COMM_SELF))["run"]
+        except CheckpointError as error:
+            raise OutputError(
+                f"{str(self._path)!r} would be replaced, but is no checkpoint that can be read ({error}): remove it, or "
+                "name another folder"
+            ) from None
+        if run not in self._replaceable:
             raise OutputError(
                 f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
                 "restart, remove it, or name another folder"
             )
 
 
-def _run_of(path):
-    """The id of the run that has written a checkpoint, None if that cannot be told.  Local."""
-    try:
-        return RowFile(path, MPI.COMM_SELF).content["run"]
-    except (CheckpointError, KeyError, TypeError):
-        return None
+def _content(file):
+    """What a file of rows says besides its tables, if it is a checkpoint.
+
+    Local.
+
+    Args:
+        file: RowFile.
+
+    Returns:
+        dict.
+
+    Raises:
+        CheckpointError: it is none, or damaged.
+    """
+    content = file.content
+    if not isinstance(content, dict) or content.get("kind") != KIND:
+        raise CheckpointError(f"{str(file.path)!r} is no {KIND}")
+    wrong = [name for name, fits in _CONTENT.items() if not fits(content.get(name))]
+    for name, (kind, columns) in _TABLES.items():
+        table = file.tables.get(name, {"type": None})
+        if table["type"] != kind or table["columns"] < columns:
+            wrong.append(name)
+    if wrong:
+        raise CheckpointError(
+            f"{str(file.path)!r} is damaged or of another version, for {', '.join(wrong)} in it is missing or makes no "
+            "sense: take a copy of it if there is one, else remove it and begin anew"
+        )
+    return content
+
+
+def _are_numbers(values):
+    return all(isinstance(value, Real) for value in values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +228,7 @@ class Checkpoint:
         check_alike(comm, {"folder": str(folder), **asked})
         self.comm, self._scene = comm, scene
         self._file = RowFile(self.path, comm)
-        content = self._file.content
-        if not isinstance(content, dict) or content.get("kind") != KIND:
-            raise CheckpointError(f"{str(self.path)!r} is no {KIND}")
+        content = _content(self._file)
         self._compare(content["problem"], asked)
         self.run, self.records = content["run"], content["records"]
 

@@ -141,6 +141,7 @@ class RowFile:
 
     Attributes:
         content: what was written with the tables.
+        tables: name -> dict of each table's `rows`, `columns` and `type`.
 
     Raises:
         CheckpointError: there is no such file, it is not complete, damaged, of another format or version.
@@ -150,11 +151,13 @@ class RowFile:
         self.path, self._comm = Path(path), comm
         header = None
         with together(comm), _read(self.path):
+            if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
+                raise CheckpointError(f"{str(self.path)!r} is no file, so it is no checkpoint: name another folder")
             self._file = self.path.open("rb")  # held: it stays what it is when another takes its name
             if comm.rank == 0:
                 header = _header(self.path, self._file)
         header = comm.bcast(header)
-        self.content, self._layout, self._starts = header["content"], header["tables"], header["starts"]
+        self.content, self.tables, self._starts = header["content"], header["tables"], header["starts"]
 
     def table(self, name):
         """This rank's share of a table: about as many rows for each rank, in the order of the file.
@@ -171,9 +174,9 @@ class RowFile:
             CheckpointError: there is no such table, it cannot be read, or its checksum is wrong.
         """
         comm, path = self._comm, self.path
-        if name not in self._layout:
+        if name not in self.tables:
             raise CheckpointError(f"{str(path)!r} has no table {name!r}: it is no checkpoint of this program")
-        table = self._layout[name]
+        table = self.tables[name]
         columns = table["columns"]
         low, high = (table["rows"] * (comm.rank + i) // comm.size for i in (0, 1))
         rows = np.empty((high - low, columns), np.uint64)
@@ -204,10 +207,24 @@ def _header(path, file):
     if zlib.crc32(header) != checksum:
         raise CheckpointError(f"{str(path)!r} is damaged: the checksum of its header is wrong; {_ADVICE}")
     header = json.loads(header)
+    if not _is_header(header):
+        raise CheckpointError(f"{str(path)!r} is damaged or of another version: its header makes no sense; {_ADVICE}")
     header["starts"], end = _places(length, header["tables"])
     if size != end:
         raise _incomplete(path, size, f" of {end}")
     return header
+
+
+def _is_header(header):
+    """Whether a header has content, and says of each table what it needs to.  Local."""
+    if not isinstance(header, dict) or "content" not in header or not isinstance(header.get("tables"), dict):
+        return False
+    return all(
+        isinstance(table, dict)
+        and all(isinstance(table.get(name), int) and table[name] >= 0 for name in ("rows", "columns", "checksum"))
+        and table.get("type") in ("<f8", "<i8", "<u8")
+        for table in header["tables"].values()
+    )
 
 
 def _incomplete(path, size, expected=""):
