@@ -468,6 +468,13 @@ def test_lock_of_a_killed_run(tmp_path):
     assert RowFile(tmp_path / NAME, WORLD).content == "kept" and not killed.exists()
 
 
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
+def test_records_need_a_file(folder, make):
+    """Nobody waits for what reads a pipe."""
+    alone(lambda: make(folder / "steps.jsonl"))
+    assert "is no file" in caught(OutputError, lambda: RecordWriter(folder, WORLD))
+
+
 @pytest.mark.parametrize(
     "there, expected",
     [

@@ -77,6 +77,8 @@ class RecordWriter:
 
     def _begin(self, finished):
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
+            raise OutputError(f"{str(self.path)!r} is no file: remove it, or name another output folder")
         before = self.path.read_bytes() if finished and self.path.exists() else b""
         lines = before[: before.rfind(b"\n") + 1]
         if not lines:
