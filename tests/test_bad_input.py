@@ -715,6 +715,11 @@ CASES = {
             ("ksp_initial_guess_nonzero", None, "the solver has a first guess"),
         )
     },
+    "capitals among PETSc's options": (
+        lambda: first(solver=Solver(options={"KSP_Convergence_Test": "skip"})),
+        SceneError,
+        "'ksp_convergence_test' (on the command line -fx_ksp_convergence_test) is not the user's",
+    ),
     "residuals in another norm": (
         lambda: first(solver=Solver(options={"ksp_norm_type": "preconditioned"})),
         SolveError,
@@ -1134,6 +1139,8 @@ def test_options_file_of_the_environment():
         ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
         ("-fx_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
         ("-fx_ksp_rtol 0.5", 1, "is not the user's: set Solver.tolerance"),
+        ("-FX_KSP_RTOL 0.5", 1, "is not the user's: set Solver.tolerance"),
+        ("-FX_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
         ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
         ("--restart --checkpoint no/such --uniform 1", 2, "--uniform begins anew: give one of them"),

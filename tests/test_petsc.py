@@ -45,6 +45,17 @@ def test_options_of_a_dict_and_of_the_command_line():
     assert [set(kind) for kind in kinds] == [{"jacobi"}, {"bjacobi"}]
 
 
+@pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
+def test_smoother_of_all_levels(smoother):
+    """What sets several options at once wins over the defaults of each, in a dict and on the command line."""
+    program = PROGRAM.replace('"pc_type": "jacobi"', f'"PC_HYPRE_boomeramg_relax_type_all": "{smoother}"')
+    typed = PROGRAM.replace('"pc_type": "jacobi", ', "")
+    for words in ((program,), (typed, "-fx_pc_hypre_boomeramg_relax_type_all", smoother)):
+        log = output(sys.executable, "-c", *words)
+        kinds = re.findall(r"Relax (?:down|up) +(\S+)", log)
+        assert set(kinds) == {smoother}, log
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_log_view_has_our_stages(tmp_path, ranks):
     """All stages of a step are stages of PETSc's log, on any number of ranks; the solve has its flops."""

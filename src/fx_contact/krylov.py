@@ -64,6 +64,10 @@ _NOT_TO_SET = {
     "ksp_converged_maxits": "set Solver.max_krylov: a solve that ends there has not reached its tolerance",
     "ksp_initial_guess_nonzero": "the solver has a first guess of its own, the last displacement",
 }
+#: Options that set several others at once, and those of `PRECONDITIONERS` that would win over them.
+_COVERED = {
+    "pc_hypre_boomeramg_relax_type_all": ("pc_hypre_boomeramg_relax_type_down", "pc_hypre_boomeramg_relax_type_up")
+}
 #: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
 #: Loosest tolerance of a last solve.  An error in the energy spreads over pairs that have little of it each: from 1e-2
@@ -159,7 +163,8 @@ class ConjugateGradients:
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
         self.preconditioner, self._prefix = preconditioner, prefix
-        self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, self.PREFIX + "fallback_")
+        others = self.PREFIX + "fallback_"
+        self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, _COVERED)
         self._options.check_free(_NOT_TO_SET)
         self._ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)

@@ -23,19 +23,23 @@ COMMON = (
 class PetscOptions:
     """The options of one PETSc object.
 
-    Local.
+    Local.  PETSc takes no notice of case in names: here they are in small letters.
 
     Args:
         prefix: that the object has.
         defaults: dict of the program's options.
         given: dict of the user's options, which win over them; the command line wins over both.
         others: prefix below this one that belongs to another object.
+        covered: option of the user -> the defaults that it is to replace, as PETSc would let them win over it.
     """
 
-    def __init__(self, prefix, defaults, given, others):
-        self._prefix, self._values = prefix, defaults | given
-        typed = [name for name in PETSc.Options(prefix).getAll() if not (prefix + name).startswith(others)]
-        self._unread = {*given, *typed}
+    def __init__(self, prefix, defaults, given, others, covered):
+        self._prefix = prefix
+        defaults, given = ({name.lower(): value for name, value in some.items()} for some in (defaults, given))
+        typed = [name.removeprefix(prefix) for name in _typed() if name.startswith(prefix)]
+        self._unread = {*given, *(name for name in typed if not (prefix + name).startswith(others))}
+        left_out = {name for option in self._unread & covered.keys() for name in covered[option]}
+        self._values = {name: value for name, value in defaults.items() if name not in left_out} | given
 
     def check_free(self, taken):
         """Raises SceneError if the user gave an option that is not theirs; taken: name -> what to do instead."""
@@ -72,8 +76,12 @@ class PetscOptions:
 def unread_options(prefix):
     """Options of the command line that nothing has read so far, but for those under a prefix: list of str.  Local."""
     late = "options_left", "objects_dump"  # PETSc reads them when it ends
-    given = [name for name in PETSc.Options().getAll() if not name.startswith((prefix, *late))]
-    return [name for name in given if not _is_used(name)]
+    return [name for name in _typed() if not name.startswith((prefix, *late)) and not _is_used(name)]
+
+
+def _typed():
+    """Names of all options in the database, in small letters."""
+    return [name.lower() for name in PETSc.Options().getAll()]
 
 
 def _is_used(name):
