@@ -255,9 +255,9 @@ def with_units(length=1.0, shift=0.0):
     return press(replace(mesh, points=points))
 
 
-def first(scene=None, **options):
+def first(scene=None, tolerance=0.5, **options):
     """The first step of a run."""
-    return next(adapt(scene or small_hertz(), 0.5, COMM, **options))
+    return next(adapt(scene or small_hertz(), tolerance, COMM, **options))
 
 
 def unpaired():
@@ -525,6 +525,12 @@ CASES = {
         "has no contact pairs",
     ),
     "true error for a tolerance of text": (lambda: true_error(first(), "x"), SceneError, "got 'x'"),
+    "true error for no tolerance": (
+        lambda: true_error(first(), 5e-324),
+        SceneError,
+        "at least 1e-09, got 4.94066e-324",
+    ),
+    "tolerance below rounding": (lambda: first(press(two_cubes()), tolerance=5e-324), SceneError, "at least 1e-09"),
     "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "must be a Scene, got 'x'"),
     "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "must be a Scene, got None"),
     "root cells refined by half": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),

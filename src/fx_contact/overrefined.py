@@ -6,11 +6,10 @@ import numpy as np
 
 from fx_contact.accuracy import energy_distance
 from fx_contact.adapt import Beginning, adapt
-from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.lattice import Lattice
 from fx_contact.scene import check_scene
-from fx_contact.step import check_step
+from fx_contact.step import check_step, check_tolerance
 
 
 @dataclass(frozen=True)
@@ -52,10 +51,11 @@ def true_error(step, tolerance, scene=None):
         TrueError.
 
     Raises:
-        SceneError: no step, a tolerance that is not positive, no scene or one with other root cells.
+        SceneError: no step, a tolerance that is no positive number or below `LEAST_TOLERANCE`, no scene or one with
+            other root cells.
     """
     check_step(step)
-    tolerance = check_number("the tolerance of the finer solution", tolerance, positive=True)
+    tolerance = check_tolerance("the tolerance of the finer solution", tolerance)
     scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
     marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance, step.forest.comm)[0]

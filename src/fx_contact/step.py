@@ -29,8 +29,21 @@ from fx_contact.unseen import unseen_contact
 GEOMETRY_SHARE = 0.1
 #: Energy norms of bodies without contact that are so many times what rounding leaves are those of rigid motions.
 RIGID = 1e3
+#: Smallest tolerance: below it rounding is most of the error, on any mesh that fits into a memory.
+LEAST_TOLERANCE = 1e-9
 #: The most of the prescribed error that linear solver and rounding may use up.
 SOLVER_SHARE = 0.1
+
+
+def check_tolerance(what, value):
+    """A prescribed error as a float.  Raises SceneError unless it is a positive number, and rounding lets it be met."""
+    tolerance = check_number(what, value, positive=True)
+    if tolerance < LEAST_TOLERANCE:
+        raise SceneError(
+            f"{what} must be at least {LEAST_TOLERANCE:g}, got {tolerance:g}: below that rounding is most of the "
+            "error, so that no mesh reaches it"
+        )
+    return tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +59,8 @@ class Settings:
         solver: Solver.
 
     Raises:
-        SceneError: a value of another type, a tolerance that is not positive, an order above that of the root mesh.
+        SceneError: a value of another type, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
+            that of the root mesh.
     """
 
     scene: Scene
@@ -57,7 +71,7 @@ class Settings:
 
     def __post_init__(self):
         check_scene(self.scene)
-        tolerance = check_number("the tolerance", self.tolerance, positive=True)
+        tolerance = check_tolerance("the tolerance", self.tolerance)
         object.__setattr__(self, "tolerance", tolerance)
         order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
         if tolerance >= 1:
