@@ -135,8 +135,8 @@ class CheckpointWriter:
             run = _content(RowFile(self._path, MPI.COMM_SELF))["run"]
         except CheckpointError as error:
             raise OutputError(
-                f"{str(self._path)!r} would be replaced, but is no checkpoint that can be read ({error}): remove it, or "
-                "name another folder"
+                f"{str(self._path)!r} would be replaced, but is no checkpoint that can be read ({error}): remove it, "
+                "or name another folder"
             ) from None
         if run not in self._replaceable:
             raise OutputError(
