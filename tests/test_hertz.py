@@ -195,6 +195,27 @@ def test_memory_is_not_overdrawn(monkeypatch, free, what):
     assert memory.shortage(WORLD, 0) is None, "nothing is always there"
 
 
+@pytest.mark.parametrize(
+    "solver", [Solver("cholesky"), Solver(options={"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"})]
+)
+def test_memory_of_chosen_factors(monkeypatch, solver):
+    """Factors that the user has chosen are refused too where they do not fit; they are not begun."""
+    next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
+    monkeypatch.setattr(krylov, "_FACTOR_BYTES", 1e12)
+    with pytest.raises(SolveError, match="unknowns needs .* GB on a host .* take 'boomeramg'"):
+        next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
+
+
+@pytest.mark.parametrize(
+    "reason, advice", [(-11, "for want of memory"), (-3, "allow more"), (-9, "a finer root mesh")]
+)
+def test_advice_fits_the_failure(monkeypatch, reason, advice):
+    """Where PCG fails, what to do depends on why."""
+    monkeypatch.setattr(ConjugateGradients, "_attempt", lambda self, right_hand_side, start, _: (start, reason))
+    with pytest.raises(SolveError, match=rf"PETSc reason {reason}\); .*{advice}"):
+        next(adapt(hertz(order=1, coarse=1), 0.5, solver=Solver("cholesky")))
+
+
 def test_memory_of_one_rank(monkeypatch):
     """A limit of one rank's own counts, whatever the host has left."""
     if WORLD.rank == WORLD.size - 1:

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from fx_contact.checks import check_count, check_label, check_name, check_number, shown
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
-from fx_contact.memory import shortage
+from fx_contact.memory import check_memory, shortage
 from fx_contact.petsc_options import PetscOptions
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
@@ -50,6 +50,15 @@ PRECONDITIONERS = {
 }
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
+#: Kinds of preconditioner that factorise the whole matrix.
+_FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+#: What to do where PCG has failed, by PETSc's reason if it tells more than others.
+_BETTER = "use a finer root mesh, cells of better shape, or a looser tolerance"
+_ADVICE = {
+    PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED: "its preconditioner cannot be set up, for want of memory or "
+    "because the matrix is singular: take 'boomeramg', the default, and look at what holds each body",
+    PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT: f"allow more with Solver.max_krylov, or {_BETTER}",
+}
 
 
 #: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
@@ -155,6 +164,8 @@ class ConjugateGradients:
         self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
         self.iterations = []
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
+        if self._ksp.getPC().getType() in _FACTORS:
+            self._check_factors(matrix.mat.getSize()[0])
         hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
@@ -188,6 +199,15 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
+
+    def _check_factors(self, unknowns):
+        """See that there is memory for the factors that the user has chosen."""
+        what = f"the preconditioner {self._ksp.getPC().getType()!r} of {unknowns:,} unknowns"
+        check_memory(self._comm, what, self._factor_bytes(unknowns), "take 'boomeramg', the default, or more hosts")
+
+    def _factor_bytes(self, unknowns):
+        """What this rank's part of Cholesky's factors takes."""
+        return _FACTOR_BYTES * unknowns ** (4 / 3) / self._comm.size
 
     @contextmanager
     def _named_errors(self):
@@ -263,7 +283,7 @@ class ConjugateGradients:
                 break
             failed = f"PCG with {self.preconditioner} failed after {self._count} iterations (PETSc reason {reason})"
             if not self._fall_back():
-                raise SolveError(f"{failed}; use a finer root mesh, cells of better shape, or a looser tolerance")
+                raise SolveError(f"{failed}; {_ADVICE.get(reason, _BETTER)}")
         self.iterations.append(self._count)
         self._best = self._count if self._best is None else self._best
         return u
@@ -303,7 +323,7 @@ class ConjugateGradients:
 
     def _fall_back(self):
         """Go on with a stronger preconditioner, if there is one."""
-        needed = _FACTOR_BYTES * self._x.getSize() ** (4 / 3) / self._comm.size
+        needed = self._factor_bytes(self._x.getSize())
         direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, needed) is None
         name = "cholesky" if direct else "boomeramg-robust"
         if self.preconditioner in ("cholesky", name):
