@@ -1087,6 +1087,15 @@ def test_error_that_cannot_be_sent():
                     raise Odd("odd")
 
 
+def test_file_that_keeps_gmsh_busy(monkeypatch):
+    """A small file that announces a thousand million values is given up; a good one is read in time."""
+    monkeypatch.setattr("fx_contact.gmsh_model._SECONDS", 3)
+    announced = '$NodeData\n1\n"x"\n1\n0.0\n3\n0\n1\n999999999\n1 0\n$EndNodeData\n'
+    (answer,) = set(told(lambda: from_file(CUBE + announced)))
+    assert answer[0] is SceneError and "cube.msh' in 3 s" in answer[1]
+    assert from_file(CUBE).bodies == ("cube",)
+
+
 def test_gmsh_model_of_rank_0():
     """Rank 0 builds a Gmsh model, so what the others give does not matter."""
 

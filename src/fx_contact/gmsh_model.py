@@ -21,6 +21,9 @@ from fx_contact.checks import check_comm, shown
 from fx_contact.errors import GeometryError, SceneError
 from fx_contact.rootmesh import MAX_ORDER, RootMesh
 
+#: Seconds that Gmsh may take to read any file, and the bytes that it reads in each further one, at the very least.
+_SECONDS, _BYTES_PER_SECOND = 60, 1e6
+
 
 def root_mesh_from_gmsh(comm, build):
     """Build a model with Gmsh on rank 0 and share its mesh.
@@ -63,7 +66,7 @@ def root_mesh_from_file(comm, path):
         RootMesh, the same on all ranks.
 
     Raises:
-        SceneError: there is no such file, or Gmsh cannot read it, or a name in it is not in UTF-8.
+        SceneError: there is no such file, or Gmsh cannot read it or takes far too long, or a name in it is not in UTF-8.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
@@ -113,10 +116,19 @@ def _alone(path):
 
 
 def _check_reading(path, link):
-    """A damaged file can crash Gmsh, and the run with it; so another process reads it first."""
+    """A damaged file can crash Gmsh or keep it busy, and the run with it; so another process reads it first."""
     trial = "import gmsh, sys; gmsh.initialize(readConfigFiles=False, interruptible=False); gmsh.open(sys.argv[1])"
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
-    done = subprocess.run([sys.executable, "-c", trial, str(link)], env=environment, capture_output=True)
+    patience = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", trial, str(link)], env=environment, capture_output=True, timeout=patience
+        )
+    except subprocess.TimeoutExpired:
+        raise SceneError(
+            f"Gmsh cannot read {str(path)!r} in {patience:.0f} s, so a number in it that counts something must be "
+            "wrong; is it whole? write it again"
+        ) from None
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
         raise SceneError(f"Gmsh cannot read {str(path)!r}: it crashes ({name}); is it whole? write it again")
