@@ -66,7 +66,7 @@ def root_mesh_from_file(comm, path):
         RootMesh, the same on all ranks.
 
     Raises:
-        SceneError: there is no such file, or Gmsh cannot read it or takes far too long, or a name in it is not in UTF-8.
+        SceneError: there is no such file, Gmsh cannot read it or takes far too long, or a name in it is not in UTF-8.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
