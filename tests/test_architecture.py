@@ -19,8 +19,8 @@ ORDER = """
     matrix petsc_options krylov
     elasticity conditions loads enforcement contact
     activeset estimate solve balance unseen
-    accuracy
     step checkpoint
+    accuracy
     adapt manufactured
     overrefined
     plot surface output

@@ -29,6 +29,7 @@ from fx_contact import (
     scenes,
 )
 from fx_contact._mpi import together
+from fx_contact.accuracy import contact_errors
 from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import Checkpoint
 from fx_contact.errors import (
@@ -46,7 +47,8 @@ from fx_contact.gmsh_model import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.output import RecordWriter, write_fields
 from fx_contact.overrefined import true_error
 from fx_contact.partition import repartition
-from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.references import hertz_a
 from fx_contact.rootmesh import RootMesh
 from fx_contact.surface import write_contact
 
@@ -310,6 +312,23 @@ def go_on(**others):
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def with_records(action):
+    """What is done with a writer of records in a folder of its own."""
+    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
+    try:
+        action(RecordWriter(folder, COMM))
+    finally:
+        COMM.Barrier()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class Unspeakable:
+    """A value that fails where it is to be shown."""
+
+    def __repr__(self):
+        raise RuntimeError("not to be shown")
+
+
 def finer():
     """Mesh of the same bodies with more root cells."""
     return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
@@ -537,8 +556,44 @@ CASES = {
     "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),
     **{
         f"no step: {action.__name__}": (partial(action, "step", 0.1), SceneError, "a Step is needed")
-        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_contact)
+        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_contact, write_fields)
     },
+    "errors of no step": (lambda: contact_errors("step", hertz_a()), SceneError, "a Step is needed"),
+    "errors against no reference": (lambda: contact_errors(first(), "x"), SceneError, "ContactReference, got 'x'"),
+    "vector without axes": (lambda: Traction("top", np.array(1.0)), SceneError, "three components, got array(1.)"),
+    "finished steps of text": (lambda: RecordWriter("/tmp", COMM, "x"), SceneError, "finished must be a list"),
+    "finished step without number": (lambda: RecordWriter("/tmp", COMM, [{}]), SceneError, "got [{}]"),
+    "record of text": (lambda: with_records(lambda writer: writer.write("x")), SceneError, "JSON can hold, got 'x'"),
+    "record of what JSON cannot hold": (
+        lambda: with_records(lambda writer: writer.write({"a": 1j})),
+        SceneError,
+        "JSON can hold, got {'a': 1j}",
+    ),
+    "amended record of text": (lambda: with_records(lambda writer: writer.amend("x")), SceneError, "got 'x'"),
+    "exact pressure of text": (lambda: draw_pressure(first(), "p.png", "x"), SceneError, "a Hertz, got 'x'"),
+    "curve of text": (lambda: draw_convergence("x", "c.png", COMM), SceneError, "of its steps, got 'x'"),
+    "curve of a number": (lambda: draw_convergence(5, "c.png", COMM), SceneError, "of its steps, got 5"),
+    "curve of records of nothing": (lambda: draw_convergence([{}], "c.png", COMM), SceneError, "got [{}]"),
+    "cells of no body": (lambda: RootMesh(*grid(), ("a",), ()), GeometryError, "body must have one number"),
+    "body of too many cells": (lambda: RootMesh(*grid(), ("a",), [0, 0]), GeometryError, "of shape (2,)"),
+    "bodies without axes": (lambda: RootMesh(*grid(), np.array("a"), [0]), SceneError, "must be different names"),
+    "rotation of rows of unequal length": (
+        lambda: scenes.turned(small_hertz(), [[1, 0], [1]]),
+        SceneError,
+        "3 x 3 matrix, got [[1, 0], [1]]",
+    ),
+    "rotation that is no number": (
+        lambda: scenes.turned(small_hertz(), np.full((3, 3), np.nan)),
+        SceneError,
+        "an orthogonal 3 x 3 matrix",
+    ),
+    "option with half a character": (
+        lambda: Solver(options={"pc_type": "\ud800"}),
+        SceneError,
+        "'pc_type' has NUL or half a character",
+    ),
+    "name of an option with NUL": (lambda: Solver(options={"pc\0": 1}), SceneError, "the name of a PETSc option"),
+    "value that cannot be shown": (lambda: Material(Unspeakable(), 0.3), SceneError, "Unspeakable object"),
     "file that is empty": (lambda: from_file(""), SceneError, "is empty"),
     "file cut in the nodes": (lambda: from_file(CUBE[:120]), SceneError, "Gmsh cannot read"),
     "file cut in the cells": (lambda: from_file(CUBE[:-40]), SceneError, "Gmsh cannot read"),

@@ -7,8 +7,13 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact._mpi import together
+from fx_contact.checks import shown
 from fx_contact.elasticity import QUADRATURE_DEGREE
+from fx_contact.errors import SceneError
 from fx_contact.estimate import VOIGT
+from fx_contact.references import ContactReference
+from fx_contact.step import check_step
 
 #: Figures of a contact that are compared as they stand in the record, and those that are compared in a norm.
 FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
@@ -93,7 +98,14 @@ def contact_errors(step, reference):
         dict of float: `force`, `contact_radius`, `max_pressure` (signed), and where the reference has them `pressure`
         (profile in the L2 norm over the contact surface) and `axis_stress` (root of the summed squares at the
         reference's heights, from the recovered stress) [-].
+
+    Raises:
+        SceneError: no step, one without contact, or a reference of another type.
     """
+    check_step(step, contact=True)
+    with together(step.forest.comm):
+        if not isinstance(reference, ContactReference):
+            raise SceneError(f"the reference must be a ContactReference, got {shown(reference)}")
     result = {name: step.record[name] / getattr(reference, name) - 1 for name in FIGURES}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)

@@ -4,6 +4,7 @@ All are local: what is checked is the same on all ranks, or the caller raises to
 """
 
 import os
+from collections.abc import Sized
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
@@ -34,9 +35,13 @@ def check_count(what, value, least=1):
 
 def check_vector(what, value):
     """Raises SceneError unless a value is three finite numbers."""
-    if isinstance(value, (str, bytes)) or not hasattr(value, "__len__") or len(value) != 3:
+    try:
+        components = tuple(value) if isinstance(value, Sized) and not isinstance(value, (str, bytes)) else ()
+    except TypeError:  # an array without axes
+        components = ()
+    if len(components) != 3:
         raise SceneError(f"{what} must have three components, got {shown(value)}")
-    for component in value:
+    for component in components:
         check_number(what, component)
 
 
@@ -70,6 +75,12 @@ def check_label(what, value):
         raise SceneError(f"{what} must be a name, got {shown(value)}")
 
 
+def check_sendable(what, value):
+    """Raises SceneError if a value is a text that libraries in C cannot be given."""
+    if isinstance(value, str) and any(c == "\0" or "\ud800" <= c <= "\udfff" for c in value):
+        raise SceneError(f"{what} has NUL or half a character in it, got {shown(value)}")
+
+
 def check_comm(comm):
     """Raises SceneError unless a value is a communicator of mpi4py that can be used."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
@@ -101,6 +112,6 @@ def shown(value):
     """A value as it stands in an error: not longer than a line."""
     try:
         text = repr(value)
-    except ValueError:  # Python does not write whole numbers of thousands of digits
+    except Exception:  # Python writes no whole numbers of thousands of digits; objects of users may fail in any way
         text = object.__repr__(value)
     return text if len(text) <= 200 else f"{text[:190]}... ({type(value).__name__})"

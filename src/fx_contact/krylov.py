@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.checks import check_count, check_label, check_name, check_number, shown
+from fx_contact.checks import check_count, check_label, check_name, check_number, check_sendable, shown
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
@@ -134,6 +134,8 @@ class Solver:
             raise SceneError(f"the solver's options must be a dict of PETSc options, got {shown(self.options)}")
         for name, value in self.options.items():
             check_label("a PETSc option", name)
+            check_sendable("the name of a PETSc option", name)
+            check_sendable(f"the PETSc option {name!r}", value)
             if not isinstance(value, (str, Real, type(None))):
                 raise SceneError(f"the PETSc option {name!r} must be a text or a number, got {shown(value)}")
 

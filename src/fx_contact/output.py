@@ -12,9 +12,10 @@ from dolfinx.io import VTXWriter
 from fx_contact import reference
 from fx_contact._mpi import together
 from fx_contact.agreement import shared_path
-from fx_contact.checks import check_comm
-from fx_contact.errors import OutputError
+from fx_contact.checks import check_comm, shown
+from fx_contact.errors import OutputError, SceneError
 from fx_contact.estimate import VOIGT
+from fx_contact.step import check_step
 from fx_contact.surface import write_contact
 
 #: Bytes that a rank's part of a file of ADIOS2 takes at most beside its arrays, in whole blocks of the disk.
@@ -33,7 +34,7 @@ class RecordWriter:
             that is not complete, and those that are missing are added; without, the file is begun anew.
 
     Raises:
-        SceneError: comm is no communicator.
+        SceneError: comm is no communicator, or finished no list of records.
         OutputError: the folder cannot be made or written.
     """
 
@@ -54,11 +55,12 @@ class RecordWriter:
             record: dict that JSON can hold.
 
         Raises:
+            SceneError: JSON cannot hold the record.
             OutputError: the file cannot be written.
         """
         with together(self._comm):
             if self._comm.rank == 0:
-                self._try(lambda: self._append(json.dumps(record) + "\n"))
+                self._try(lambda: self._append(_line(record)))
 
     def amend(self, record):
         """Replace the last record, when later work on the same step has changed it.
@@ -69,13 +71,16 @@ class RecordWriter:
             record: dict that JSON can hold.
 
         Raises:
+            SceneError: JSON cannot hold the record.
             OutputError: the file cannot be written.
         """
         with together(self._comm):
             if self._comm.rank == 0:
-                self._try(lambda: self._append(json.dumps(record) + "\n", self._last))
+                self._try(lambda: self._append(_line(record), self._last))
 
     def _begin(self, finished):
+        if not isinstance(finished, (list, tuple)) or not all(isinstance(r, dict) and "step" in r for r in finished):
+            raise SceneError(f"finished must be a list of the records of steps, got {shown(finished)}")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
             raise OutputError(f"{str(self.path)!r} is no file: remove it, or name another output folder")
@@ -88,7 +93,7 @@ class RecordWriter:
         there = {_step_of(line) for line in lines.splitlines()}
         for record in finished:
             if record["step"] not in there:
-                self._append(json.dumps(record) + "\n")
+                self._append(_line(record))
 
     def _append(self, line, position=None):
         with self.path.open("r+") as file:
@@ -103,6 +108,16 @@ class RecordWriter:
             raise OutputError(
                 f"cannot write {str(self.path)!r}: {error.strerror}; name another output folder"
             ) from None
+
+
+def _line(record):
+    """A record as a line of `steps.jsonl`.  Raises SceneError if it is none."""
+    try:
+        if isinstance(record, dict):
+            return json.dumps(record) + "\n"
+    except (TypeError, ValueError, RecursionError):
+        pass
+    raise SceneError(f"a record must be a dict that JSON can hold, got {shown(record)}")
 
 
 def _step_of(line):
@@ -126,8 +141,10 @@ def write_fields(step, folder):
         folder: for the files, which are replaced if they are there.
 
     Raises:
+        SceneError: no step.
         OutputError: a file cannot be written, or there is no room for it; then one that was there before still is.
     """
+    check_step(step)
     folder = shared_path(step.forest.comm, "the output folder", folder, OutputError)
     leaf, mesh = step.leaf_mesh.leaf, step.leaf_mesh.mesh
     cells = {

@@ -4,7 +4,7 @@ The geometry of every leaf is the restriction of its root cell's map of order p,
 domain (super-parametric elements, section 2 of the paper).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -185,12 +185,16 @@ def _take_arrays(mesh):
         name: {key: _integers(repr(key), rows, dtype) for key, rows in _mapping(name, getattr(mesh, name)).items()}
         for name, dtype in (("surfaces", np.int32), ("vertices", np.int64), ("curves", np.int32))
     }
-    if isinstance(mesh.bodies, str) or not isinstance(mesh.bodies, Iterable):
+    try:
+        bodies = None if isinstance(mesh.bodies, str) else tuple(mesh.bodies)
+    except TypeError:
+        bodies = None
+    if bodies is None:
         raise SceneError(f"bodies must be different names, got {shown(mesh.bodies)}")
     taken = {
         "points": _array("points", mesh.points, "fiu", np.float64),
         "cells": _integers("cells", mesh.cells),
-        "bodies": tuple(mesh.bodies),
+        "bodies": bodies,
         "body": _integers("body", mesh.body, np.int32),
         **groups,
     }
@@ -240,7 +244,7 @@ def _check_shapes(mesh):
         raise GeometryError(
             f"cells have {nodes} nodes; complete hexahedra of order 1 to {MAX_ORDER} have (order+1)^3 nodes"
         )
-    if mesh.body.ndim != 1:
+    if mesh.body.shape != (len(mesh.cells),):
         raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
     if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")

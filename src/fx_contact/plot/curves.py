@@ -3,8 +3,10 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.checks import check_comm
-from fx_contact.errors import OutputError
+from fx_contact._mpi import together
+from fx_contact.analytic import Hertz
+from fx_contact.checks import check_comm, shown
+from fx_contact.errors import OutputError, SceneError
 from fx_contact.plot.canvas import axes_for, draw_on_first
 from fx_contact.step import check_step
 
@@ -23,10 +25,13 @@ def draw_pressure(step, path, exact=None):
         Path of the picture.
 
     Raises:
-        SceneError: no step, or one without contact.
+        SceneError: no step, one without contact, or an exact solution of another type.
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=True)
+    with together(step.forest.comm):
+        if exact is not None and not isinstance(exact, Hertz):
+            raise SceneError(f"exact must be a Hertz, got {shown(exact)}")
     pairs, comm = step.pairs, step.forest.comm
     arm = pairs.position - step.scene.contact_centre
     along = np.einsum("ni,ni->n", arm, pairs.normal)
@@ -66,13 +71,23 @@ def draw_convergence(records, path, comm=MPI.COMM_WORLD):
         Path of the picture.
 
     Raises:
-        SceneError: comm is no communicator.
+        SceneError: comm is no communicator, or records are none of steps.
         OutputError: there is no record, or the picture cannot be written.
     """
     check_comm(comm)
+    with together(comm):
+        if comm.rank == 0:
+            _check_records(records)
+    return draw_on_first(comm, path, lambda path: _draw_convergence(records, path))
+
+
+def _check_records(records):
+    """Raises SceneError unless there are records of steps.  Local."""
+    needed = {"dofs", "estimate", "tolerance"}
+    if not isinstance(records, (list, tuple)) or not all(isinstance(r, dict) and needed <= r.keys() for r in records):
+        raise SceneError(f"the records of a run must be a list of those of its steps, got {shown(records)}")
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
-    return draw_on_first(comm, path, lambda path: _draw_convergence(records, path))
 
 
 def _draw_convergence(records, path):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact.checks import check_number
+from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Traction, check_scene
 
@@ -65,13 +65,16 @@ def turned(scene, rotation):
         SceneError: not a rotation, or a condition on some components only that turns out of the axes.
     """
     check_scene(scene)
-    rotation = np.asarray(rotation)
+    try:
+        rotation = np.asarray(rotation)
+    except ValueError:
+        raise SceneError(f"a rotation must be an orthogonal 3 x 3 matrix, got {shown(rotation)}") from None
     if (
         rotation.dtype.kind not in "fiu"
         or rotation.shape != (3, 3)
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-12
+        or not np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-12
     ):
-        raise SceneError("a rotation must be an orthogonal 3 x 3 matrix")
+        raise SceneError(f"a rotation must be an orthogonal 3 x 3 matrix, got {shown(rotation)}")
     if np.linalg.det(rotation) < 0:
         raise SceneError("a reflection would invert the cells: the rotation must have determinant 1")
 
