@@ -200,7 +200,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
 
 
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
-    """Tall cells, one a body, between clamped ends, with one volume strain a cell: the run knows what it does not see."""
+    """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
     bodies = [Material(1.0, 0.4), Material(3.0, 0.4)]
     clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
     few, many = (replace(stack(bodies, height=10.0, cells=c), dirichlet=clamped) for c in ((2, 2, 1), (3, 3, 18)))
