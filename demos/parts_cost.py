@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
 from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import save
+from fx_contact.checkpoint import CheckpointWriter
 from fx_contact.estimate import Gain
 from fx_contact.output import write_fields
 from fx_contact.plot import draw_stress
@@ -83,10 +83,11 @@ def main():
         print(f"| {name} | {numbers} | {seconds:.2f} | {seconds - bare:+.2f} |", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
+        writer = CheckpointWriter(folder, MPI.COMM_SELF)
         single = {
             "making the scene: root mesh, pairing, checks": lambda: patch(cells=CELLS),
             "refinement of all leaves": lambda: Beginning.uniform(scene, 1, MPI.COMM_SELF),
-            "a checkpoint": lambda: save(folder, step, [], {}, Gain()),
+            "a checkpoint": lambda: writer.save(step, [step.record], {}, Gain()),
             "fields for ParaView": lambda: write_fields(step, folder),
             "a picture of the stress": lambda: draw_stress(step, folder / "stress.png"),
         }
