@@ -1,6 +1,7 @@
 """Contact that no node sees is found between the nodes, on any number of ranks, and after a restart."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import bump, in_two, ring  # noqa: E402
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, adapt  # noqa: E402
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
+from fx_contact.enforcement import METHODS  # noqa: E402
 from fx_contact.pairing import leaf_code  # noqa: E402
-from fx_contact.scenes import punch  # noqa: E402
+from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, UP, Boxes  # noqa: E402
 
 HIDDEN = {"cells": 5, "displacement": 0.003}
@@ -76,6 +78,24 @@ def test_ring(bodies):
     forces = np.array(step.record["pair_forces"])
     assert len(forces) == bodies and forces.min() > 0
     assert np.ptp(forces) < 1e-6 * forces.mean()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_corner_of_a_contact_cut_out(method):
+    """At a vertex with a quarter of its area in one pair and the rest in another, both have the uniform pressure."""
+    materials = Material(1.0, 0.3), Material(3.0, 0.3)
+    scene = stack(materials, cells=(2, 2, 1))
+    (whole,), surfaces = scene.contact, dict(scene.mesh.surfaces)
+    for name in (whole.first, whole.second):
+        surfaces |= {f"{name} corner": surfaces[name][:1], f"{name} rest": surfaces[name][1:]}
+    pairs = tuple(
+        replace(whole, first=f"{whole.first} {part}", second=f"{whole.second} {part}") for part in ("corner", "rest")
+    )
+    cut = replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=pairs)
+    one, two = (next(adapt(s, 0.1, max_steps=1, enforcement=Enforcement(method))) for s in (scene, cut))
+    pressure = one.record["force"]  # of a square metre
+    everywhere(np.abs(two.contact.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
+    assert np.abs(np.array(two.record["pair_forces"]) / pressure - [0.25, 0.75]).max() < 1e-6
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 1e3])

@@ -22,7 +22,7 @@ from fx_contact.problem import mesh_digest, problem
 from fx_contact.quality import brief
 from fx_contact.scene import check_scene
 from fx_contact.stages import Stages
-from fx_contact.step import Settings, solve_step
+from fx_contact.step import Settings, check_step, solve_step
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +112,11 @@ class Beginning:
             marked: (n,) bool, leaves to refine, or int, how often.
 
         Raises:
-            SceneError: marked is no such array.
+            SceneError: no step, or marked is no such array.
             GeometryError: leaves of the finest level are marked.
             SolveError: the new forest would not fit into the memory.
         """
+        check_step(step)
         forest = step.forest
         with together(forest.comm):
             if not isinstance(marked, np.ndarray) or marked.dtype.kind not in "bui" or marked.shape != (len(forest),):
@@ -291,8 +292,8 @@ def _check_penalty(step, gain, tolerance):
     if gain.aim(step.estimate, tolerance) is None and not record["unseen_contact"]:
         raise SolveError(
             f"the penalty is too soft for the tolerance: overlaps hold {record['penalty_share']:.2%} of the energy, a "
-            f"tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor, or the "
-            "enforcement 'exact', the default"
+            f"tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, with the "
+            "augmented Lagrangian, a smaller gap_tolerance), or the enforcement 'exact', the default"
         )
 
 

@@ -73,7 +73,7 @@ def root_mesh_from_file(comm, path):
     path = shared_path(comm, "a mesh file", path)
 
     def read():
-        """The file becomes the current model of Gmsh, once another process could read it without dying of it."""
+        """The file becomes Gmsh's current model, once another process could read it; SceneError where none can."""
         import gmsh
 
         _check_head(path)

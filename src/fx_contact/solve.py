@@ -11,6 +11,9 @@ from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ROUNDING, ConjugateGradients
 
+#: Overlap of two vertices that are both prescribed, relative to the largest displacement, up to which it is rounding.
+_OVERLAP = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
@@ -103,8 +106,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
             status.check_held()
             force = np.where(status.active, trial, 0.0)
             break
-    _check_prescribed(pairs, jump, status.active, u)
     linear.destroy()
+    _check_prescribed(pairs, jump, status.active, u)
     return ContactSolution(
         u,
         status.active,
@@ -226,7 +229,7 @@ class _ClosedPairs:
             if not self._comm.allreduce(bool(active.any() or self._right_hand_side.any()), op=MPI.LOR):
                 u = np.zeros_like(
                     u
-                )  # at rest; iterations from elsewhere would come close, but not by their own measure
+                )  # from elsewhere PCG would come close to rest, but not by the energy of what is left
             if self._projection is not None:
                 self._projection.close(active)
                 u = self._projection.onto_closed(u)
@@ -286,8 +289,6 @@ class _ClosedPairs:
         return True
 
 
-#: Overlap of two vertices that are both prescribed, relative to the largest displacement, up to which it is rounding.
-_OVERLAP = 1e-6
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
 _RELAXATION, _LOOKS = 15, 5
 

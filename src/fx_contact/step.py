@@ -215,7 +215,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         gain.observe(error, change)
         unseen = np.zeros(len(forest), dtype=bool) if pairs is None else unseen_contact(forest, pairs, contact)
         leaves_unseen = comm.allreduce(int(unseen.sum()))
-        refined = gain.aim(error, settings.tolerance) is None and not leaves_unseen
+        fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
         # Of the augmented Lagrangian and of exact enforcement it is nothing, or below the gap tolerance.
         stored = comm.allreduce(float(contact.force @ contact.penetration), op=MPI.SUM)
@@ -241,7 +241,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "ratio": error.relative / settings.tolerance,
         "unseen_contact": leaves_unseen,
         "penalty_share": share,
-        "reached": bool(refined and share <= settings.tolerance**2),
+        "reached": bool(fine and share <= settings.tolerance**2),
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),

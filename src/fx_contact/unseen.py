@@ -49,9 +49,8 @@ def unseen_contact(forest, pairs, contact):
         coarse = (forest.level[leaf] <= _COARSE) & (forest.mesh.order > 2)
         for count, these in ((3, ~coarse), (17, coarse)):
             if these.any():
-                unseen[
-                    leaf[these][_overlap(forest, leaf[these], face[these], corner[these], nodal[these], count)]
-                ] = True
+                found = _overlap(forest, leaf[these], face[these], corner[these], nodal[these], count)
+                unseen[leaf[these][found]] = True
     return unseen
 
 
