@@ -171,13 +171,6 @@ class _ClosedPairs:
         energy_norm, solver, enforcement, stages: as in `solve_contact`.
     """
 
-    #: Changed pairs that the preconditioner may not know in the last solve. Each is an outlier of the spectrum that
-    #: costs a few iterations, and soon more than a new set-up does.
-    _OUTLIERS = 1
-    #: Stiffness of a pair, relative to that of the bodies, from which on none may have opened since the set-up: in the
-    #: norm of that preconditioner a penetration that nothing resists any more would look small.
-    _STIFF = 1e4
-
     def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages):
         self._base, self._jump, self._active, self._stages = base, jump, active, stages
         self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
@@ -215,8 +208,8 @@ class _ClosedPairs:
         Returns:
             (owned, 3) float64 [m].
         """
-        changed, unknown, hidden = self._changes(active)
-        late = tolerance <= self._solver.tolerance and (unknown > self._OUTLIERS or hidden)
+        changed, unknown = self._changes(active)
+        late = tolerance <= self._solver.tolerance and unknown
         if not self._is_set_up or late or self._cg.stops_paying():
             with self._stages("setup"):
                 self._term.change(self._cg.matrix, self._known, active)
@@ -237,13 +230,16 @@ class _ClosedPairs:
             return self._cg.solve(self._right_hand_side, u, tolerance, self._projection)
 
     def _changes(self, active):
-        """Number of pairs on all ranks that the matrix has otherwise, of those that disturb the preconditioner, and of
-        those that it hides."""
+        """Number of pairs on all ranks that the matrix has otherwise, and of those that disturb the preconditioner.
+
+        Each of the latter is an outlier of the spectrum that costs some iterations, and many soon more than a new
+        set-up.  In the norm of a preconditioner that has a stiff pair as closed, a penetration that nothing resists
+        any more looks small.  So the last solve allows none.
+        """
         changed = self._known != active
-        hidden = changed & ~active & (self._jump.pairs.relative_stiffness > self._STIFF)
         # Where closed pairs are eliminated, those that close take an unknown away and leave no outlier.
         outliers = changed if self._projection is None else changed & ~active
-        return self._comm.allreduce(np.array([changed.sum(), outliers.sum(), hidden.sum()]))
+        return self._comm.allreduce(np.array([changed.sum(), outliers.sum()]))
 
     def trial(self, u):
         """Force of closed pairs, and of open ones the force that a penalty would exert.
