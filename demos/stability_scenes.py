@@ -179,16 +179,23 @@ def compressibility():
     """Poisson's ratio up to nearly incompressible."""
     for poisson in POISSON:
         both, value = material(1.0, poisson), f"{poisson:g}"
+        # Finer meshes of nearly incompressible bodies take a thousand iterations a solve, and would take minutes.
+        finer = OTHER_MESH | ({"tolerance": 0.5} if poisson >= 0.499 else {})
         yield Case("Poisson", "spheres", value, **hertz_force(1e-3, both, both))
         yield Case("Poisson", "3 blocks", value, **stack_force([PLAIN, both, both]))
         for name, make, curved in (
             ("punch, finer", partial(punch, block=both, punch=both), True),
             ("indentation, finer", partial(indentation, block=both, cube=material(100.0, poisson)), False),
         ):
-            known = {"curved": curved} | OTHER_MESH
-            if poisson >= 0.499:  # which takes a thousand iterations a solve: a finer mesh would take minutes
-                known["tolerance"] = 0.5
-            yield Case("Poisson", name, value, **with_twin(make, lambda scene: scene, **known), tolerance=0.25)
+            twin = with_twin(make, lambda scene: scene, **(finer | {"curved": curved}))
+            yield Case("Poisson", name, value, **twin, tolerance=0.25)
+        for name, height, meshes, closer in (
+            ("clamped, flat", 0.1, ((4, 4, 1), (12, 12, 4)), 0.5),  # 0.3 takes 60,000 unknowns at 0.49
+            ("clamped, tall", 5.0, ((1, 1, 6), (2, 2, 12)), 0.3),
+        ):
+            make, twin = (partial(stack, [both, material(3.0, poisson)], height=height, cells=c) for c in meshes)
+            twin = Twin(lambda twin=twin: clamped(twin()), **(finer | {"tolerance": closer}))
+            yield Case("Poisson", name, value, lambda make=make: clamped(make()), twin, tolerance=0.25)
 
 
 def aspects():
