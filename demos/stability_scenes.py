@@ -9,7 +9,19 @@ import numpy as np
 from mpi4py import MPI
 from scipy.interpolate import PchipInterpolator
 from stability_checks import Exact, Twin
-from stability_shapes import PLAIN, about, all_held, bump, clamped, corner, in_two, ring, sheared_nodes, without
+from stability_shapes import (
+    PLAIN,
+    about,
+    all_held,
+    bump,
+    clamped,
+    corner,
+    in_two,
+    ring,
+    sheared_nodes,
+    waves,
+    without,
+)
 
 from fx_contact import Material, scenes
 from fx_contact.analytic import Hertz
@@ -362,6 +374,10 @@ def between_nodes():
         make, twin = (partial(bump, cells, pole, displacement) for cells in (3, 4))
         known = Twin(twin, curved=True, **OTHER_MESH)
         yield Case("between nodes", f"bump at {pole:.1f}", exponent(displacement), make, known, tolerance=0.25)
+    for phase in (0.0, 0.05, 0.25, 0.75):
+        make, twin = (partial(waves, phase, cells) for cells in (2, 5))
+        known = Twin(twin, curved=True, same_mesh=False, same_contact=False, tolerance=0.7)
+        yield Case("between nodes", "waves: phase", f"{phase:g}", make, known, tolerance=0.25)
     for cells in ((2, 2, 1), (4, 4, 1)):
         for height in (0.25, 1.0, 5.0):
             make, twin = (partial(stack, [PLAIN, material(3.0)], height=height, cells=c) for c in (cells, (6, 6, 6)))

@@ -91,19 +91,41 @@ def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
         displacement: of the top [m].
         radius: of curvature [m].
     """
-    boxes = Boxes(2)
+    return _pressed_on(
+        "bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement
+    )
+
+
+def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
+    """A block with two waves below, pressed on another block.
+
+    Two root cells along x have their vertices, and the middles of their edges, all on crests, all in valleys or, for a
+    phase of 0 or 1/2, at the mean height: then all nodes touch at once, and the waves seem to be flat.
+
+    Args:
+        phase: of the waves, along x, relative to their length.
+        cells: root cells along x and y.
+        displacement: of the top [m].
+        amplitude: of the waves [m].
+        order: of the root mesh.
+    """
+    return _pressed_on("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
+
+
+def _pressed_on(name, height, cells, order, displacement):
+    """A block whose lower face has a height above another block, a function of x and y, with its top moved down."""
+    boxes = Boxes(order)
     boxes.add("base", (-1.0, -1.0, -1.0), (1.0, 1.0, 0.0), (cells, cells, 2))
-    boxes.add("bump", (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (cells, cells, 2))
+    boxes.add(name, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (cells, cells, 2))
 
-    def place(name, x):
-        away = ((x[:, :2] - pole) ** 2).sum(axis=1) / (2 * radius)
-        return x + np.outer((1 - x[:, 2]) * away * (name == "bump"), [0, 0, 1])
+    def place(body, x):
+        return x + np.outer((1 - x[:, 2]) * height(x[:, 0], x[:, 1]) * (body == name), [0, 0, 1])
 
-    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "bump")}
-    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "bump")}
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, name)}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, name)}
     held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
     pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
-    return Scene("bump", boxes.mesh(surfaces, place=place), {"base": PLAIN, "bump": PLAIN}, held, (pair,))
+    return Scene(name, boxes.mesh(surfaces, place=place), {"base": PLAIN, name: PLAIN}, held, (pair,))
 
 
 def ring(bodies=6, shrink=0.01):

@@ -10,7 +10,7 @@ from conftest import WORLD, everywhere, leaves
 from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
-from stability_shapes import bump, in_two, ring  # noqa: E402
+from stability_shapes import bump, in_two, ring, waves  # noqa: E402
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
@@ -136,3 +136,13 @@ def test_waves_between_quarters():
     assert first["force"] == 0 and first["unseen_contact"] > 0 and last["force"] > 0
     low = next(adapt(wave(height=0.001), 0.4, max_steps=1)).record
     assert low["force"] == low["unseen_contact"] == 0
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.75], ids=["mean height", "crests"])
+def test_waves_that_seem_flat(phase):
+    """All nodes touch at once and the stress is uniform; what is between them is found, as on a finer mesh."""
+    scene = waves(phase)
+    first, *_, last = (step.record for step in adapt(scene, 0.3))
+    assert first["estimate"] < 0.3 and first["unseen_contact"] > 0 and last["reached"] and not last["unseen_contact"]
+    *_, fine = (step.record for step in adapt(scene, 0.3, beginning=Beginning.uniform(scene, 2)))
+    assert abs(last["force"] / fine["force"] - 1) < 0.3**2 < abs(first["force"] / fine["force"] - 1)

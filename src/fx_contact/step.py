@@ -213,7 +213,9 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         if error.energy_norm:
             check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
-        unseen = np.zeros(len(forest), dtype=bool) if pairs is None else unseen_contact(forest, pairs, contact)
+        unseen = np.zeros(len(forest), dtype=bool)
+        if pairs is not None:
+            unseen = unseen_contact(forest, pairs, contact, (settings.tolerance * error.energy_norm) ** 2)
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)

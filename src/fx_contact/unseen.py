@@ -1,7 +1,9 @@
-"""Contact that no node sees: bodies that overlap between the nodes of a facet, away from all closed pairs.
+"""Contact that no node sees: what goes on between the nodes of contact facets.
 
 Node-to-node contact knows the gap at vertices.  A round body that approaches by less than its distance there is not
-stopped at all; the leaves behind such facets must be refined, whatever their estimated error.
+stopped at all; the leaves behind such facets must be refined, whatever their estimated error.  Between closed pairs
+unlike surfaces overlap or stand apart, as a sphere on coarse facets does: that is refined where it matters, for the
+estimate knows only the strains of what the nodes see.
 """
 
 import numpy as np
@@ -11,8 +13,10 @@ from fx_contact.contact import facets_of, positions_across
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from its quadratic interpolation,
 _VARIATION = 1e-3
-#: and up to this part of the facet's size from rounding.
+#: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
+#: Columns of what is known at the vertices of a contact facet.
+_JUMP, _CLOSED, _PRESSURE, _MODULUS, _NORMAL = 0, 1, 2, 3, slice(4, 7)
 #: Levels of leaves that may be as curved as root cells of a higher order than 2; their children are less and less.
 _COARSE = 3
 
@@ -27,55 +31,91 @@ def _on_facets(functions, points):
 _SAMPLES = {3: (_on_facets(1, 3), _on_facets(2, 9)), 17: (_on_facets(1, 17), np.identity(17**2))}
 
 
-def unseen_contact(forest, pairs, contact):
-    """Leaves whose contact facets overlap with others between their nodes.
+def unseen_contact(forest, pairs, contact, most):
+    """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
-    Collective on forest.comm.  Facets around closed pairs are left out: there it is the estimate that refines.
+    Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
+    from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
+    and of what it would take to press an overlap apart, the sum of p |d| and (E*/h) max(-gap, 0)^2, as much may be left
+    as is given.  Where it is more, the facets with more than their share are named.
 
     Args:
         forest: Forest.
         pairs: NodePairs.
         contact: ContactSolution.
+        most: energy that may be left around the closed pairs, as in (4) twice the one stored [J].
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
-    unseen = np.zeros(len(forest), dtype=bool)
+    unseen, energy = np.zeros(len(forest), dtype=bool), np.zeros(len(forest))
     for index in range(int(forest.pairing.pair.max()) + 1):
         leaf, face, corner = facets_of(index, forest)
         nodal = _at_vertices(pairs, contact, index)[forest.vertices.cells[leaf[:, None], corner]]
-        away = ~_around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, 1] > 0).any(axis=1))
-        leaf, face, corner, nodal = leaf[away], face[away], corner[away], nodal[away]
+        around = _around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, _CLOSED] > 0).any(axis=1))
         coarse = (forest.level[leaf] <= _COARSE) & (forest.mesh.order > 2)
-        for count, these in ((3, ~coarse), (17, coarse)):
-            if these.any():
-                found = _overlap(forest, leaf[these], face[these], corner[these], nodal[these], count)
-                unseen[leaf[these][found]] = True
+        for count, curved in ((3, False), (17, True)):
+            these = coarse == curved
+            if not these.any():
+                continue
+            near, here = around[these], leaf[these]
+            gap, area = _sampled(forest, here, face[these], corner[these], nodal[these], count)
+            unseen[here[~near]] |= _overlaps(gap[~near], area[~near], count)
+            np.add.at(energy, here[near], _energy(gap[near], area[near], nodal[these][near], count))
+    total, facets = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
+    if total > most:
+        unseen |= energy > most / facets
     return unseen
 
 
-def _overlap(forest, leaf, face, corner, nodal, count):
-    """Whether contact facets overlap with those that face them, somewhere between so many points a side: (n,) bool."""
-    bilinear, finer = _SAMPLES[count]
+def _sampled(forest, leaf, face, corner, nodal, count):
+    """Gaps between contact facets and those that face them, at so many points a side: (n, count^2), and (n,) areas."""
+    bilinear, _ = _SAMPLES[count]
     steps = (count - 1) ** 2
     points = np.einsum(
         "pv,nvi->npi", np.rint(steps * bilinear).astype(np.int64), forest.corners[leaf[:, None], corner]
     )
     here, there = positions_across(forest, leaf, face, (points // steps).astype(np.int32))
-    at = np.einsum("pv,nvk->npk", bilinear, nodal)
-    normal = at[:, :, 2:] / np.linalg.norm(at[:, :, 2:], axis=2)[:, :, None]
-    gap = np.einsum("npi,npi->np", normal, there - here) - at[:, :, 0]
-    size = np.linalg.norm(here[:, -1] - here[:, 0], axis=1)
-    allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * size
+    normal = np.einsum("pv,nvk->npk", bilinear, nodal[:, :, _NORMAL])
+    normal /= np.linalg.norm(normal, axis=2)[:, :, None]
+    gap = np.einsum("npi,npi->np", normal, there - here) - nodal[:, :, _JUMP] @ bilinear.T
+    diagonals = here[:, -1] - here[:, 0], here[:, count - 1] - here[:, -count]
+    return gap, np.linalg.norm(np.cross(*diagonals), axis=1) / 2
+
+
+def _overlaps(gap, area, count):
+    """Whether facets overlap somewhere by more than may come from sampling and rounding: (n,) bool."""
+    _, finer = _SAMPLES[count]
+    allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * np.sqrt(area)
     return (gap @ finer.T).min(axis=1) < -allowed
 
 
+def _energy(gap, area, nodal, count):
+    """What facets would do and take between their nodes, twice the energy: (n,) float64 [J]."""
+    bilinear, _ = _SAMPLES[count]
+    corners = np.array([0, count - 1, -count, -1])
+    size = np.sqrt(area)
+    off = np.maximum(np.abs(gap - gap[:, corners] @ bilinear.T) - _ROUNDING * size[:, None], 0.0)
+    overlap = np.maximum(-gap - _ROUNDING * size[:, None], 0.0)
+    pressure, modulus = (nodal[:, :, column] @ bilinear.T for column in (_PRESSURE, _MODULUS))
+    return area * ((pressure * off + modulus / size[:, None] * overlap**2) @ _weights(count))
+
+
+def _weights(count):
+    """Simpson's rule on a facet of area 1, for so many points a side: (count^2,) float64."""
+    line = np.full(count, 2.0)
+    line[1::2], line[[0, -1]] = 4.0, 1.0
+    line /= line.sum()
+    return np.outer(line, line).ravel()
+
+
 def _at_vertices(pairs, contact, index):
-    """Jump of the displacement, status and normal of a contact pair's node pairs at this rank's vertices: (m, 5)."""
+    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 7) float64."""
     prolongation, ours = pairs.prolongation, pairs.contact == index
-    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 5))
-    rows = np.concatenate([(contact.penetration + pairs.gap)[:, None], contact.active[:, None], pairs.normal], axis=1)
-    said[pairs.first[ours]] = rows[ours]
+    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 7))
+    modulus = 1 / (1 / pairs.modulus).sum(axis=1)
+    columns = (contact.penetration + pairs.gap, contact.active, contact.force / pairs.area, modulus, *pairs.normal.T)
+    said[pairs.first[ours]] = np.stack(columns, axis=1)[ours]
     return prolongation.prolong(prolongation.summed(said))
 
 
