@@ -24,6 +24,7 @@ import numpy as np
 
 from fx_contact import Solver
 from fx_contact.conditions import prescribed_displacements
+from fx_contact.contact import resultants
 from fx_contact.estimate import ENOUGH_SEEN
 from fx_contact.loads import load
 
@@ -155,6 +156,7 @@ class State:
 
         self.penetration = self.pairs.penetration(u)
         self.force = float(np.abs(contact.force).sum())
+        self._resultants = resultants(step.scene, self.pairs, contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
         self.yielded = float(contact.force @ self.penetration)
@@ -185,7 +187,7 @@ class State:
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
         between, place = np.unique(self.pairs.bodies, axis=0, return_inverse=True)
-        sums = np.bincount(place.ravel(), self._step.contact.force, minlength=len(between))
+        sums = np.bincount(place.ravel(), self._resultants, minlength=len(between))
         return self.copies * sums
 
     def checks(self):
@@ -203,7 +205,11 @@ class State:
         lost = self.noise * self.scale * self.size
         said = np.array([self.record["force"], sum(self.record["pair_forces"])])
         return [
-            Check("forces of the record", np.abs(said - self.copies * self.force).max() / self.scale, CONTRACT),
+            Check(
+                "forces of the record",
+                np.abs(said - self.copies * self._resultants.sum()).max() / self.scale,
+                CONTRACT,
+            ),
             Check("balance of each body", unbalanced / self.scale, self.noise),
             Check("no tension", tension, self.noise * np.sqrt(len(self.pairs))),
             Check("no overlap but the penalty's", overlap / (approach or 1.0), GAP_TOLERANCE),

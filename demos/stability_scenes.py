@@ -17,6 +17,7 @@ from stability_shapes import (
     clamped,
     corner,
     in_two,
+    oblique,
     ring,
     sheared_nodes,
     waves,
@@ -341,6 +342,9 @@ def tilts():
             twin = with_twin(make, partial(turned, rotation=rotation))
             twin = {"scene": twin["reference"].scene, "reference": Twin(make)}
             yield Case("tilt", family, value, **twin, tolerance=0.25)
+    for degrees in (10, 30, 45):
+        make, along = (partial(oblique, degrees, direction) for direction in ((0.0, 0.0, 1.0), None))
+        yield Case("tilt", "plane across its direction", str(degrees), make, Twin(along), tolerance=0.25)
     right = {"x to y": np.roll(np.eye(3), 1, axis=0), "x to z": np.roll(np.eye(3), 2, axis=0)}
     right |= {"y down": np.array(about(x, 90)).round(), "upside down": np.diag([-1.0, 1.0, -1.0])}
     for value, rotation in right.items():

@@ -112,6 +112,22 @@ def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
     return _pressed_on("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
 
 
+def oblique(degrees, direction=None):
+    """Two blocks that meet in a plane, its normal so many degrees from z; ends are held, the upper one is lowered."""
+    boxes, slope = Boxes(1), np.tan(np.radians(degrees))
+    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (2, 2, 2))
+    boxes.add("block", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+
+    def place(_, x):
+        return x + np.outer((x[:, 0] - 0.5) * slope * (1 - np.abs(x[:, 2])), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "block")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "block")}
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    pair = ContactPair("ground", "foot", direction=direction)
+    return Scene("oblique", boxes.mesh(surfaces, place=place), {"base": PLAIN, "block": PLAIN}, held, (pair,))
+
+
 def _pressed_on(name, height, cells, order, displacement):
     """A block whose lower face has a height above another block, a function of x and y, with its top moved down."""
     boxes = Boxes(order)

@@ -1,8 +1,10 @@
 """Exact, augmented and penalised contact, and the rules by which pairs open and close."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,14 +27,17 @@ from mpi4py import MPI
 from test_elasticity import discrete
 from test_patch import conforming_positions, solved
 
-from fx_contact import Dirichlet, Enforcement, Material, Solver, Traction, adapt
-from fx_contact.activeset import ActiveSet
-from fx_contact.conditions import prescribed_displacements
-from fx_contact.contact import node_pairs
-from fx_contact.enforcement import METHODS, Jump, Projection
-from fx_contact.errors import SolveError
-from fx_contact.rootmesh import RootMesh
-from fx_contact.scenes import hertz, punch, spheres, stack
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+from stability_shapes import oblique  # noqa: E402
+
+from fx_contact import Dirichlet, Enforcement, Material, Solver, Traction, adapt  # noqa: E402
+from fx_contact.activeset import ActiveSet  # noqa: E402
+from fx_contact.conditions import prescribed_displacements  # noqa: E402
+from fx_contact.contact import node_pairs  # noqa: E402
+from fx_contact.enforcement import METHODS, Jump, Projection  # noqa: E402
+from fx_contact.errors import SolveError  # noqa: E402
+from fx_contact.rootmesh import RootMesh  # noqa: E402
+from fx_contact.scenes import hertz, punch, spheres, stack  # noqa: E402
 
 PRESSURE = 0.01
 
@@ -334,3 +339,14 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
         records = [step.record for step in adapt(replace(scene, materials=materials), 0.16)]
         count.append(sum(sum(record["krylov_iterations"]) + record["contact_iterations"] for record in records))
     assert max(count) <= 1.2 * min(count), count
+
+
+@pytest.mark.parametrize("degrees", [10, 45])
+def test_forces_act_along_the_normals(degrees):
+    """A direction across the surfaces says what faces what, and along what forces are summed; there is no friction."""
+    *_, step = adapt(oblique(degrees), 0.25)
+    *_, across = adapt(oblique(degrees, (0.0, 0.0, 2.0)), 0.25)
+    normal = [np.sin(np.radians(-degrees)), 0.0, np.cos(np.radians(degrees))]
+    everywhere(np.abs(across.pairs.normal - normal).max(initial=0) < 1e-12, "another normal")
+    assert abs(across.record["max_pressure"] / step.record["max_pressure"] - 1) < 1e-6
+    assert abs(across.record["force"] / (step.record["force"] * normal[2]) - 1) < 1e-6

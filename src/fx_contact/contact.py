@@ -17,6 +17,9 @@ from fx_contact.enforcement import FACTOR, STIFFEST
 from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
+#: Cosine of the angle to their mean up to which normals of pairs that meet are those of a smooth surface: 15 degrees.
+_SMOOTH = 0.966
+
 
 @dataclass(frozen=True, eq=False)
 class NodePairs:
@@ -25,7 +28,7 @@ class NodePairs:
     Attributes:
         prolongation: Prolongation whose conforming vertices are paired.
         first, second: (n,) int64, positions in its index map.
-        normal: (n, 3) float64, unit direction from the first body to the second.
+        normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
         gap: (n,) float64, initial distance D along it on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
         stiffness: (n,) float64, k_N [N/m].
@@ -104,20 +107,53 @@ def node_pairs(scene, forest, prolongation, enforcement):
         SceneError: a node_stiffness that is lost in rounding.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
-    pairs = NodePairs(prolongation, *(np.concatenate(column) for column in zip(*blocks)))
+    *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
+    pairs = NodePairs(prolongation, *columns)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and stiffest > STIFFEST:
         raise SceneError(
             f"a node_stiffness of {enforcement.node_stiffness:g} N/m is lost in rounding: it is {stiffest:.0e} times "
             f"the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
         )
-    return pairs if len(blocks) == 1 else _sharing(pairs)
+    return pairs if len(blocks) == 1 else _sharing(pairs, across, apart)
 
 
-def _sharing(pairs):
-    """Pairs of one vertex take part in its stiffness by their area, as if they were of one contact surface."""
-    stiffness, area = pairs.at_first(np.stack([pairs.stiffness, pairs.area], axis=1)).T
-    return replace(pairs, stiffness=pairs.area * stiffness / area)
+def _sharing(pairs, across, apart):
+    """Pairs of one vertex, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
+
+    Args:
+        pairs: NodePairs.
+        across: (n, 3) float64, normals times areas, of both surfaces [m^2].
+        apart: (n, 3) float64, from the first vertex of each to the second one, undeformed [m].
+    """
+    own = np.column_stack([pairs.stiffness, pairs.area, across])
+    stiffness, area, *mean = pairs.at_first(own).T
+    mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
+    smooth = np.einsum("ni,ni->n", mean, pairs.normal) > _SMOOTH
+    normal = np.where(smooth[:, None], mean, pairs.normal)
+    gap = np.einsum("ni,ni->n", normal, apart)
+    return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
+
+
+def resultants(scene, pairs, force):
+    """What forces of node pairs add to the force of their contact pair: along its direction, if it has one.
+
+    Local.
+
+    Args:
+        scene: Scene.
+        pairs: NodePairs.
+        force: (n,) float64, along the normals [N].
+
+    Returns:
+        (n,) float64 [N].
+    """
+    result = force.copy()
+    for index, direction in enumerate(pair.direction for pair in scene.contact):
+        if direction is not None:
+            ours = pairs.contact == index
+            result[ours] *= pairs.normal[ours] @ (np.asarray(direction, dtype=float) / np.linalg.norm(direction))
+    return result
 
 
 def loose_bodies(scene, pairs, active):
@@ -144,7 +180,7 @@ def loose_bodies(scene, pairs, active):
 
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):
-    """Columns of NodePairs, after the prolongation, for one contact pair of the scene."""
+    """Columns of NodePairs, after the prolongation, and those of `_sharing`, for one contact pair of the scene."""
     vertices, (leaf, face, corner) = forest.vertices, facets_of(index, forest)
     vertex = vertices.cells[leaf[:, None], corner]
     points = forest.corners[leaf[:, None], corner]
@@ -152,13 +188,13 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     here, there = positions_across(forest, leaf, face, points)
     keys = forest.lattice.keys(cell, opposite)
 
-    area, vector_area = _facet_shares(here, face)
+    (area, outward), (_, inward) = (_facet_shares(corners, face) for corners in (here, there))  # in the same order
     size = np.sqrt(area.sum(axis=1))
     bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
     modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
     stiffness = ((enforcement.factor or FACTOR) / (1 / modulus).sum(axis=1) / size)[:, None] * area
     sums = np.zeros((len(vertices), 5))
-    np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], vector_area], axis=2))
+    np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
 
     # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
     distinct, example = np.unique(vertex, return_index=True)
@@ -168,18 +204,17 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     own = owner == forest.comm.rank
     first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
     sums = prolongation.ghosted(prolongation.restrict(sums))
-    area, stiffness, normal = sums[first, 0], sums[first, 1], sums[first, 2:]
-    if scene.contact[index].direction is not None:
-        normal = np.broadcast_to(np.asarray(scene.contact[index].direction, dtype=float), normal.shape)
-    normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+    area, stiffness, across = sums[first, 0], sums[first, 1], sums[first, 2:]
+    normal = across / np.linalg.norm(across, axis=1)[:, None]
     if enforcement.node_stiffness is not None:
         stiffness = np.full(len(first), float(enforcement.node_stiffness))
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
-    gap = np.einsum("ni,ni->n", normal, there - here)
+    apart = there - here
+    gap = np.einsum("ni,ni->n", normal, apart)
     facet = example // 4
     second = prolongation.find(keys.ravel()[example])
     pair = np.full(len(first), index, dtype=np.int32)
-    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair
+    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair, across, apart
 
 
 def facets_of(index, forest):

@@ -55,8 +55,9 @@ class ContactPair:
 
     Attributes:
         first, second: names of surfaces of the root mesh, meshed alike.
-        direction: from the first body to the second, the direction in which gaps are measured [-], of any length;
-            None: between closest points, along the surfaces' normals.
+        direction: from the first body to the second, the direction in which points face each other, and along which the
+            contact force is summed [-], of any length; None: the closest points face each other, and magnitudes are
+            summed.  The forces act along the surfaces' normals, whatever the direction.
 
     Raises:
         SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
@@ -264,7 +265,7 @@ class Scene:
         return points.reshape(-1, 3)
 
     def contact_directions(self, facets):
-        """Direction in which gaps are measured at facets of first surfaces: as given, or the mean normal.
+        """Direction in which facets of first surfaces face others: as given, or the mean normal.
 
         Args:
             facets: (n, 2) int rows (root cell, local face).
@@ -350,7 +351,7 @@ def _check_held(scene):
 def _resisting(scene, facets, direction):
     """Points of contact facets that resist motions along a direction: (n, 4, 3) [m].
 
-    They are the corners; but the middle, four times, of a curved facet along whose normals gaps are measured: these are
+    They are the corners; but the middle, four times, of a curved facet that faces others along its normals: these are
     others at its corners.
     """
     corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from fx_contact.balance import check_balance
 from fx_contact.checks import check_number, shown
 from fx_contact.conditions import prescribed_displacements, shear_free_components
-from fx_contact.contact import node_pairs
+from fx_contact.contact import node_pairs, resultants
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
@@ -271,13 +271,13 @@ def _contact_results(scene, pairs, contact, comm):
         return dict(
             active_pairs=0, force=0.0, pair_forces=[], contact_radius=0.0, max_pressure=0.0, max_penetration=0.0
         )
-    force = contact.force
+    force = resultants(scene, pairs, contact.force)
     arm = pairs.position - scene.contact_centre
     radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
     total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
     of_pair = np.bincount(pairs.contact, weights=force, minlength=len(scene.contact)).astype(float)
     comm.Allreduce(MPI.IN_PLACE, of_pair)
-    pressure = comm.allreduce(float((force / pairs.area).max(initial=0.0)), op=MPI.MAX)
+    pressure = comm.allreduce(float((contact.force / pairs.area).max(initial=0.0)), op=MPI.MAX)
     return {
         "active_pairs": int(active),
         "force": float(total * scene.symmetry),
