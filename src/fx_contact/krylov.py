@@ -337,6 +337,7 @@ class ConjugateGradients:
         if before.type != kind and not (direct and before.type.endswith("aij")):
             self._operator.destroy()
             self._hold(before.convert(kind, PETSc.Mat()))
+            self.matrix.setBlockSizes(*before.getBlockSizes())  # hypre's rows forget it, blocks are added by it
             self._product.correction, self._product.projection = product.correction, product.projection
             before.destroy()
         self.set_up()
