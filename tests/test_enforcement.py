@@ -25,7 +25,7 @@ from mpi4py import MPI
 from test_elasticity import discrete
 from test_patch import conforming_positions, solved
 
-from fx_contact import Dirichlet, Enforcement, Material, Solver, Traction, adapt
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, Traction, adapt
 from fx_contact.activeset import ActiveSet
 from fx_contact.conditions import prescribed_displacements
 from fx_contact.contact import node_pairs
@@ -33,6 +33,7 @@ from fx_contact.enforcement import METHODS, Jump, Projection
 from fx_contact.errors import SolveError
 from fx_contact.rootmesh import RootMesh
 from fx_contact.scenes import hertz, punch, spheres, stack
+from fx_contact.scenes.boxes import DOWN, UP, Boxes
 
 PRESSURE = 0.01
 
@@ -171,6 +172,68 @@ def test_conditions_that_press_vertices_into_each_other(method):
     held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
     # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
     assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
+
+
+def wedge(lift, edge_held=True):
+    """A cube, its edge down, in the V of another body whose walls are lifted; its ridge is held, the edge may be."""
+    scene = corner_scene()
+    mesh = scene.mesh
+    along = [np.flatnonzero((np.abs(mesh.points[:, [0, 2]] - at) < 1e-9).all(axis=1)) for at in (1, 2)]
+    names = dict(zip(("edge", "ridge"), (np.intersect1d(nodes, mesh.cells[mesh.body == 1]) for nodes in along)))
+    upright = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]) / np.sqrt(2)
+    held = [Dirichlet(wall, 0.0, 0.0, lift) for wall in ("floor", "wall")] + [Dirichlet("ridge", 0.0, 0.0, 0.0)]
+    return replace(
+        scene,
+        mesh=replace(mesh, points=mesh.points @ upright.T, vertices=names),
+        dirichlet=(*held, Dirichlet("edge", z=0.0)) if edge_held else tuple(held),
+        contact=tuple(replace(pair, direction=None) for pair in scene.contact),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_conditions_that_press_bodies_into_each_other_from_two_sides(method):
+    """Each wall alone could push the edge aside, the two of them cannot."""
+    enforcement = Enforcement(method)
+    with pytest.raises(
+        SolveError, match=r"press them 0.00707 m into each other, at \(.*\): contact cannot keep them"
+    ):
+        next(adapt(wedge(0.01), 0.5, enforcement=enforcement))
+    free, exact = (next(adapt(wedge(0.01, False), 0.5, enforcement=e)).record for e in (enforcement, Enforcement()))
+    assert np.ptp(free["pair_forces"]) < 1e-6 * free["force"], "not symmetric"
+    assert abs(free["force"] / exact["force"] - 1) < (0.05 if method == "penalty" else 1e-5)
+
+
+def two_punches(deep):
+    """Two rigid blocks side by side, pressed into one, the second deeper: what is below their seam faces both."""
+    boxes = Boxes(1)
+    boxes.add("base", (0.0, 0.0, -1.0), (2.0, 1.0, 0.0), (4, 2, 2))
+    boxes.add("left", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("right", (1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (2, 2, 2))
+    base, surfaces = boxes.facets(UP, 0.0, "base"), {"bottom": boxes.facets(DOWN, -1.0)}
+    column = base[:, 0] % 4  # cells along x
+    surfaces |= {"below left": base[column < 2], "below right": base[column >= 2]}
+    surfaces |= {body: boxes.facets(DOWN, 0.0, body) for body in ("left", "right")}
+    held = {"bottom": 0.0, "left": -0.01, "right": -deep}
+    return Scene(
+        "two punches",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("base", "left", "right"), Material(1.0, 0.3)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(ContactPair(f"below {body}", body, direction=(0.0, 0.0, 1.0)) for body in ("left", "right")),
+    )
+
+
+@pytest.mark.parametrize("deep", [0.02, 0.01], ids=["a step", "none"])
+def test_two_bodies_at_one_vertex(deep):
+    """Where two bodies face one vertex and push it to different depths, the deeper one has it, the other lets go."""
+    scene = two_punches(deep)
+    exact = next(adapt(scene, 0.5))
+    soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
+    assert exact.record["active_pairs"] == (15 if deep > 0.01 else 18)
+    assert exact.record["max_penetration"] < 1e-12 * deep
+    closed = exact.contact.penetration[exact.contact.active]
+    everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
+    assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
 
 
 def test_penalty_too_soft_for_the_tolerance():
