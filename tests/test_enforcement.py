@@ -236,6 +236,16 @@ def test_two_bodies_at_one_vertex(deep):
     assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
 
 
+def test_start_that_is_no_number():
+    """Where a displacement is no number on one rank, all say so."""
+    scene = pressed(two_boxes(), contact=False)
+    elasticity = discrete(scene, roots(scene))
+    prescribed = prescribed_displacements(scene, roots(scene), elasticity.prolongation)
+    start = np.full(prescribed.shape, np.nan if WORLD.rank == WORLD.size - 1 else 0.0)
+    with pytest.raises(SolveError, match="the energy norm of the displacement that PCG goes on from is nan"):
+        solved(elasticity, None, prescribed, start=start)
+
+
 def test_penalty_too_soft_for_the_tolerance():
     """Where overlaps hold more of the energy than the square of the tolerance, a run says so, after its steps."""
     scene, steps = stack((Material(1.0, 0.3),) * 2), []
