@@ -22,7 +22,8 @@ from conftest import (
 )
 from dolfinx.fem import Constant, assemble_scalar, form
 from mpi4py import MPI
-from test_elasticity import discrete
+from scipy.spatial import cKDTree
+from test_elasticity import discrete, side_by_side
 from test_patch import conforming_positions, solved
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, Traction, adapt
@@ -234,6 +235,30 @@ def test_two_bodies_at_one_vertex(deep):
     closed = exact.contact.penetration[exact.contact.active]
     everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
     assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_pairs_share_a_seam_by_area(method):
+    """At a seam between wide and narrow facets both contact pairs have the pressure of one that goes through."""
+    cut = side_by_side()
+    x, y, z = cut.mesh.points.T
+    cut = replace(cut, mesh=replace(cut.mesh, points=np.stack([np.where(x > 1, (x + 3) / 4, x), y, z], axis=1)))
+    whole = replace(cut, contact=(ContactPair("lower contact", "upper contact", direction=(0, 0, 1)),))
+    enforcement, found = Enforcement(method), []
+    for scene in (whole, cut):
+        forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 1, share=1.0))
+        elasticity = discrete(scene, forest)
+        pairs = node_pairs(scene, forest, elasticity.prolongation, enforcement)
+        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+        contact = solved(elasticity, pairs, prescribed, enforcement)
+        columns = pairs.position, (contact.force / pairs.area)[:, None], pairs.area[:, None]
+        found.append(gathered(WORLD, np.concatenate(columns, axis=1)))
+    one, two = found
+    _, same = cKDTree(one[:, :3]).query(two[:, :3])
+    seam = np.bincount(same)[same] == 2
+    assert len(np.unique(same)) == len(one) == len(two) - seam.sum() / 2, "other vertices"
+    assert np.ptp(two[seam, 4] / one[same][seam, 4]) > 0.5, "all facets at the seam are alike"
+    assert np.abs(two[:, 3] - one[same, 3]).max() < 1e-6 * one[:, 3].max()
 
 
 def test_start_that_is_no_number():
