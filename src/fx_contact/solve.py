@@ -22,7 +22,8 @@ class ContactSolution:
     Attributes:
         displacement: (owned, 3) float64, conforming [m].
         active: (n,) bool, status of this rank's node pairs.
-        force: (n,) float64, contact force of each pair, compression positive [N].
+        force: (n,) float64, contact force of each pair, compression positive [N]; none where conditions hold both
+            vertices across the contact: they carry it.
         penetration: (n,) float64, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
