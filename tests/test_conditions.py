@@ -1,10 +1,14 @@
 """Prescribed displacements: which conforming vertices a named surface, curve or vertex has."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, roots, vertex_positions
+from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, pressed, roots, two_boxes, vertex_positions
 
+from fx_contact import Dirichlet
 from fx_contact.conditions import prescribed_displacements
+from fx_contact.errors import SceneError
 from fx_contact.hanging import Prolongation
 
 from fx_contact.scenes import hertz, indentation
@@ -30,3 +34,35 @@ def test_curves(scene, axis, distribution):
     held = WORLD.allreduce(int((~np.isnan(prescribed[:, 1])).sum()))
     assert held > WORLD.allreduce(int(on_axis.sum())) > 5, "y is held along a side too"
     everywhere((np.abs(position[~np.isnan(prescribed[:, 1]), 1]) < 1e-9).all(), "y is held off the plane y = 0")
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["as it is", "turned round"])
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_conditions_that_differ_between_root_nodes(distribution, turned):
+    """Two functions that meet along an edge must agree at all its vertices, whichever ranks have its faces."""
+    scene = pressed(two_boxes(distortion=0.0), approach=0.01)
+
+    def values(bump, levels):
+        side = Dirichlet("upper y low", z=lambda x: -0.005 * x[2] + bump * np.sin(np.pi * x[0]) ** 2)
+        order = slice(None, None, -1 if turned else 1)
+        bumpy = replace(scene, dirichlet=(*scene.dirichlet, side)[order])
+        forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
+        prolongation = Prolongation(forest)
+        prescribed = prescribed_displacements(bumpy, forest, prolongation)
+        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+        position = np.empty((prolongation.owned, 3))
+        position[prolongation.conforming[own]] = vertex_positions(forest)[own]
+        top = position[:, 2] > 2 - 1e-9
+        everywhere(np.abs(prescribed[top, 2] + 0.01).max(initial=0.0) < 1e-12, "not what is prescribed")
+        side = (position[:, 2] > 1e-9) & (np.abs(position[:, 1]) < 1e-9)
+        everywhere(np.abs(prescribed[side, 2] + 0.005 * position[side, 2]).max(initial=0.0) < 1e-12, "nor there")
+
+    values(bump=0.0, levels=3)
+    values(bump=1e-3, levels=0)
+    said = ("-0.01", "upper z high"), (r"-0.00\d+", "upper y low")
+    (first, here), (second, there) = said[:: 1 if turned else -1]
+    message = (
+        rf"component z on '{here}' is prescribed as {first} m where .* says {second} m, that on '{there}', at \("
+    )
+    with pytest.raises(SceneError, match=message + r"[01].\d+, (-0|0|.*e-\d+), 2\)"):
+        values(bump=1e-3, levels=3)

@@ -252,16 +252,21 @@ def test_pairs_of_two_surfaces_in_a_corner(distribution):
         assert abs(area - 2) < 1e-13, f"{2 - area} m^2 of contact surface have no node pair"
 
 
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_pairs_of_two_surfaces_side_by_side(distribution):
-    """The same for two contact pairs in one plane, which share the vertices of a seam."""
+def side_by_side():
+    """Two boxes whose contact is two pairs in one plane, which share the vertices of a seam at x = 1."""
     mesh = two_boxes()
     for body in mesh.bodies:
         facets = mesh.surface(f"{body} contact")
         left = mesh.facet_points(facets, 1).mean(axis=1)[:, 0] < 1
         mesh.surfaces[f"{body} left"], mesh.surfaces[f"{body} right"] = facets[left], facets[~left]
     contact = tuple(ContactPair(f"lower {side}", f"upper {side}", direction=(0, 0, 1)) for side in ("left", "right"))
-    scene = replace(pressed(mesh), contact=contact)
+    return replace(pressed(mesh), contact=contact)
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_pairs_of_two_surfaces_side_by_side(distribution):
+    """The same for two contact pairs in one plane."""
+    scene = side_by_side()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
     pairs = node_pairs(scene, forest, Prolongation(forest), Enforcement())
     on_seam = np.abs(pairs.position[:, 0] - 1) < 1e-9

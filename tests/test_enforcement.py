@@ -24,13 +24,14 @@ from conftest import (
 )
 from dolfinx.fem import Constant, assemble_scalar, form
 from mpi4py import MPI
-from test_elasticity import discrete
+from scipy.spatial import cKDTree
+from test_elasticity import discrete, side_by_side
 from test_patch import conforming_positions, solved
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import oblique  # noqa: E402
 
-from fx_contact import Dirichlet, Enforcement, Material, Solver, Traction, adapt  # noqa: E402
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, Traction, adapt  # noqa: E402
 from fx_contact.activeset import ActiveSet  # noqa: E402
 from fx_contact.conditions import prescribed_displacements  # noqa: E402
 from fx_contact.contact import node_pairs  # noqa: E402
@@ -38,6 +39,7 @@ from fx_contact.enforcement import METHODS, Jump, Projection  # noqa: E402
 from fx_contact.errors import SolveError  # noqa: E402
 from fx_contact.rootmesh import RootMesh  # noqa: E402
 from fx_contact.scenes import hertz, punch, spheres, stack  # noqa: E402
+from fx_contact.scenes.boxes import DOWN, UP, Boxes  # noqa: E402
 
 PRESSURE = 0.01
 
@@ -176,6 +178,102 @@ def test_conditions_that_press_vertices_into_each_other(method):
     held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
     # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
     assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
+
+
+def wedge(lift, edge_held=True):
+    """A cube, its edge down, in the V of another body whose walls are lifted; its ridge is held, the edge may be."""
+    scene = corner_scene()
+    mesh = scene.mesh
+    along = [np.flatnonzero((np.abs(mesh.points[:, [0, 2]] - at) < 1e-9).all(axis=1)) for at in (1, 2)]
+    names = dict(zip(("edge", "ridge"), (np.intersect1d(nodes, mesh.cells[mesh.body == 1]) for nodes in along)))
+    upright = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]) / np.sqrt(2)
+    held = [Dirichlet(wall, 0.0, 0.0, lift) for wall in ("floor", "wall")] + [Dirichlet("ridge", 0.0, 0.0, 0.0)]
+    return replace(
+        scene,
+        mesh=replace(mesh, points=mesh.points @ upright.T, vertices=names),
+        dirichlet=(*held, Dirichlet("edge", z=0.0)) if edge_held else tuple(held),
+        contact=tuple(replace(pair, direction=None) for pair in scene.contact),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_conditions_that_press_bodies_into_each_other_from_two_sides(method):
+    """Each wall alone could push the edge aside, the two of them cannot."""
+    enforcement = Enforcement(method)
+    with pytest.raises(
+        SolveError, match=r"press them 0.00707 m into each other, at \(.*\): contact cannot keep them"
+    ):
+        next(adapt(wedge(0.01), 0.5, enforcement=enforcement))
+    free, exact = (next(adapt(wedge(0.01, False), 0.5, enforcement=e)).record for e in (enforcement, Enforcement()))
+    assert np.ptp(free["pair_forces"]) < 1e-6 * free["force"], "not symmetric"
+    assert abs(free["force"] / exact["force"] - 1) < (0.05 if method == "penalty" else 1e-5)
+
+
+def two_punches(deep):
+    """Two rigid blocks side by side, pressed into one, the second deeper: what is below their seam faces both."""
+    boxes = Boxes(1)
+    boxes.add("base", (0.0, 0.0, -1.0), (2.0, 1.0, 0.0), (4, 2, 2))
+    boxes.add("left", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("right", (1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (2, 2, 2))
+    base, surfaces = boxes.facets(UP, 0.0, "base"), {"bottom": boxes.facets(DOWN, -1.0)}
+    column = base[:, 0] % 4  # cells along x
+    surfaces |= {"below left": base[column < 2], "below right": base[column >= 2]}
+    surfaces |= {body: boxes.facets(DOWN, 0.0, body) for body in ("left", "right")}
+    held = {"bottom": 0.0, "left": -0.01, "right": -deep}
+    return Scene(
+        "two punches",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("base", "left", "right"), Material(1.0, 0.3)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(ContactPair(f"below {body}", body, direction=(0.0, 0.0, 1.0)) for body in ("left", "right")),
+    )
+
+
+@pytest.mark.parametrize("deep", [0.02, 0.01], ids=["a step", "none"])
+def test_two_bodies_at_one_vertex(deep):
+    """Where two bodies face one vertex and push it to different depths, the deeper one has it, the other lets go."""
+    scene = two_punches(deep)
+    exact = next(adapt(scene, 0.5))
+    soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
+    assert exact.record["active_pairs"] == (15 if deep > 0.01 else 18)
+    assert exact.record["max_penetration"] < 1e-12 * deep
+    closed = exact.contact.penetration[exact.contact.active]
+    everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
+    assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_pairs_share_a_seam_by_area(method):
+    """At a seam between wide and narrow facets both contact pairs have the pressure of one that goes through."""
+    cut = side_by_side()
+    x, y, z = cut.mesh.points.T
+    cut = replace(cut, mesh=replace(cut.mesh, points=np.stack([np.where(x > 1, (x + 3) / 4, x), y, z], axis=1)))
+    whole = replace(cut, contact=(ContactPair("lower contact", "upper contact", direction=(0, 0, 1)),))
+    enforcement, found = Enforcement(method), []
+    for scene in (whole, cut):
+        forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 1, share=1.0))
+        elasticity = discrete(scene, forest)
+        pairs = node_pairs(scene, forest, elasticity.prolongation, enforcement)
+        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+        contact = solved(elasticity, pairs, prescribed, enforcement)
+        columns = pairs.position, (contact.force / pairs.area)[:, None], pairs.area[:, None]
+        found.append(gathered(WORLD, np.concatenate(columns, axis=1)))
+    one, two = found
+    _, same = cKDTree(one[:, :3]).query(two[:, :3])
+    seam = np.bincount(same)[same] == 2
+    assert len(np.unique(same)) == len(one) == len(two) - seam.sum() / 2, "other vertices"
+    assert np.ptp(two[seam, 4] / one[same][seam, 4]) > 0.5, "all facets at the seam are alike"
+    assert np.abs(two[:, 3] - one[same, 3]).max() < 1e-6 * one[:, 3].max()
+
+
+def test_start_that_is_no_number():
+    """Where a displacement is no number on one rank, all say so."""
+    scene = pressed(two_boxes(), contact=False)
+    elasticity = discrete(scene, roots(scene))
+    prescribed = prescribed_displacements(scene, roots(scene), elasticity.prolongation)
+    start = np.full(prescribed.shape, np.nan if WORLD.rank == WORLD.size - 1 else 0.0)
+    with pytest.raises(SolveError, match="the energy norm of the displacement that PCG goes on from is nan"):
+        solved(elasticity, None, prescribed, start=start)
 
 
 def test_penalty_too_soft_for_the_tolerance():

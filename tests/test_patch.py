@@ -215,12 +215,13 @@ def test_displacement_is_a_function_on_the_leaf_mesh():
     everywhere(np.abs(other.x.array - elasticity.u.x.array).max() < 1e-14, "displacements sit at other vertices")
 
 
-def indented(rounds):
-    """Mean displacement work of a nearly incompressible clamped block under a uniform load, refined alike."""
+def indented(rounds, poisson):
+    """Mean displacement work of a clamped block under a uniform load, refined alike."""
     mesh = two_boxes(upper=(2, 2, 2), depth=2)
     held = (Dirichlet("lower z low", x=0.0, y=0.0, z=0.0), Dirichlet("upper z high", x=0.0, y=0.0, z=0.0))
     load_on = (Traction("lower contact", (0.0, 0.0, -PRESSURE)),)
-    scene = Scene("clamped", mesh, {"lower": SOFT, "upper": STEEL}, held, tractions=load_on)
+    soft = Material(young=1.0, poisson=poisson)
+    scene = Scene("clamped", mesh, {"lower": soft, "upper": STEEL}, held, tractions=load_on)
     forest = roots(scene)
     for _ in range(rounds):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
@@ -233,7 +234,22 @@ def indented(rounds):
 
 def test_nearly_incompressible_cells_do_not_lock(monkeypatch):
     """Two cells across give what eight give; fully integrated they give less than half of it."""
-    coarse, fine = indented(0), indented(2)
+    coarse, fine = indented(0, SOFT.poisson), indented(2, SOFT.poisson)
     assert abs(coarse / fine - 1) < 0.2
     monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
-    assert indented(0) < 0.5 * fine
+    assert indented(0, SOFT.poisson) < 0.5 * fine
+
+
+def test_cells_of_rubber_do_not_lock(monkeypatch):
+    """At nu = 0.49 fully integrated cells converge, slowly: two cells across come close to eight of those."""
+    coarse = indented(0, 0.49)
+    monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
+    locked, fine = indented(0, 0.49), indented(2, 0.49)
+    assert abs(coarse / fine - 1) < 0.1 and locked < 0.6 * fine
+
+
+@pytest.mark.parametrize("poisson, has_mean", [(0.3, False), (0.39, False), (0.4, True), (0.49, True)])
+def test_bodies_that_could_lock(poisson, has_mean):
+    """From nu = 0.4 on a body has mean volume strains; below, nothing is computed for them."""
+    scene = pressed(two_boxes(), materials=(STEEL, Material(young=1.0, poisson=poisson)))
+    assert discrete(scene, roots(scene)).has_mean == has_mean

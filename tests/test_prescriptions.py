@@ -170,6 +170,20 @@ def test_messages(make, message):
         make()
 
 
+@pytest.mark.parametrize("turned", [False, True], ids=["as it is", "turned round"])
+def test_conditions_that_agree_but_for_rounding(turned):
+    """Rounding is measured by the largest displacement of the scene, whichever condition comes first."""
+    side, rounding = "upper z low", np.finfo(float).eps * 0.01
+    for x, fails in ((rounding, False), (1e-4 * 0.01, True)):
+        held = [SymmetryPlane(side), Dirichlet(side, z=x), Dirichlet("upper z high", z=0.01)]
+        held = tuple(held[:: -1 if turned else 1])
+        if fails:
+            with pytest.raises(SceneError, match="another condition says"):
+                scene_of(box(), held)
+        else:
+            scene_of(box(), held)
+
+
 def test_checkpoints_know_functions():
     """Two functions are the same if they give the same; a bump between the root mesh's nodes is seen."""
 

@@ -1,10 +1,17 @@
 """Prescribed displacements and symmetry planes of a scene on the conforming unknowns of a forest."""
 
 import numpy as np
+from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact._mpi import together
 from fx_contact.lattice import SIDE
+from fx_contact.prescriptions import Prescribed
+
+
+#: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all:
+#: positions of vertices between the nodes of the root mesh are rounded.
+_SAME = 1e-9
 
 
 def prescribed_displacements(scene, forest, prolongation):
@@ -21,23 +28,44 @@ def prescribed_displacements(scene, forest, prolongation):
         (owned, 3) float64 [m], NaN where the component is free.
 
     Raises:
-        SceneError: a displacement that is a function fails or is not finite somewhere.
+        SceneError: a displacement that is a function fails or is not finite somewhere, or two conditions prescribe
+            different values at one vertex.
     """
-    vertices = forest.vertices
-    sums = np.zeros((len(vertices), 6))
     with together(forest.comm):
-        for condition in scene.conditions:
-            at = np.zeros(len(vertices), dtype=bool)
-            at[_vertices_at(scene, forest, condition.where)] = True
-            rows, held = np.flatnonzero(at & ~prolongation.hanging), np.flatnonzero(condition.held)
-            leaf, corner = vertices.example[rows].T
-            points = forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
-            sums[np.ix_(rows, held)] = condition.at(points)[:, held]
-            sums[np.ix_(rows, 3 + held)] = 1
-    # The owner of a vertex need not have a leaf face on the surface: ranks that have one tell it.
-    total = prolongation.restrict(sums)
-    with np.errstate(invalid="ignore"):
-        return np.where(total[:, 3:] > 0, total[:, :3] / total[:, 3:], np.nan)
+        said = [_said(condition, scene, forest, prolongation) for condition in scene.conditions]
+    largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
+    result = Prescribed(prolongation.owned, _SAME * forest.comm.allreduce(largest, op=MPI.MAX))
+    imap = prolongation.index_map
+    for condition, (at, values) in zip(scene.conditions, said):
+        # The owner of a vertex need not have a leaf face on the surface: ranks that have one tell it.
+        sums = np.zeros((imap.size_local + imap.num_ghosts, 4))
+        sums[at] = np.column_stack([np.nan_to_num(values), np.ones(len(at))])
+        total = prolongation.summed(sums)
+        ours = np.flatnonzero(total[:, 3])
+        mean = np.where(condition.held, total[ours, :3] / total[ours, 3:], np.nan)
+        with together(forest.comm):
+            result.add(condition.where, ours, mean, lambda vertex: _position(forest, prolongation, vertex))
+    return result.values
+
+
+def _said(condition, scene, forest, prolongation):
+    """What a condition says of this rank's conforming vertices: (n,) their positions in the index map, (n, 3) [m]."""
+    vertices = forest.vertices
+    here = np.unique(_vertices_at(scene, forest, condition.where))
+    here = here[~prolongation.hanging[here]]
+    return prolongation.conforming[here], condition.at(_positions(forest, vertices.example[here]))
+
+
+def _position(forest, prolongation, vertex):
+    """Where an owned conforming vertex is: (3,) float64 [m]."""
+    (here,) = np.flatnonzero(prolongation.conforming == vertex)
+    return _positions(forest, forest.vertices.example[[here]])[0]
+
+
+def _positions(forest, examples):
+    """Positions (n, 3) float64 [m] of vertices, of each of which a leaf and its corner are given."""
+    leaf, corner = examples.T
+    return forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
 
 
 def shear_free_components(scene, forest, prolongation):

@@ -257,6 +257,8 @@ class Projection:
 
     #: Most iterations, and relative residual, of the Gram system where pairs share vertices: small separate blocks.
     _ITERATIONS, _RESIDUAL = 50, 1e-15
+    #: Eigenvalues of that system, relative to its diagonal, up to which it is singular.
+    _SINGULAR = 1e-14
 
     def __init__(self, jump):
         pairs = jump.pairs
@@ -319,24 +321,26 @@ class Projection:
         return forces
 
     def _gram(self, values):
-        """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate gradients where it is not diagonal."""
+        """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate residuals where it is not diagonal.
+
+        Where pairs contradict each other, what is left of the values is the least that there can be.
+        """
         if not self._shared:
             return self._inverse * values
         solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
-        first, past, direction = None, None, 0.0
+        first, past, direction, image = None, np.inf, 0.0, 0.0
         for _ in range(self._ITERATIONS):
             scaled = self._scale * residual
-            size = self._dot(residual, scaled)
+            product = self._gram_product(scaled)
+            size, curvature = self._dots((residual, scaled), (scaled, product))
             first = size if first is None else first
-            if size <= self._RESIDUAL**2 * first:
+            # What is left last lies where pairs repeat or contradict each other.
+            if size <= self._RESIDUAL**2 * first or curvature <= self._SINGULAR * size:
                 break
-            direction = scaled + (0.0 if past is None else size / past) * direction
-            product = self._gram_product(direction)
-            curvature = self._dot(direction, product)
-            if curvature <= 0:  # what is left lies where pairs repeat each other
-                break
-            step = size / curvature
-            solution, residual, past = solution + step * direction, residual - step * product, size
+            direction, image = (new + curvature / past * old for new, old in ((scaled, direction), (product, image)))
+            (length,) = self._dots((image, self._scale * image))
+            step, past = curvature / length, curvature
+            solution, residual = solution + step * direction, residual - step * image
         return solution
 
     def _gram_product(self, values):
@@ -344,5 +348,5 @@ class Projection:
         self._weighted.add_transposed(values, u)
         return np.where(self.closed, self._jump.matrix.times(u), 0.0)
 
-    def _dot(self, a, b):
-        return self._comm.allreduce(float(a @ b))
+    def _dots(self, *factors):
+        return self._comm.allreduce(np.array([a @ b for a, b in factors]))

@@ -276,7 +276,8 @@ class ConjugateGradients:
             (owned, 3) float64 [m].
 
         Raises:
-            SolveError: divergence, NaN, or too many iterations, also with a stronger preconditioner.
+            SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
+                number.
         """
         self._product.projection, self._count = projection, 0
         while True:
@@ -295,11 +296,17 @@ class ConjugateGradients:
         x, b, ksp, projection = self._x, self._b, self._ksp, self._product.projection
         start = energy = self._energy_norm(u)
         for _ in range(3):
+            rounding = self._rounding_error(u)
+            if not np.isfinite(energy + rounding):
+                raise SolveError(
+                    f"the energy norm of the displacement that PCG goes on from is {energy} J^(1/2): check the units "
+                    "of lengths, moduli and displacements"
+                )
             residual = self.residual(right_hand_side, u)
             if projection is not None:
                 projection.apply_transpose(residual)
             b.array[:] = residual.ravel()
-            least = max(tolerance * energy, self._rounding_error(u))
+            least = max(tolerance * energy, rounding)
             # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
             ksp.setTolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             with self._named_errors():
@@ -337,6 +344,7 @@ class ConjugateGradients:
         if before.type != kind and not (direct and before.type.endswith("aij")):
             self._operator.destroy()
             self._hold(before.convert(kind, PETSc.Mat()))
+            self.matrix.setBlockSizes(*before.getBlockSizes())  # hypre's rows forget it, blocks are added by it
             self._product.correction, self._product.projection = product.correction, product.projection
             before.destroy()
         self.set_up()

@@ -65,6 +65,52 @@ class Dirichlet:
         return result
 
 
+class Prescribed:
+    """Displacement components at points, from one condition after the other.
+
+    Local.
+
+    Args:
+        count: number of points.
+        same: difference between two conditions that is rounding [m].
+
+    Attributes:
+        values: (count, 3) float64 [m], NaN where free.
+    """
+
+    def __init__(self, count, same):
+        self.values, self._same = np.full((count, 3), np.nan), same
+        self._places, self._place = [], np.full((count, 3), -1)
+
+    def add(self, where, at, values, position):
+        """Add a condition.
+
+        Args:
+            where: name of its place.
+            at: (n,) int64, its points.
+            values: (n, 3) float64 [m], NaN where free.
+            position: function of one of the points (int) that gives where it is (3,) [m].
+
+        Raises:
+            SceneError: another condition has said something else of one of the components.
+        """
+        before = self.values[at]
+        clash = np.argwhere(np.abs(before - values) > self._same)
+        if len(clash):
+            row, component = clash[0]
+            other = self._places[self._place[at[row], component]]
+            place = ", ".join(f"{x:.6g}" for x in position(at[row]))
+            raise SceneError(
+                f"component {COMPONENTS[component]} on {where!r} is prescribed as {values[row, component]} m where "
+                f"another condition says {before[row, component]} m, that on {other!r}, at ({place}): let them agree, "
+                "or leave one out where they meet"
+            )
+        held = ~np.isnan(values)
+        self.values[at] = np.where(held, values, before)
+        self._place[at] = np.where(held, len(self._places), self._place[at])
+        self._places.append(where)
+
+
 @dataclass(frozen=True)
 class SymmetryPlane:
     """A plane surface in which the body is cut by symmetry: no displacement across it, free along it.

@@ -11,7 +11,7 @@ from fx_contact.checks import check_count, check_label, check_name, check_number
 from fx_contact.errors import SceneError
 from fx_contact.pairing import Pairing
 from fx_contact.plausibility import check_forces, check_units
-from fx_contact.prescriptions import COMPONENTS, PLANE, BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.prescriptions import PLANE, BodyForce, Dirichlet, Prescribed, Pressure, SymmetryPlane, Traction
 from fx_contact.rootmesh import RootMesh
 
 #: Softest material of which energies are double precision numbers, the inverse of the hardest [Pa].
@@ -292,20 +292,13 @@ class Scene:
         Raises:
             SceneError: an unknown place, or two values for one component at one node.
         """
-        result = np.full(points.shape, np.nan)
-        for condition in self.conditions:
-            nodes = self.place(condition.where)
-            values = condition.at(points[nodes])
-            for component in np.flatnonzero(condition.held):
-                value, before = values[:, component], result[nodes, component]
-                clash = np.abs(before - value) > _SAME * np.abs(value).max(initial=0.0)
-                if clash.any():
-                    raise SceneError(
-                        f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {value[clash][0]} "
-                        f"m where another condition says {before[clash][0]} m, near {points[nodes[clash][0]]}"
-                    )
-                result[nodes, component] = value
-        return result
+        places = [self.place(condition.where) for condition in self.conditions]
+        said = [condition.at(points[nodes]) for condition, nodes in zip(self.conditions, places)]
+        largest = max((np.nanmax(np.abs(values), initial=0.0) for values in said), default=0.0)
+        result = Prescribed(len(points), _SAME * largest)
+        for condition, nodes, values in zip(self.conditions, places, said):
+            result.add(condition.where, nodes, values, points.__getitem__)
+        return result.values
 
 
 #: What the parts of a scene may be.
@@ -317,7 +310,7 @@ _PARTS = {
 }
 #: Root cells are cut into so many along each axis to try a function.
 _SAMPLES = 5
-#: Two functions that prescribe one component agree where they differ by no more, relative to the largest value.
+#: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all.
 _SAME = 1e-12
 
 

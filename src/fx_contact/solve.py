@@ -11,7 +11,7 @@ from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ROUNDING, ConjugateGradients
 
-#: Overlap of two vertices that are both prescribed, relative to the largest displacement, up to which it is rounding.
+#: Overlap that conditions leave between vertices, relative to the largest displacement, up to which it is rounding.
 _OVERLAP = 1e-6
 
 
@@ -22,7 +22,8 @@ class ContactSolution:
     Attributes:
         displacement: (owned, 3) float64, conforming [m].
         active: (n,) bool, status of this rank's node pairs.
-        force: (n,) float64, contact force of each pair, compression positive [N].
+        force: (n,) float64, contact force of each pair, compression positive [N]; none where conditions hold both
+            vertices across the contact: they carry it.
         penetration: (n,) float64, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
@@ -88,6 +89,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
     tolerance, augmentations = solver.loose_tolerance, 0
     while True:
         u = linear.solve(status.active, u, tolerance)
+        linear.check_apart(u)
         trial = linear.trial(u)
         wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
         if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
@@ -107,7 +109,6 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
             force = np.where(status.active, trial, 0.0)
             break
     linear.destroy()
-    _check_prescribed(pairs, jump, status.active, u)
     return ContactSolution(
         u,
         status.active,
@@ -136,25 +137,6 @@ def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale):
     )
 
 
-def _check_prescribed(pairs, jump, active, u):
-    """See that conditions press no two vertices into each other: no force could keep them apart.  Collective.
-
-    Raises:
-        SolveError: they do, by more than rounding.
-    """
-    comm = pairs.prolongation.comm
-    overlap = np.where(active & ~jump.movable, pairs.penetration(u), 0.0)
-    moved = comm.allreduce(float(np.abs(u).max(initial=0.0)), op=MPI.MAX)
-    worst = int(overlap.argmax()) if len(overlap) else 0
-    mine = (float(overlap[worst]), pairs.position[worst].tolist()) if len(overlap) else (0.0, [])
-    deepest, place = max(comm.allgather(mine))
-    if deepest > _OVERLAP * moved:
-        raise SolveError(
-            f"displacements prescribed on both surfaces of a contact press them {deepest:.3g} m into each other, at "
-            f"({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave one of them free"
-        )
-
-
 def _rounding(u, scale, comm):
     """What rounding leaves of a displacement in the energy norm, from the roots of the stiffness' diagonal."""
     return ROUNDING * float(np.sqrt(comm.allreduce(float(((scale * u) ** 2).sum()))))
@@ -175,7 +157,8 @@ class _ClosedPairs:
         self._base, self._jump, self._active, self._stages = base, jump, active, stages
         self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
         self._term = PenaltyTerm(jump)
-        self._projection = Projection(jump) if enforcement.method == "exact" else None
+        self._nearest = Projection(jump)
+        self._projection = self._nearest if enforcement.method == "exact" else None
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
         self._known, self._is_set_up = active, False  # the active set in the matrix
         self._comm = jump.pairs.prolongation.comm
@@ -223,11 +206,39 @@ class _ClosedPairs:
                 u = np.zeros_like(
                     u
                 )  # from elsewhere PCG would come close to rest, but not by the energy of what is left
+            self._nearest.close(active)
             if self._projection is not None:
-                self._projection.close(active)
                 u = self._projection.onto_closed(u)
         with self._stages("solve"):
             return self._cg.solve(self._right_hand_side, u, tolerance, self._projection)
+
+    def check_apart(self, u):
+        """See that conditions do not press closed pairs into each other: no force could keep their vertices apart.
+
+        Collective.  They do where the nearest displacement that closes the pairs leaves overlaps, and no gaps: the
+        jumps of such pairs, weighted by their overlaps, add up to one that conditions alone decide.  Beside a gap this
+        is known of single pairs only; others may be apart once that one opens.
+
+        Args:
+            u: (owned, 3) float64, the last solution [m].
+
+        Raises:
+            SolveError: they do, by more than rounding.
+        """
+        pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
+        overlap = np.where(self._active, pairs.penetration(u), 0.0)
+        rounding = _OVERLAP * self._largest(u)
+        if self._largest(np.minimum(overlap, 0.0)) > rounding:
+            overlap[self._jump.movable] = 0.0
+        worst = int(overlap.argmax()) if len(overlap) else 0
+        mine = (float(overlap[worst]), pairs.position[worst].tolist()) if len(overlap) else (0.0, [])
+        deepest, place = max(self._comm.allgather(mine))
+        if deepest > rounding:
+            raise SolveError(
+                f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} m "
+                f"into each other, at ({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave "
+                "one of them free"
+            )
 
     def _changes(self, active):
         """Number of pairs on all ranks that the matrix has otherwise, and of those that disturb the preconditioner.
@@ -244,6 +255,8 @@ class _ClosedPairs:
     def trial(self, u):
         """Force of closed pairs, and of open ones the force that a penalty would exert.
 
+        Closed pairs whose gap others that share their vertex have left open count as open.
+
         Args:
             u: (owned, 3) float64, the last solution [m].
 
@@ -254,7 +267,12 @@ class _ClosedPairs:
         if self._projection is None:
             return trial
         residual = self._cg.residual(self._right_hand_side, u)
-        return np.where(self._projection.closed, self._projection.apply_transpose(residual), trial)
+        closed = self._projection.closed & (self._jump.pairs.penetration(u) >= -_OVERLAP * self._largest(u))
+        return np.where(closed, self._projection.apply_transpose(residual), trial)
+
+    def _largest(self, values):
+        """The largest absolute value on all ranks: float."""
+        return self._comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
 
     def augment(self, trial, u):
         """Add the penalty's forces to those of the augmented Lagrangian, if they still leave a penetration.
@@ -271,10 +289,8 @@ class _ClosedPairs:
         pairs = self._jump.pairs
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
-        penetrating = np.abs(penetration[self._active & self._jump.movable & beyond_noise])
-        left, moved = (
-            self._comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX) for values in (penetrating, np.abs(u))
-        )
+        penetrating = penetration[self._active & self._jump.movable & beyond_noise]
+        left, moved = self._largest(penetrating), self._largest(u)
         forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
         pressed = self._comm.allreduce(float(forces.sum()))
         # Bodies that come from afar move by more than they approach, which is about their energy over the force.
