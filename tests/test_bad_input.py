@@ -1151,6 +1151,17 @@ def test_file_that_keeps_gmsh_busy(monkeypatch):
     assert from_file(CUBE).bodies == ("cube",)
 
 
+def test_file_that_gmsh_reads_once(monkeypatch):
+    """What Gmsh complains of where it tries first, the run does not open: that may crash it; the complaint is told."""
+    import gmsh
+
+    opened = []
+    monkeypatch.setattr(gmsh, "open", opened.append)
+    (answer,) = set(told(lambda: from_file(CUBE[:120])))
+    assert answer[0] is SceneError and "cube.msh': Error loading '" in answer[1], answer
+    assert not opened
+
+
 def test_gmsh_model_of_rank_0():
     """Rank 0 builds a Gmsh model, so what the others give does not matter."""
 
