@@ -1142,6 +1142,27 @@ def test_error_that_cannot_be_sent():
                     raise Odd("odd")
 
 
+def test_function_that_fails_late(tmp_path):
+    """A function of the user may fail on one rank whenever it is called: all raise.  Checkpoints do not call it."""
+    left, last = np.inf, COMM.size - 1
+
+    def moved(x):
+        nonlocal left
+        left -= 1
+        return np.full(x.shape[1], np.nan if left < 0 and COMM.rank == last else -0.01)
+
+    scene, folder = pressed_by(moved), COMM.bcast(tmp_path)
+    left = 100
+    first(scene)
+    needed = COMM.bcast(100 - left, root=last)
+    for calls in range(needed):
+        left = calls
+        (answer,) = set(told(lambda: first(scene, checkpoint=folder)))
+        assert answer[0] is SceneError and "'top' is nan" in answer[1], answer
+    left = needed
+    assert needed > 1 and first(scene, checkpoint=folder).record["active_pairs"]
+
+
 def test_file_that_keeps_gmsh_busy(monkeypatch):
     """A small file that announces a thousand million values is given up; a good one is read in time."""
     monkeypatch.setattr("fx_contact.gmsh_model._SECONDS", 3)

@@ -194,7 +194,7 @@ def adapt(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
         options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
-        _check_start(scene, comm, options, beginning, restart)
+        _check_start(settings, comm, options, beginning, restart)
         asked = settings.asked() | {
             "most steps": max_steps,
             "partition": partition_kind,
@@ -203,12 +203,12 @@ def adapt(
             "restart": None if restart is None else [str(restart.path), len(restart.records)],
         }
     check_alike(comm, asked)
-    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, restart)
-    return _steps(settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress)
+    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings.problem, options, restart)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, writer, restart, progress)
 
 
-def _check_start(scene, comm, options, beginning, restart):
-    """See that a run of a scene can begin where it is told to.  Local."""
+def _check_start(settings, comm, options, beginning, restart):
+    """See that a run can begin where it is told to.  Local."""
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
@@ -216,9 +216,9 @@ def _check_start(scene, comm, options, beginning, restart):
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
-        restart.check(scene, options)
+        restart.check(settings.problem, options)
     if beginning is not None:
-        beginning.check(scene, comm)
+        beginning.check(settings.scene, comm)
 
 
 class _Last:
@@ -238,7 +238,7 @@ def _steps(*arguments):
         raise
 
 
-def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress):
+def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, progress):
     """Solve, refine, repartition, and remember the last state."""
     carried, records, gain, again = None, [], Gain(), False
     stages = _stages(progress, len(restart.records) if restart else 0)
@@ -270,7 +270,7 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         records.append(step.record)
         if writer is not None:
             with stages("output"):
-                writer.save(step, records, options, gain)
+                writer.save(step, records, gain)
             step.record.update(stages.costs(comm))
         yield step
         if step.record["reached"] or number >= max_steps - 1:
