@@ -774,6 +774,8 @@ CASES = {
             ("ksp_convergence_test", "skip", "set Solver.tolerance"),
             ("ksp_converged_maxits", None, "set Solver.max_krylov"),
             ("ksp_initial_guess_nonzero", None, "the solver has a first guess"),
+            ("ksp_error_if_not_converged", None, "a solve that fails goes on with a stronger preconditioner"),
+            ("ksp_pc_side", "right", "in the norm of the energy"),
         )
     },
     "capitals among PETSc's options": (
@@ -792,6 +794,14 @@ CASES = {
         SolveError,
         "PETSc cannot work with the solver's options",
     ),
+    **{
+        f"file of {name} in no folder": (
+            lambda name=name: first(solver=Solver(options={name: ":/no/such/file"})),
+            SolveError,
+            "PETSc cannot work with the solver's options",
+        )
+        for name in ("ksp_view", "ksp_monitor", "ksp_converged_reason")
+    },
     "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
     "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
     "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),

@@ -8,6 +8,7 @@ from numbers import Real
 import numpy as np
 from petsc4py import PETSc
 
+from fx_contact._mpi import together
 from fx_contact.checks import check_count, check_label, check_name, check_number, check_sendable, shown
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
@@ -72,6 +73,9 @@ _NOT_TO_SET = {
     "ksp_convergence_test": "set Solver.tolerance: the error in the norm of the energy decides",
     "ksp_converged_maxits": "set Solver.max_krylov: a solve that ends there has not reached its tolerance",
     "ksp_initial_guess_nonzero": "the solver has a first guess of its own, the last displacement",
+    "ksp_error_if_not_converged": "a solve that fails goes on with a stronger preconditioner, and if there is "
+    "none ends in an error that says why",
+    "ksp_pc_side": "in the norm of the energy conjugate gradients have one side alone, PETSc's left",
 }
 #: Options that set several others at once, and those of `PRECONDITIONERS` that would win over them.
 _COVERED = {
@@ -191,7 +195,9 @@ class ConjugateGradients:
                 f"the Krylov method must be one of {', '.join(METHODS)}, which work in the norm of the energy, "
                 f"got -{prefix}ksp_type {ksp.getType()}"
             )
-        if ksp.getNormType() != PETSc.KSP.NormType.NATURAL:
+        with self._named_errors():
+            norm = ksp.getNormType()
+        if norm != PETSc.KSP.NormType.NATURAL:
             raise SolveError(
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
@@ -213,14 +219,19 @@ class ConjugateGradients:
 
     @contextmanager
     def _named_errors(self):
-        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after."""
-        try:
-            yield
-        except PETSc.Error as error:
-            clear_hypre_errors()
-            raise SolveError(
-                f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: {error}"
-            ) from error
+        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after.
+
+        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.
+        """
+        with together(self._comm):
+            try:
+                yield
+            except PETSc.Error as error:
+                clear_hypre_errors()
+                raise SolveError(
+                    f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
+                    f"{error}"
+                ) from error
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
