@@ -159,7 +159,8 @@ class ConjugateGradients:
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
-        preconditioner: a key of `PRECONDITIONERS`, the present one: where PCG fails a stronger one takes over.
+        preconditioner: the present one, a key of `PRECONDITIONERS`, or what PETSc or hypre calls the one that options
+            have put in its place; where PCG fails a stronger one takes over.
         iterations: list of int, of each solve.
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
@@ -179,7 +180,7 @@ class ConjugateGradients:
 
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
-        self.preconditioner, self._prefix = preconditioner, prefix
+        self._prefix = prefix
         others = self.PREFIX + "fallback_"
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, _COVERED)
         self._options.check_free(_NOT_TO_SET)
@@ -207,6 +208,7 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
+        self.preconditioner = _name(ksp.getPC(), preconditioner)
 
     def _check_factors(self, unknowns):
         """See that there is memory for the factors that the user has chosen."""
@@ -363,6 +365,14 @@ class ConjugateGradients:
         """Free PETSc's objects."""
         for thing in (self._ksp, self._operator, self._x, self._b, self._scale, self.matrix):
             thing.destroy()
+
+
+def _name(pc, asked):
+    """The key of `PRECONDITIONERS` that was asked for if PETSc has taken it, else the type that it took.  Local."""
+    options, kind = PRECONDITIONERS[asked], pc.getType()
+    if kind == PETSc.PC.Type.HYPRE:
+        kind = pc.getHYPREType()
+    return asked if kind == options.get("pc_hypre_type", options["pc_type"]) else kind
 
 
 class _Product:
