@@ -1232,6 +1232,27 @@ def test_what_the_bad_cases_spoil_is_good():
         Path(folder).rmdir()
 
 
+#: A program that fails on the last rank, before it calls anything that all ranks call together.
+FAILS_ALONE = """
+from mpi4py import MPI
+from fx_contact import Material
+from fx_contact.scenes import patch
+comm = MPI.COMM_WORLD
+material = Material(1.0, 0.3 if comm.rank < comm.size - 1 else 0.7)
+comm.Barrier()
+"""
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_error_that_nobody_catches(ranks):
+    """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", FAILS_ALONE]
+    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
+    assert done.returncode == 1 and "Traceback" in done.stderr, done.stderr
+    assert "SceneError: Poisson's ratio" in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
+
+
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_options_file_of_the_environment():
     """On two ranks too, a file that PETSC_OPTIONS names and that is not there is one sentence and an exit code."""
