@@ -180,6 +180,7 @@ def adapt(
         GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
+        CompilationError: there is no C compiler, or no folder for what it makes.
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
     """
