@@ -552,6 +552,14 @@ CASES = {
     "tolerance below rounding": (lambda: first(press(two_cubes()), tolerance=5e-324), SceneError, "at least 1e-09"),
     "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "must be a Scene, got 'x'"),
     "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "must be a Scene, got None"),
+    **{
+        f"gain of a beginning that is {value!r}": (
+            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), gain=value)),
+            SceneError,
+            "gain of a Beginning must be a Gain",
+        )
+        for value in (np.zeros((2, 2)), 0, "much")
+    },
     "root cells refined by half": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),
     "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),
     **{

@@ -54,7 +54,8 @@ class Beginning:
                 values are not finite numbers at the corners of its leaves.
         """
         forest, values = self.forest, self.values
-        for name, value, kind in (("forest", forest, Forest), ("gain", self.gain or Gain(), Gain)):
+        gain = Gain() if self.gain is None else self.gain
+        for name, value, kind in (("forest", forest, Forest), ("gain", gain, Gain)):
             if not isinstance(value, kind):
                 raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
@@ -249,7 +250,8 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         again = len(records) < len(restart.records)
         last.record = records[-1] if records else None
     elif beginning is not None:
-        forest, carried, gain = beginning.forest, beginning.values, replace(beginning.gain or gain)
+        forest, carried = beginning.forest, beginning.values
+        gain = gain if beginning.gain is None else replace(beginning.gain)
     else:
         with stages("partition"):
             forest = _first_forest(settings.scene, comm, partition_kind)
