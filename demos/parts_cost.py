@@ -23,6 +23,7 @@ from fx_contact.checkpoint import CheckpointWriter
 from fx_contact.estimate import Gain
 from fx_contact.output import write_fields
 from fx_contact.plot import draw_stress
+from fx_contact.problem import problem
 from fx_contact.rootmesh import RootMesh
 from fx_contact.scenes import patch
 
@@ -83,11 +84,11 @@ def main():
         print(f"| {name} | {numbers} | {seconds:.2f} | {seconds - bare:+.2f} |", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        writer = CheckpointWriter(folder, MPI.COMM_SELF)
+        writer = CheckpointWriter(folder, MPI.COMM_SELF, problem(scene), {})
         single = {
             "making the scene: root mesh, pairing, checks": lambda: patch(cells=CELLS),
             "refinement of all leaves": lambda: Beginning.uniform(scene, 1, MPI.COMM_SELF),
-            "a checkpoint": lambda: writer.save(step, [step.record], {}, Gain()),
+            "a checkpoint": lambda: writer.save(step, [step.record], Gain()),
             "fields for ParaView": lambda: write_fields(step, folder),
             "a picture of the stress": lambda: draw_stress(step, folder / "stress.png"),
         }

@@ -17,7 +17,7 @@ ORDER = """
     scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options krylov
-    elasticity conditions loads enforcement contact
+    compilation elasticity conditions loads enforcement contact
     activeset estimate solve balance unseen
     step checkpoint
     accuracy

@@ -552,6 +552,14 @@ CASES = {
     "tolerance below rounding": (lambda: first(press(two_cubes()), tolerance=5e-324), SceneError, "at least 1e-09"),
     "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "must be a Scene, got 'x'"),
     "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "must be a Scene, got None"),
+    **{
+        f"gain of a beginning that is {value!r}": (
+            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), gain=value)),
+            SceneError,
+            "gain of a Beginning must be a Gain",
+        )
+        for value in (np.zeros((2, 2)), 0, "much")
+    },
     "root cells refined by half": (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), SceneError, "got 0.5"),
     "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),
     **{
@@ -774,6 +782,8 @@ CASES = {
             ("ksp_convergence_test", "skip", "set Solver.tolerance"),
             ("ksp_converged_maxits", None, "set Solver.max_krylov"),
             ("ksp_initial_guess_nonzero", None, "the solver has a first guess"),
+            ("ksp_error_if_not_converged", None, "a solve that fails goes on with a stronger preconditioner"),
+            ("ksp_pc_side", "right", "in the norm of the energy"),
         )
     },
     "capitals among PETSc's options": (
@@ -792,6 +802,14 @@ CASES = {
         SolveError,
         "PETSc cannot work with the solver's options",
     ),
+    **{
+        f"file of {name} in no folder": (
+            lambda name=name: first(solver=Solver(options={name: ":/no/such/file"})),
+            SolveError,
+            "PETSc cannot work with the solver's options",
+        )
+        for name in ("ksp_view", "ksp_monitor", "ksp_converged_reason")
+    },
     "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
     "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
     "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),
@@ -1142,6 +1160,27 @@ def test_error_that_cannot_be_sent():
                     raise Odd("odd")
 
 
+def test_function_that_fails_late(tmp_path):
+    """A function of the user may fail on one rank whenever it is called: all raise.  Checkpoints do not call it."""
+    left, last = np.inf, COMM.size - 1
+
+    def moved(x):
+        nonlocal left
+        left -= 1
+        return np.full(x.shape[1], np.nan if left < 0 and COMM.rank == last else -0.01)
+
+    scene, folder = pressed_by(moved), COMM.bcast(tmp_path)
+    left = 100
+    first(scene)
+    needed = COMM.bcast(100 - left, root=last)
+    for calls in range(needed):
+        left = calls
+        (answer,) = set(told(lambda: first(scene, checkpoint=folder)))
+        assert answer[0] is SceneError and "'top' is nan" in answer[1], answer
+    left = needed
+    assert needed > 1 and first(scene, checkpoint=folder).record["active_pairs"]
+
+
 def test_file_that_keeps_gmsh_busy(monkeypatch):
     """A small file that announces a thousand million values is given up; a good one is read in time."""
     monkeypatch.setattr("fx_contact.gmsh_model._SECONDS", 3)
@@ -1149,6 +1188,17 @@ def test_file_that_keeps_gmsh_busy(monkeypatch):
     (answer,) = set(told(lambda: from_file(CUBE + announced)))
     assert answer[0] is SceneError and "cube.msh' in 3 s" in answer[1]
     assert from_file(CUBE).bodies == ("cube",)
+
+
+def test_file_that_gmsh_reads_once(monkeypatch):
+    """What Gmsh complains of where it tries first, the run does not open: that may crash it; the complaint is told."""
+    import gmsh
+
+    opened = []
+    monkeypatch.setattr(gmsh, "open", opened.append)
+    (answer,) = set(told(lambda: from_file(CUBE[:120])))
+    assert answer[0] is SceneError and "cube.msh': Error loading '" in answer[1], answer
+    assert not opened
 
 
 def test_gmsh_model_of_rank_0():
@@ -1188,6 +1238,27 @@ def test_what_the_bad_cases_spoil_is_good():
     COMM.Barrier()
     if COMM.rank == 0:
         Path(folder).rmdir()
+
+
+#: A program that fails on the last rank, before it calls anything that all ranks call together.
+FAILS_ALONE = """
+from mpi4py import MPI
+from fx_contact import Material
+from fx_contact.scenes import patch
+comm = MPI.COMM_WORLD
+material = Material(1.0, 0.3 if comm.rank < comm.size - 1 else 0.7)
+comm.Barrier()
+"""
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_error_that_nobody_catches(ranks):
+    """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", FAILS_ALONE]
+    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
+    assert done.returncode == 1 and "Traceback" in done.stderr, done.stderr
+    assert "SceneError: Poisson's ratio" in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")

@@ -504,6 +504,29 @@ def test_records_go_on(folder, there, expected):
     assert " ".join(found) == expected
 
 
+@pytest.mark.parametrize(
+    "there, words",
+    [
+        (
+            '{"step": 0, "force": 1.0, "seconds": 3}\n{"step": 1, "force": 3.0}\n',
+            "step 1, force is 3.0 there, 2.0 in",
+        ),
+        ('{"step": 0}\n', "step 0, force is None there, 1.0 in"),
+        ('{"step": 0, "force": 1.0}\n{"step": 2, "force": 2.5}\n{"st', "step 2, which the run that goes on has not"),
+    ],
+)
+def test_records_of_another_run(folder, there, words):
+    """Records of another run are no beginning of this one: they stay to the last byte; an empty folder gets its own."""
+    path = folder / "steps.jsonl"
+    alone(lambda: path.write_text(there))
+    finished = [{"step": 0, "force": 1.0, "seconds": 1}, {"step": 1, "force": 2.0, "seconds": 2}]
+    assert words in caught(OutputError, lambda: RecordWriter(folder, WORLD, finished))
+    assert path.read_text() == there
+    RecordWriter(folder / "new", WORLD, finished)
+    WORLD.Barrier()
+    assert [*map(json.loads, (folder / "new" / "steps.jsonl").read_text().splitlines())] == finished
+
+
 class Life:
     """A run of `demos/hertz.py` in a session of its own, to be killed."""
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from conftest import WORLD, outside
 
+from fx_contact import Solver, adapt
+from fx_contact.scenes import patch
 from fx_contact.stages import STAGES
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
@@ -43,6 +45,23 @@ def test_options_of_a_dict_and_of_the_command_line():
         for words in ((), ("-fx_pc_type", "bjacobi"))
     ]
     assert [set(kind) for kind in kinds] == [{"jacobi"}, {"bjacobi"}]
+
+
+@pytest.mark.parametrize(
+    "solver, used",
+    [
+        ({}, "boomeramg"),
+        ({"preconditioner": "ilu"}, "ilu"),
+        ({"preconditioner": "boomeramg-robust"}, "boomeramg-robust"),
+        ({"options": {"pc_type": "jacobi"}}, "jacobi"),
+        ({"options": {"pc_type": "gamg"}}, "gamg"),
+        ({"preconditioner": "cholesky", "options": {"pc_type": "lu"}}, "lu"),
+        ({"options": {"pc_hypre_type": "euclid"}}, "euclid"),
+    ],
+)
+def test_record_names_what_was_used(solver, used):
+    """Not what the program would have taken, where options have put another preconditioner in its place."""
+    assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record["preconditioner"] == used
 
 
 @pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])

@@ -1,4 +1,7 @@
-"""Raise together, exchange rows between ranks, and meet at the home rank of a key (rendezvous).
+"""Raise together or end together, exchange rows between ranks, and meet at the home rank of a key (rendezvous).
+
+An error that nobody catches ends a rank, and the others would wait for it for ever, in the next collective call or when
+MPI is shut down.  So where there are several it ends them all, once Python has shown it.
 
 A lattice point is named by an int64 key that every rank computes alike. What ranks know of a key is brought
 together on its *home*, the rank that a hash of the key names: one all-to-all there, one back. No rank ever holds
@@ -10,6 +13,7 @@ the lock's removal can then hang for ever.  So collectives go to the user's comm
 """
 
 import pickle
+import sys
 from contextlib import contextmanager
 
 import numpy as np
@@ -46,6 +50,16 @@ def _sendable(error):
         return error
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def _end_all(kind, error, trace):
+    """What Python calls for an error that nobody has caught: it is shown as ever, and ends all ranks.  Local."""
+    _show(kind, error, trace)
+    MPI.COMM_WORLD.Abort(1)
+
+
+if MPI.COMM_WORLD.size > 1:
+    _show, sys.excepthook = sys.excepthook, _end_all
 
 
 class Exchange:

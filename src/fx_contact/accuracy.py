@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from fx_contact._mpi import together
 from fx_contact.checks import shown
+from fx_contact.compilation import compiled
 from fx_contact.elasticity import QUADRATURE_DEGREE
 from fx_contact.errors import SceneError
 from fx_contact.estimate import VOIGT
@@ -52,7 +53,9 @@ def field_error(elasticity, exact):
     off = elasticity.u - exact
     densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
     densities += [ufl.inner(v, v) for v in (off, exact)]
-    form = fem.form(ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx)
+    form = compiled(
+        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
+    )
     sums = fem.assemble_vector(form).array.reshape(-1, 4).sum(axis=0)
     total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
     energy, energy_scale, l2, l2_scale = np.sqrt(total)
@@ -79,7 +82,9 @@ def energy_distance(elasticity, forest, values):
     dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
     cellwise = fem.functionspace(elasticity.mesh, ("DG", 0, (2,)))
     densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, elasticity.u)]
-    form = fem.form(ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx)
+    form = compiled(
+        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
+    )
     sums = fem.assemble_vector(form).array.reshape(-1, 2).sum(axis=0)
     total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
     return float(np.sqrt(total[0] / total[1]))

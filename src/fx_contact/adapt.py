@@ -54,7 +54,8 @@ class Beginning:
                 values are not finite numbers at the corners of its leaves.
         """
         forest, values = self.forest, self.values
-        for name, value, kind in (("forest", forest, Forest), ("gain", self.gain or Gain(), Gain)):
+        gain = Gain() if self.gain is None else self.gain
+        for name, value, kind in (("forest", forest, Forest), ("gain", gain, Gain)):
             if not isinstance(value, kind):
                 raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
@@ -180,6 +181,7 @@ def adapt(
         GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, enforcement or geometry order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
+        CompilationError: there is no C compiler, or no folder for what it makes.
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
     """
@@ -194,7 +196,7 @@ def adapt(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
         options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
-        _check_start(scene, comm, options, beginning, restart)
+        _check_start(settings, comm, options, beginning, restart)
         asked = settings.asked() | {
             "most steps": max_steps,
             "partition": partition_kind,
@@ -203,12 +205,12 @@ def adapt(
             "restart": None if restart is None else [str(restart.path), len(restart.records)],
         }
     check_alike(comm, asked)
-    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, restart)
-    return _steps(settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress)
+    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings.problem, options, restart)
+    return _steps(settings, comm, max_steps, partition_kind, beginning, writer, restart, progress)
 
 
-def _check_start(scene, comm, options, beginning, restart):
-    """See that a run of a scene can begin where it is told to.  Local."""
+def _check_start(settings, comm, options, beginning, restart):
+    """See that a run can begin where it is told to.  Local."""
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
@@ -216,9 +218,9 @@ def _check_start(scene, comm, options, beginning, restart):
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
-        restart.check(scene, options)
+        restart.check(settings.problem, options)
     if beginning is not None:
-        beginning.check(scene, comm)
+        beginning.check(settings.scene, comm)
 
 
 class _Last:
@@ -238,7 +240,7 @@ def _steps(*arguments):
         raise
 
 
-def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, options, progress):
+def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, progress):
     """Solve, refine, repartition, and remember the last state."""
     carried, records, gain, again = None, [], Gain(), False
     stages = _stages(progress, len(restart.records) if restart else 0)
@@ -248,7 +250,8 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         again = len(records) < len(restart.records)
         last.record = records[-1] if records else None
     elif beginning is not None:
-        forest, carried, gain = beginning.forest, beginning.values, replace(beginning.gain or gain)
+        forest, carried = beginning.forest, beginning.values
+        gain = gain if beginning.gain is None else replace(beginning.gain)
     else:
         with stages("partition"):
             forest = _first_forest(settings.scene, comm, partition_kind)
@@ -270,7 +273,7 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         records.append(step.record)
         if writer is not None:
             with stages("output"):
-                writer.save(step, records, options, gain)
+                writer.save(step, records, gain)
             step.record.update(stages.costs(comm))
         yield step
         if step.record["reached"] or number >= max_steps - 1:

@@ -61,13 +61,16 @@ class CheckpointWriter:
     Args:
         folder: for the checkpoints; made if it is not there.
         comm: MPI communicator.
+        problem: dict, the run's problem (`problem.problem`).
+        options: dict that JSON can hold, the options that must not change.
         restart: Checkpoint from which the run goes on, the only one that may be in the folder already; or None.
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
     """
 
-    def __init__(self, folder, comm, restart=None):
+    def __init__(self, folder, comm, problem, options, restart=None):
+        self._problem, self._options = problem, options
         self._run = comm.bcast(uuid4().hex)
         self._replaceable = {self._run} | ({restart.run} if restart is not None else set())
         with together(comm):
@@ -81,7 +84,7 @@ class CheckpointWriter:
                         f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
                     ) from None
 
-    def save(self, step, records, options, gain):
+    def save(self, step, records, gain):
         """Replace the checkpoint in the folder by the state after a step.
 
         Collective on the step's comm.
@@ -89,7 +92,6 @@ class CheckpointWriter:
         Args:
             step: Step.
             records: list of dict, of all steps up to this one.
-            options: dict that JSON can hold, the options that must not change.
             gain: Gain of the run, before it has marked this step.
 
         Raises:
@@ -110,8 +112,8 @@ class CheckpointWriter:
             {
                 "kind": KIND,
                 "run": self._run,
-                "problem": problem(step.scene),
-                "options": options,
+                "problem": self._problem,
+                "options": self._options,
                 "records": records,
                 "estimate": [error.error_global, error.energy_norm, error.cells],
                 "gain": asdict(gain),
@@ -232,19 +234,19 @@ class Checkpoint:
         self._compare(content["problem"], asked)
         self.run, self.records = content["run"], content["records"]
 
-    def check(self, scene, options):
+    def check(self, problem, options):
         """See that a run can go on from here.
 
         Local.
 
         Args:
-            scene: Scene.
+            problem: dict, that of the run (`problem.problem`).
             options: dict that JSON can hold, those that must not change.
 
         Raises:
             CheckpointError: the run had another scene or other options.
         """
-        self._compare(self._file.content["problem"], problem(scene))
+        self._compare(self._file.content["problem"], problem)
         self._compare(self._file.content["options"], options)
 
     def _compare(self, before, now):

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, diags, identity, kron
 
+from fx_contact.compilation import compiled
 from fx_contact.matrix import create_matrix
 
 #: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
@@ -173,7 +174,7 @@ class Elasticity:
         where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
         dx = ufl.Measure("dx", self.mesh, where, {"quadrature_degree": QUADRATURE_DEGREE}, domain)
         with self._stages("compile"):
-            return fem.form(factor * integrand * dx)
+            return compiled(self.prolongation.comm, factor * integrand * dx)
 
     def _form(self, cells):
         """Stiffness of some cells, but for the mean volume strain."""

@@ -37,6 +37,10 @@ class SolveError(FxContactError):
     """The linear solver or the contact loop did not converge, or a step would not fit into the memory."""
 
 
+class CompilationError(FxContactError):
+    """The kernels of the finite elements cannot be compiled: no compiler, or no folder to keep them in."""
+
+
 class OutputError(FxContactError):
     """Results cannot be written where the user asked for."""
 

@@ -7,6 +7,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact.compilation import compiled
 from fx_contact.elasticity import QUADRATURE_DEGREE
 from fx_contact.errors import SolveError
 
@@ -198,10 +199,10 @@ def estimate(elasticity, shear_free, stages, noise=0.0):
     with stages("compile"):
         sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
         integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
-        moment_form = fem.form(ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
+        moment_form = compiled(prolongation.comm, ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
         smooth = ufl.as_matrix([[recovered[_position(i, j)] for j in range(3)] for i in range(3)])
         both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
-        energy_form = fem.form(ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
+        energy_form = compiled(prolongation.comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
 
     local = np.empty((len(prolongation.vertices), 7))
     vertex = elasticity.vertex_of_block

@@ -82,8 +82,7 @@ def root_mesh_from_file(comm, path):
             try:
                 gmsh.open(str(link))
             except Exception as error:
-                reason = str(error).strip().replace(str(link), str(path)) or "its numbers make no sense"
-                raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
+                raise _unreadable(path, link, str(error)) from None
 
     return root_mesh_from_gmsh(comm, read)
 
@@ -115,23 +114,43 @@ def _alone(path):
         yield link
 
 
+#: Reads a file in a process of its own, and ends with what Gmsh says against it.
+_TRIAL = """
+import gmsh, sys
+gmsh.initialize(readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+try:
+    gmsh.open(sys.argv[1])
+except Exception as error:
+    sys.exit(str(error))
+"""
+
+
 def _check_reading(path, link):
-    """A damaged file can crash Gmsh or keep it busy, and the run with it; so another process reads it first."""
-    trial = "import gmsh, sys; gmsh.initialize(readConfigFiles=False, interruptible=False); gmsh.open(sys.argv[1])"
+    """A damaged file can crash Gmsh or keep it busy, and the run with it; so another process reads it first.
+
+    What that one cannot read the run does not open: a file of which Gmsh complains once may crash it the next time.
+    """
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
     patience = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", trial, str(link)], env=environment, capture_output=True, timeout=patience
+        subprocess.check_output(
+            [sys.executable, "-c", _TRIAL, str(link)], env=environment, stderr=subprocess.STDOUT, timeout=patience
         )
     except subprocess.TimeoutExpired:
         raise SceneError(
             f"Gmsh cannot read {str(path)!r} in {patience:.0f} s, so a number in it that counts something must be "
             "wrong; is it whole? write it again"
         ) from None
-    if done.returncode < 0:
-        name = signal.Signals(-done.returncode).name
-        raise SceneError(f"Gmsh cannot read {str(path)!r}: it crashes ({name}); is it whole? write it again")
+    except subprocess.CalledProcessError as failed:
+        crashed = failed.returncode < 0 and f"it crashes ({signal.Signals(-failed.returncode).name})"
+        raise _unreadable(path, link, crashed or failed.output.decode(errors="replace")) from None
+
+
+def _unreadable(path, link, reason):
+    """The error for a file that Gmsh cannot read, with its reason, which names the link or is empty.  Local."""
+    reason = reason.strip().replace(str(link), str(path)) or "its numbers make no sense"
+    return SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again")
 
 
 def _with_gmsh(build):

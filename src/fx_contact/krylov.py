@@ -8,6 +8,7 @@ from numbers import Real
 import numpy as np
 from petsc4py import PETSc
 
+from fx_contact._mpi import together
 from fx_contact.checks import check_count, check_label, check_name, check_number, check_sendable, shown
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
@@ -72,6 +73,9 @@ _NOT_TO_SET = {
     "ksp_convergence_test": "set Solver.tolerance: the error in the norm of the energy decides",
     "ksp_converged_maxits": "set Solver.max_krylov: a solve that ends there has not reached its tolerance",
     "ksp_initial_guess_nonzero": "the solver has a first guess of its own, the last displacement",
+    "ksp_error_if_not_converged": "a solve that fails goes on with a stronger preconditioner, and if there is "
+    "none ends in an error that says why",
+    "ksp_pc_side": "in the norm of the energy conjugate gradients have one side alone, PETSc's left",
 }
 #: Options that set several others at once, and those of `PRECONDITIONERS` that would win over them.
 _COVERED = {
@@ -155,7 +159,8 @@ class ConjugateGradients:
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
-        preconditioner: a key of `PRECONDITIONERS`, the present one: where PCG fails a stronger one takes over.
+        preconditioner: the present one, a key of `PRECONDITIONERS`, or what PETSc or hypre calls the one that options
+            have put in its place; where PCG fails a stronger one takes over.
         iterations: list of int, of each solve.
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
@@ -175,7 +180,7 @@ class ConjugateGradients:
 
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
-        self.preconditioner, self._prefix = preconditioner, prefix
+        self._prefix = prefix
         others = self.PREFIX + "fallback_"
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, _COVERED)
         self._options.check_free(_NOT_TO_SET)
@@ -191,7 +196,9 @@ class ConjugateGradients:
                 f"the Krylov method must be one of {', '.join(METHODS)}, which work in the norm of the energy, "
                 f"got -{prefix}ksp_type {ksp.getType()}"
             )
-        if ksp.getNormType() != PETSc.KSP.NormType.NATURAL:
+        with self._named_errors():
+            norm = ksp.getNormType()
+        if norm != PETSc.KSP.NormType.NATURAL:
             raise SolveError(
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
@@ -201,6 +208,7 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
+        self.preconditioner = _name(ksp.getPC(), preconditioner)
 
     def _check_factors(self, unknowns):
         """See that there is memory for the factors that the user has chosen."""
@@ -213,14 +221,19 @@ class ConjugateGradients:
 
     @contextmanager
     def _named_errors(self):
-        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after."""
-        try:
-            yield
-        except PETSc.Error as error:
-            clear_hypre_errors()
-            raise SolveError(
-                f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: {error}"
-            ) from error
+        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after.
+
+        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.
+        """
+        with together(self._comm):
+            try:
+                yield
+            except PETSc.Error as error:
+                clear_hypre_errors()
+                raise SolveError(
+                    f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
+                    f"{error}"
+                ) from error
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
@@ -360,6 +373,14 @@ class ConjugateGradients:
         """Free PETSc's objects."""
         for thing in (self._ksp, self._operator, self._x, self._b, self._scale, self.matrix):
             thing.destroy()
+
+
+def _name(pc, asked):
+    """The key of `PRECONDITIONERS` that was asked for if PETSc has taken it, else the type that it took.  Local."""
+    options, kind = PRECONDITIONERS[asked], pc.getType()
+    if kind == PETSc.PC.Type.HYPRE:
+        kind = pc.getHYPREType()
+    return asked if kind == options.get("pc_hypre_type", options["pc_type"]) else kind
 
 
 class _Product:

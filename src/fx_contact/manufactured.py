@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact.accuracy import FINE_QUADRATURE, field_error
+from fx_contact.compilation import compiled
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import SceneError
 from fx_contact.estimate import Gain, estimate
@@ -186,7 +187,7 @@ def _load(forest, elasticity, stages):
     stress = elasticity.stress(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
     work = -ufl.inner(ufl.div(stress), test) * dx + ufl.inner(stress * ufl.FacetNormal(mesh), test) * ds(1)
     with stages("compile"):
-        form = fem.form(work)
+        form = compiled(forest.comm, work)
     values = np.zeros((len(forest.vertices), 3))
     values[elasticity.vertex_of_block] = fem.assemble_vector(form).array.reshape(-1, 3)
     return elasticity.prolongation.restrict(values)

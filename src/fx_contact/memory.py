@@ -55,7 +55,7 @@ def check_memory(comm, what, needed, advice):
     short = shortage(comm, needed)
     if short is not None:
         needed, free, place = short
-        raise SolveError(f"{what} needs {needed / 1e9:.1f} GB {place} that has {free / 1e9:.1f} GB left; {advice}")
+        raise SolveError(f"{what} needs {_size(needed)} {place} that has {_size(free)} left; {advice}")
 
 
 def shortage(comm, needed):
@@ -78,6 +78,12 @@ def shortage(comm, needed):
     host.Free()
     worst = max(comm.allgather(max((needed - free, needed, free, place) for needed, free, place in places)))
     return worst[1:] if worst[0] > 0 else None
+
+
+def _size(count):
+    """Bytes in the largest unit of which there is one at least: str.  Local."""
+    unit, name = next((entry for entry in ((1e9, "GB"), (1e6, "MB")) if count >= entry[0]), (1e3, "kB"))
+    return f"{count / unit:.1f} {name}"
 
 
 def available():

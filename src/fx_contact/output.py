@@ -15,6 +15,7 @@ from fx_contact.agreement import shared_path
 from fx_contact.checks import check_comm, shown
 from fx_contact.errors import OutputError, SceneError
 from fx_contact.estimate import VOIGT
+from fx_contact.stages import COSTS
 from fx_contact.step import check_step
 from fx_contact.surface import write_contact
 
@@ -35,7 +36,7 @@ class RecordWriter:
 
     Raises:
         SceneError: comm is no communicator, or finished no list of records.
-        OutputError: the folder cannot be made or written.
+        OutputError: the folder cannot be made or written, or has records of other steps than those before the restart.
     """
 
     def __init__(self, folder, comm, finished=()):
@@ -79,21 +80,47 @@ class RecordWriter:
                 self._try(lambda: self._append(_line(record), self._last))
 
     def _begin(self, finished):
-        if not isinstance(finished, (list, tuple)) or not all(isinstance(r, dict) and "step" in r for r in finished):
+        if not isinstance(finished, (list, tuple)) or not all(map(_is_record, finished)):
             raise SceneError(f"finished must be a list of the records of steps, got {shown(finished)}")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
             raise OutputError(f"{str(self.path)!r} is no file: remove it, or name another output folder")
         before = self.path.read_bytes() if finished and self.path.exists() else b""
         lines = before[: before.rfind(b"\n") + 1]
+        there = [record for record in map(_record_of, lines.splitlines()) if record is not None]
+        self._check_same_run(there, {record["step"]: json.loads(_line(record)) for record in finished})
         if not lines:
             self.path.write_bytes(b"")
         elif lines != before:
             os.truncate(self.path, len(lines))
-        there = {_step_of(line) for line in lines.splitlines()}
+        steps = {record["step"] for record in there}
         for record in finished:
-            if record["step"] not in there:
+            if record["step"] not in steps:
                 self._append(_line(record))
+
+    def _check_same_run(self, there, finished):
+        """See that the records of the file are those of finished steps, whatever they cost and what was added later.
+
+        Args:
+            there: list of dict, records in the file.
+            finished: step -> record.
+
+        Raises:
+            OutputError: they are of another run, whose records would be mixed with those of this one.
+        """
+        for record in there:
+            known = finished.get(record["step"])
+            if known is None:
+                told = "which the run that goes on has not done yet"
+            elif unlike := [name for name in known if name not in COSTS and record.get(name) != known[name]]:
+                name = unlike[0]
+                told = f"{name} is {shown(record.get(name))} there, {shown(known[name])} in the run that goes on"
+            else:
+                continue
+            raise OutputError(
+                f"{str(self.path)!r} has records of another run: of step {record['step']}, {told}; they stay as they "
+                "are: name the output folder of the run that goes on, or a new one"
+            )
 
     def _append(self, line, position=None):
         with self.path.open("r+") as file:
@@ -120,12 +147,18 @@ def _line(record):
     raise SceneError(f"a record must be a dict that JSON can hold, got {shown(record)}")
 
 
-def _step_of(line):
-    """Number of the step that a line of `steps.jsonl` tells of, None if it tells of none."""
+def _record_of(line):
+    """The record in a line of `steps.jsonl`, None if there is none."""
     try:
-        return json.loads(line)["step"]
-    except (ValueError, KeyError, TypeError):
+        record = json.loads(line)
+    except (ValueError, RecursionError):
         return None
+    return record if _is_record(record) else None
+
+
+def _is_record(value):
+    """Whether a value is the record of a step."""
+    return isinstance(value, dict) and isinstance(value.get("step"), int)
 
 
 def write_fields(step, folder):

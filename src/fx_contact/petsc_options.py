@@ -11,7 +11,7 @@ from fx_contact.errors import SceneError
 #: Options that users try most, to find the one that a misspelt name was to be.
 COMMON = (
     "ksp_type ksp_monitor ksp_monitor_true_residual ksp_converged_reason "
-    "ksp_view ksp_view_singularvalues ksp_error_if_not_converged pc_type pc_hypre_type "
+    "ksp_view ksp_view_singularvalues pc_type pc_hypre_type "
     "pc_factor_mat_solver_type pc_gamg_threshold pc_gamg_type mg_levels_ksp_type mg_levels_pc_type "
     "pc_hypre_boomeramg_strong_threshold pc_hypre_boomeramg_max_iter pc_hypre_boomeramg_coarsen_type "
     "pc_hypre_boomeramg_interp_type pc_hypre_boomeramg_P_max pc_hypre_boomeramg_agg_nl "

@@ -27,7 +27,7 @@ class ContactSolution:
         penetration: (n,) float64, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
-        preconditioner: name of the one that the last solve used.
+        preconditioner: name of the one that the last solve used, as `ConjugateGradients` has it.
         energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
         rounding: what rounding may leave of a rigid motion in the energy norm (4) [J^(1/2)].
     """

@@ -1,6 +1,7 @@
 """One adaptive step: the solution on a given forest, its estimated error, and the record of both."""
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -84,11 +85,19 @@ class Settings:
                 f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
             )
 
+    @cached_property
+    def problem(self):
+        """What the scene asks for, as `problem.problem` has it; only the first time, functions of the user are called.
+
+        Local.
+        """
+        return problem(self.scene)
+
     def asked(self):
         """All of it as JSON can hold it, by name: dict.  Local."""
         return {
             "scene": self.scene.name,
-            **problem(self.scene),
+            **self.problem,
             "tolerance": self.tolerance,
             "geometry order": self.geometry_order,
             "enforcement": asdict(self.enforcement),
