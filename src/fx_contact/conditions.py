@@ -8,7 +8,6 @@ from fx_contact._mpi import together
 from fx_contact.lattice import SIDE
 from fx_contact.prescriptions import Prescribed
 
-
 #: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all:
 #: positions of vertices between the nodes of the root mesh are rounded.
 _SAME = 1e-9
