@@ -98,12 +98,19 @@ def test_a_corner_of_a_contact_cut_out(method):
     assert np.abs(np.array(two.record["pair_forces"]) / pressure - [0.25, 0.75]).max() < 1e-6
 
 
-@pytest.mark.parametrize("stiffness", [1.0, 1e3])
-def test_contact_cut_in_two(stiffness):
+@pytest.mark.parametrize(
+    "stiffness, enforcement",
+    [(1.0, Enforcement()), (1e3, Enforcement()), (1.0, Enforcement("penalty", node_stiffness=0.1))],
+    ids=["alike", "unlike", "node_stiffness"],
+)
+def test_contact_cut_in_two(stiffness, enforcement):
     """Two contact pairs that continue each other share the nodes between them: nothing is counted twice."""
     scene = punch(order=2, displacement=0.1, punch=Material(stiffness, 0.3))
     halves = in_two(scene)
-    (one,), (two,) = (adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1)) for s in (scene, halves))
+    (one,), (two,) = (
+        adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1), enforcement=enforcement)
+        for s in (scene, halves)
+    )
     assert one.record["cells"] == two.record["cells"] and min(two.record["pair_forces"]) > 0
     assert two.record["active_pairs"] > one.record["active_pairs"], "no node is in both"
     for name in ("force", "max_pressure", "contact_radius"):

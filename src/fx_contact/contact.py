@@ -115,16 +115,17 @@ def node_pairs(scene, forest, prolongation, enforcement):
             f"a node_stiffness of {enforcement.node_stiffness:g} N/m is lost in rounding: it is {stiffest:.0e} times "
             f"the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
         )
-    return pairs if len(blocks) == 1 else _sharing(pairs, across, apart)
+    return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
 
 
-def _sharing(pairs, across, apart):
+def _sharing(pairs, across, apart, node_stiffness):
     """Pairs of one vertex, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
 
     Args:
         pairs: NodePairs.
         across: (n, 3) float64, normals times areas, of both surfaces [m^2].
         apart: (n, 3) float64, from the first vertex of each to the second one, undeformed [m].
+        node_stiffness: of the pairs of a vertex together, if it is given [N/m].
     """
     own = np.column_stack([pairs.stiffness, pairs.area, across])
     stiffness, area, *mean = pairs.at_first(own).T
@@ -132,6 +133,7 @@ def _sharing(pairs, across, apart):
     smooth = np.einsum("ni,ni->n", mean, pairs.normal) > _SMOOTH
     normal = np.where(smooth[:, None], mean, pairs.normal)
     gap = np.einsum("ni,ni->n", normal, apart)
+    stiffness = stiffness if node_stiffness is None else node_stiffness
     return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
 
 
