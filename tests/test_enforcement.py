@@ -380,14 +380,14 @@ def trial_force(matrix, gap, active):
     return np.where(active, force, gap - matrix @ force)
 
 
-def lone_set(size, most):
+def lone_set(size, most, stiffness=1.0):
     """An ActiveSet of pairs that need no mesh, all open but the first."""
     index_map = SimpleNamespace(local_to_global=lambda i: i.astype(np.int64), size_global=2 * size)
     pairs = SimpleNamespace(
         prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
         penetration=lambda u: -np.arange(size, dtype=float),
         stiffness=np.ones(size),
-        relative_stiffness=np.ones(size),
+        relative_stiffness=np.full(size, stiffness),
         first=np.arange(size),
         second=size + np.arange(size),
     )
@@ -417,6 +417,16 @@ def test_active_set_ends():
             status.update(wanted)
         assert (status.active == solution).all()
     assert cycles > 3, "no problem cycles without the rules"
+
+
+@pytest.mark.parametrize("stiffness, pull, wrong", [(1e6, 0.011, True), (1e6, 0.009, False), (100.0, 0.5, False)])
+def test_closed_pairs_do_not_pull(stiffness, pull, wrong):
+    """Where a penalty is so stiff that its forces are noise that is an error."""
+    status, force = lone_set(3, 1, stiffness), np.array([2.0, 1.0, -2.0 * pull])
+    if not wrong:
+        return status.check_pressing(force)
+    with pytest.raises(SolveError, match="closed pairs pull by up to 2.2.*1e.06 times as stiff"):
+        status.check_pressing(force)
 
 
 def test_too_many_updates():

@@ -35,6 +35,8 @@ class ActiveSet:
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
     #: Stiffness of a pair, relative to that of the bodies, from which on the penalty is the first to be suspected.
     _STIFF = 10 * FACTOR
+    #: Most that a pair may pull, relative to the largest contact force.
+    _PULL = 0.01
 
     def __init__(self, pairs, scene, u, most):
         self._pairs, self._scene, self._most = pairs, scene, most
@@ -80,6 +82,22 @@ class ActiveSet:
                 "some of its rigid motions; prescribe displacements that stop them, or load it towards the contact"
             )
 
+    def check_pressing(self, force):
+        """See that pairs closed by a stiff penalty press: within its noise they might as well pull.  Collective.
+
+        Args:
+            force: (n,) float64, compression positive [N].
+
+        Raises:
+            SolveError: one pulls, by more than `_PULL` of the largest force.
+        """
+        largest, pull = (max(self._max(sign * force), 0.0) for sign in (1.0, -1.0))
+        if self._stiffest() > self._STIFF and pull > self._PULL * largest:
+            raise SolveError(
+                f"closed pairs pull by up to {pull:.2e} N where the largest contact force is {largest:.2e} N; "
+                f"{self._softer()}"
+            )
+
     def differs(self, other):
         """Number of pairs on all ranks whose status differs.  Collective."""
         return self._comm.allreduce(int((self.active != other).sum()))
@@ -103,12 +121,7 @@ class ActiveSet:
             self.check_held()
         self.updates += 1
         if self.updates > self._most:
-            stiffest, remedy = self._max(self._pairs.relative_stiffness), "allow more (Solver.max_contact)"
-            if stiffest > self._STIFF:
-                remedy = (
-                    f"its penalty is up to {stiffest:.0e} times as stiff as the bodies, whose gaps are then lost in "
-                    f"rounding: take a factor of {FACTOR:g}, or the enforcement 'exact', the default"
-                )
+            remedy = self._softer() if self._stiffest() > self._STIFF else "allow more (Solver.max_contact)"
             raise SolveError(f"the active set still changes after {self._most} updates; {remedy}; or apply less load")
         wrong = self.differs(wanted)
         if wrong < self._fewest:
@@ -138,6 +151,15 @@ class ActiveSet:
 
     def _max(self, values):
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
+
+    def _stiffest(self):
+        return self._max(self._pairs.relative_stiffness)
+
+    def _softer(self):
+        return (
+            f"the penalty is up to {self._stiffest():.0e} times as stiff as the bodies, whose gaps are then lost in "
+            f"rounding: take a factor of {FACTOR:g}, or the enforcement 'exact', the default"
+        )
 
     def _ends(self, which):
         """Global numbers of the two vertices of some pairs: two (n,) int64."""

@@ -66,7 +66,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
 
     Raises:
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
-            the contact opens, or conditions press vertices into each other.
+            the contact opens, conditions press vertices into each other, or closed pairs pull.
     """
     u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
@@ -107,6 +107,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         else:
             status.check_held()
             force = np.where(status.active, trial, 0.0)
+            status.check_pressing(force)
             break
     linear.destroy()
     return ContactSolution(
