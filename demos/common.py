@@ -55,7 +55,7 @@ from fx_contact.partition import KINDS  # noqa: E402
 from fx_contact.petsc_options import COMMON, unread_options  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
-from fx_contact.krylov import PRECONDITIONERS  # noqa: E402
+from fx_contact.solver import PRECONDITIONERS  # noqa: E402
 
 
 class RankZeroParser(argparse.ArgumentParser):

@@ -206,6 +206,10 @@ def compressibility():
             ("clamped, flat", 0.1, ((4, 4, 1), (12, 12, 4)), 0.5),  # 0.3 takes 60,000 unknowns at 0.49
             ("clamped, tall", 5.0, ((1, 1, 6), (2, 2, 12)), 0.3),
         ):
+            if height < 1 and poisson >= 0.49:  # hundreds of iterations a solve, and soon a thousand
+                closer = 1.0
+            if height < 1 and poisson > 0.499:
+                continue
             make, twin = (partial(stack, [both, material(3.0, poisson)], height=height, cells=c) for c in meshes)
             twin = Twin(lambda twin=twin: clamped(twin()), **(finer | {"tolerance": closer}))
             yield Case("Poisson", name, value, lambda make=make: clamped(make()), twin, tolerance=0.25)

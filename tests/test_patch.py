@@ -38,7 +38,7 @@ from fx_contact.estimate import estimate
 from fx_contact.loads import load
 from fx_contact.stages import Stages
 from fx_contact.scene import ContactPair, Dirichlet, Scene, Traction
-from fx_contact.krylov import Solver
+from fx_contact.solver import Solver
 from fx_contact.solve import solve_contact
 
 EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)

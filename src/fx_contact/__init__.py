@@ -2,7 +2,7 @@
 
 from fx_contact.adapt import adapt
 from fx_contact.enforcement import Enforcement
-from fx_contact.krylov import Solver
+from fx_contact.solver import Solver
 from fx_contact.prescriptions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.scene import ContactPair, Material, Scene
 

@@ -14,7 +14,7 @@ from fx_contact.errors import FxContactError, PartitionError, SceneError, SolveE
 from fx_contact.estimate import Gain
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
-from fx_contact.krylov import Solver
+from fx_contact.solver import Solver
 from fx_contact.lattice import MAX_LEVEL
 from fx_contact.memory import check_leaves
 from fx_contact.partition import KINDS, repartition

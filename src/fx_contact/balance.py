@@ -6,6 +6,8 @@ from fx_contact.errors import SolveError
 
 #: Most of the forces that may be left unbalanced [-].
 MOST = 0.01
+#: Reactions count by this part of them: sums of magnitudes at many vertices, they may be rounding for the most part.
+_REACTIONS = 0.01
 
 
 def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
@@ -24,7 +26,8 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
         prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
 
     Returns:
-        float, of the body with the largest share, relative to all contact forces, loads or reactions [-].
+        float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
+        of the reactions where those are less [-].
     """
     prolongation, free = elasticity.prolongation, np.isnan(prescribed)
     residual, pressed = elasticity.internal_forces() - load, 0.0
@@ -40,7 +43,7 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
     body[prolongation.conforming[own]] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
     sums = np.zeros((len(scene.mesh.bodies) + 1, 3))
     np.add.at(sums, body, np.where(free, residual, 0.0))
-    sums[-1] = pressed, np.abs(load).sum(), np.abs(residual[~free]).sum()
+    sums[-1] = pressed, np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
     sums = forest.comm.allreduce(sums)
     return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
 

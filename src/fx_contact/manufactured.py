@@ -19,7 +19,7 @@ from fx_contact.errors import SceneError
 from fx_contact.estimate import Gain, estimate
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
-from fx_contact.krylov import Solver
+from fx_contact.solver import Solver
 from fx_contact.mesh import leaf_mesh
 from fx_contact.pairing import Pairing
 from fx_contact.partition import repartition

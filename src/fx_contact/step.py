@@ -15,7 +15,7 @@ from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
-from fx_contact.krylov import Solver
+from fx_contact.solver import Solver
 from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.problem import problem

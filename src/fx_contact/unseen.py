@@ -16,7 +16,7 @@ _VARIATION = 1e-3
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
 #: Columns of what is known at the vertices of a contact facet.
-_JUMP, _CLOSED, _PRESSURE, _MODULUS, _NORMAL = 0, 1, 2, 3, slice(4, 7)
+_CLOSED, _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, 2, slice(3, 6), slice(6, 9)
 #: Levels of leaves that may be as curved as root cells of a higher order than 2; their children are less and less.
 _COARSE = 3
 
@@ -76,9 +76,9 @@ def _sampled(forest, leaf, face, corner, nodal, count):
         "pv,nvi->npi", np.rint(steps * bilinear).astype(np.int64), forest.corners[leaf[:, None], corner]
     )
     here, there = positions_across(forest, leaf, face, (points // steps).astype(np.int32))
-    normal = np.einsum("pv,nvk->npk", bilinear, nodal[:, :, _NORMAL])
+    normal, jump = (np.einsum("pv,nvk->npk", bilinear, nodal[:, :, columns]) for columns in (_NORMAL, _JUMP))
     normal /= np.linalg.norm(normal, axis=2)[:, :, None]
-    gap = np.einsum("npi,npi->np", normal, there - here) - nodal[:, :, _JUMP] @ bilinear.T
+    gap = np.einsum("npi,npi->np", normal, there - here - jump)  # small, however far the bodies come
     diagonals = here[:, -1] - here[:, 0], here[:, count - 1] - here[:, -count]
     return gap, np.linalg.norm(np.cross(*diagonals), axis=1) / 2
 
@@ -110,11 +110,12 @@ def _weights(count):
 
 
 def _at_vertices(pairs, contact, index):
-    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 7) float64."""
+    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 9) float64."""
     prolongation, ours = pairs.prolongation, pairs.contact == index
-    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 7))
-    modulus = 1 / (1 / pairs.modulus).sum(axis=1)
-    columns = (contact.penetration + pairs.gap, contact.active, contact.force / pairs.area, modulus, *pairs.normal.T)
+    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 9))
+    modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(contact.displacement)
+    jump = u[pairs.first] - u[pairs.second]
+    columns = contact.active, contact.force / pairs.area, modulus, *jump.T, *pairs.normal.T
     said[pairs.first[ours]] = np.stack(columns, axis=1)[ours]
     return prolongation.prolong(prolongation.summed(said))
 
