@@ -391,7 +391,7 @@ def lone_set(size, most, stiffness=1.0):
         first=np.arange(size),
         second=size + np.arange(size),
     )
-    return ActiveSet(pairs, None, None, most)
+    return ActiveSet(pairs, None, np.zeros((size, 3)), most)
 
 
 def test_active_set_ends():

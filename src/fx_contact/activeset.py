@@ -35,6 +35,8 @@ class ActiveSet:
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
     #: Stiffness of a pair, relative to that of the bodies, from which on the penalty is the first to be suspected.
     _STIFF = 10 * FACTOR
+    #: Overlaps and gaps up to this part of the largest displacement are rounding.
+    _TOUCHING = 1e-12
     #: Most that a pair may pull, relative to the largest contact force.
     _PULL = 0.01
 
@@ -43,8 +45,9 @@ class ActiveSet:
         self._comm = pairs.prolongation.comm
         self.updates, self._loose = 1, []
         penetration = pairs.penetration(u)
-        deepest = self._max(penetration)
-        self.active = self._held(penetration > 0 if deepest > 0 else penetration >= deepest, penetration)
+        deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
+        overlaps = penetration > 0 if deepest > rounding else penetration >= deepest - rounding
+        self.active = self._held(overlaps, penetration)
         self.forget()
 
     def forget(self):
