@@ -36,8 +36,8 @@ def unseen_contact(forest, pairs, contact, most):
 
     Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
     from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
-    and of what it would take to press an overlap apart, the sum of p |d| and (E*/h) max(-gap, 0)^2, as much may be left
-    as is given.  Where it is more, the facets with more than their share are named.
+    and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, as
+    much may be left as is given.  Where it is more, the facets with more than their share are named.
 
     Args:
         forest: Forest.
@@ -95,8 +95,11 @@ def _energy(gap, area, nodal, count):
     bilinear, _ = _SAMPLES[count]
     corners = np.array([0, count - 1, -count, -1])
     size = np.sqrt(area)
-    off = np.maximum(np.abs(gap - gap[:, corners] @ bilinear.T) - _ROUNDING * size[:, None], 0.0)
-    overlap = np.maximum(-gap - _ROUNDING * size[:, None], 0.0)
+    at_nodes, rounding = gap[:, corners], _ROUNDING * size[:, None]
+    off = np.maximum(np.abs(gap - at_nodes @ bilinear.T) - rounding, 0.0)
+    overlap = np.maximum(
+        -gap - np.maximum(-at_nodes, 0.0) @ bilinear.T - rounding, 0.0
+    )  # a penalty's is at the nodes
     pressure, modulus = (nodal[:, :, column] @ bilinear.T for column in (_PRESSURE, _MODULUS))
     return area * ((pressure * off + modulus / size[:, None] * overlap**2) @ _weights(count))
 
