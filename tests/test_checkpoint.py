@@ -525,6 +525,9 @@ def test_records_of_another_run(folder, there, words):
     RecordWriter(folder / "new", WORLD, finished)
     WORLD.Barrier()
     assert [*map(json.loads, (folder / "new" / "steps.jsonl").read_text().splitlines())] == finished
+    # The last step may have been solved for again, on another number of ranks.
+    again = [finished[0], finished[1] | {"force": 2.0 * (1 + 1e-8), "ranks": 5, "krylov_iterations": [7]}]
+    RecordWriter(folder / "new", WORLD, again)
 
 
 class Life:

@@ -9,8 +9,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-#: What a record says of the costs of a step: entries that a run through the same states has otherwise.
-COSTS = "seconds", "cpu_seconds", "memory_bytes", "peak_memory_bytes"
 #: Stages of an adaptive step, as they stand in the records; `other` is what none of them explains.
 STAGES = (
     "compile",
@@ -95,8 +93,12 @@ class Stages:
         memory = np.array([*memory, max(_peak(), *memory)])  # the system's own peak lags a little
         comm.Allreduce(MPI.IN_PLACE, memory, op=MPI.SUM)
         names = [*STAGES, "total"]
-        costs = (dict(zip(keys, what.tolist())) for keys, what in ((names, wall), (names, cpu), (STAGES, memory)))
-        return dict(zip(COSTS, (*costs, int(memory[-1]))))
+        return {
+            "seconds": dict(zip(names, wall.tolist())),
+            "cpu_seconds": dict(zip(names, cpu.tolist())),
+            "memory_bytes": dict(zip(STAGES, memory.tolist())),
+            "peak_memory_bytes": int(memory[-1]),
+        }
 
 
 def _clocks():
