@@ -6,8 +6,8 @@ Each scene must balance its forces, have no tension and store the work done on i
 twin in other units, another direction or on another mesh; `stability_checks.py` says how closely, and why.  Each runs
 on one rank in a process of its own with a time limit, so that a crash or a hang is a score too.
 
-    python3 demos/stability.py --quick            # a tenth of the scenes, spread over all rows: 3 minutes
-    python3 demos/stability.py                    # all: 15 minutes on two cores
+    python3 demos/stability.py --quick            # a sixth of the scenes, spread over all rows
+    python3 demos/stability.py                    # all: 15 to 20 minutes on two cores
     python3 demos/stability.py --only NAME        # one scene, with all its checks
 
 A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,
