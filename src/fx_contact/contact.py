@@ -138,7 +138,7 @@ def _sharing(pairs, across, apart, node_stiffness):
 
 
 def resultants(scene, pairs, force):
-    """What forces of node pairs add to the force of their contact pair: along its direction, if it has one.
+    """What forces of node pairs add to the force of their contact pair: along its direction, else all of them.
 
     Local.
 

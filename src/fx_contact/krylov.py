@@ -23,8 +23,6 @@ _ADVICE = {
     "because the matrix is singular: take 'boomeramg', the default, and look at what holds each body",
     PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT: f"allow more with Solver.max_krylov, or {_BETTER}",
 }
-
-
 #: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
 #: Relative error of a product with the operator, by rounding, with some room.

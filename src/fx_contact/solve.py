@@ -204,9 +204,8 @@ class _ClosedPairs:
             self._cg.correct(self._term.difference(self._known, active) if changed else None)
             self._right_hand_side = self._base + self._term.right_hand_side(active, self._forces)
             if not self._comm.allreduce(bool(active.any() or self._right_hand_side.any()), op=MPI.LOR):
-                u = np.zeros_like(
-                    u
-                )  # from elsewhere PCG would come close to rest, but not by the energy of what is left
+                # At rest; from elsewhere PCG would come close, but not by the energy of what is left.
+                u = np.zeros_like(u)
             self._nearest.close(active)
             if self._projection is not None:
                 u = self._projection.onto_closed(u)

@@ -60,7 +60,7 @@ def unseen_contact(forest, pairs, contact, most):
                 continue
             near, here = around[these], leaf[these]
             gap, area = _sampled(forest, here, face[these], corner[these], nodal[these], count)
-            unseen[here[~near]] |= _overlaps(gap[~near], area[~near], count)
+            unseen[here[~near][_overlaps(gap[~near], area[~near], count)]] = True
             np.add.at(energy, here[near], _energy(gap[near], area[near], nodal[these][near], count))
     total, facets = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
     if total > most:
@@ -97,9 +97,8 @@ def _energy(gap, area, nodal, count):
     size = np.sqrt(area)
     at_nodes, rounding = gap[:, corners], _ROUNDING * size[:, None]
     off = np.maximum(np.abs(gap - at_nodes @ bilinear.T) - rounding, 0.0)
-    overlap = np.maximum(
-        -gap - np.maximum(-at_nodes, 0.0) @ bilinear.T - rounding, 0.0
-    )  # a penalty's is at the nodes
+    # A penalty's overlap at the nodes is its own affair.
+    overlap = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ bilinear.T - rounding, 0.0)
     pressure, modulus = (nodal[:, :, column] @ bilinear.T for column in (_PRESSURE, _MODULUS))
     return area * ((pressure * off + modulus / size[:, None] * overlap**2) @ _weights(count))
 
