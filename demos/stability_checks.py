@@ -161,7 +161,7 @@ class State:
         self.work = float((u * (self._load + self._reaction)).sum())
         self.yielded = float(contact.force @ self.penetration)
         self.size = float(np.abs(u).max())
-        springs = self.pairs.stiffness[contact.active].sum() if method != "exact" else 0.0
+        springs = self.pairs.bounded_stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
         loss += ROUNDING * (diagonal + springs) * self.size

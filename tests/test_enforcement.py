@@ -143,14 +143,13 @@ def test_balance_that_is_lost(monkeypatch):
             assert adapt_once().record["force"] > 0
 
 
-@pytest.mark.parametrize("method", ["penalty", "augmented-lagrangian"])
+@pytest.mark.parametrize("method", METHODS)
 def test_stiff_penalty_after_a_long_way(method):
-    """Where the penalty loses the bodies' stiffness in rounding, nothing is delivered: they would press on nothing."""
+    """Rounding of overlaps that are nothing beside the way that a body came spoils no force, however stiff a penalty."""
     scene = stack((Material(1.0, 0.3),) * 2, displacement=50 + 1e-4, gap=50.0)
-    with pytest.raises(SolveError, match="unbalanced|still changes"):
-        next(adapt(scene, 0.1, enforcement=Enforcement(method, 1e12)))
-    right = next(adapt(scene, 0.1)).record["force"]
-    assert abs(right / 5e-5 - 1) < 1e-6
+    step = next(adapt(scene, 0.1, enforcement=Enforcement(method, None if method == "exact" else 1e12)))
+    assert abs(step.record["force"] / 5e-5 - 1) < 1e-6
+    everywhere((step.contact.force > 0).all(), "a pair pulls")
 
 
 def test_gap_tolerance_is_that_of_the_approach():
@@ -380,14 +379,13 @@ def trial_force(matrix, gap, active):
     return np.where(active, force, gap - matrix @ force)
 
 
-def lone_set(size, most, stiffness=1.0):
+def lone_set(size, most):
     """An ActiveSet of pairs that need no mesh, all open but the first."""
     index_map = SimpleNamespace(local_to_global=lambda i: i.astype(np.int64), size_global=2 * size)
     pairs = SimpleNamespace(
         prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
         penetration=lambda u: -np.arange(size, dtype=float),
-        stiffness=np.ones(size),
-        relative_stiffness=np.full(size, stiffness),
+        bounded_stiffness=np.ones(size),
         first=np.arange(size),
         second=size + np.arange(size),
     )
@@ -419,16 +417,6 @@ def test_active_set_ends():
     assert cycles > 3, "no problem cycles without the rules"
 
 
-@pytest.mark.parametrize("stiffness, pull, wrong", [(1e6, 0.011, True), (1e6, 0.009, False), (100.0, 0.5, False)])
-def test_closed_pairs_do_not_pull(stiffness, pull, wrong):
-    """Where a penalty is so stiff that its forces are noise that is an error."""
-    status, force = lone_set(3, 1, stiffness), np.array([2.0, 1.0, -2.0 * pull])
-    if not wrong:
-        return status.check_pressing(force)
-    with pytest.raises(SolveError, match="closed pairs pull by up to 2.2.*1e.06 times as stiff"):
-        status.check_pressing(force)
-
-
 def test_too_many_updates():
     """The number of updates is limited, and the error says so."""
     status = lone_set(5, 3)
@@ -446,6 +434,23 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
         materials = {first: Material(1.0, 0.3), second: Material(ratio, 0.3)}
         records = [step.record for step in adapt(replace(scene, materials=materials), 0.16)]
         count.append(sum(sum(record["krylov_iterations"]) + record["contact_iterations"] for record in records))
+    assert max(count) <= 1.2 * min(count), count
+
+
+@pytest.mark.parametrize("make", [hertz, spheres, partial(punch, force=0.01)], ids=["hertz", "spheres", "punch"])
+def test_iterations_do_not_depend_on_the_penalty(make):
+    """From the factor on that is stiff enough for the tolerance; and forces tend to those of exact contact like 1/c."""
+    scene, count = make(), []
+    factors = 10.0 ** np.arange(2, 13, 2)
+    for enforcement in (Enforcement(), *(Enforcement("penalty", factor) for factor in factors)):
+        *_, last = records = [step.record for step in adapt(scene, 0.16, enforcement=enforcement)]
+        count.append(sum(sum(record["krylov_iterations"]) + record["contact_iterations"] for record in records))
+        if enforcement.method == "exact":
+            exact = last
+        else:
+            soft = 0.2 / enforcement.factor + 1e-7
+            assert abs(last["force"] / exact["force"] - 1) < soft, enforcement.factor
+            assert abs(last["max_pressure"] / exact["max_pressure"] - 1) < 10 * soft, enforcement.factor
     assert max(count) <= 1.2 * min(count), count
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact import loose_bodies
-from fx_contact.enforcement import FACTOR
 from fx_contact.errors import SolveError
 
 
@@ -33,12 +32,8 @@ class ActiveSet:
 
     #: Widths of the band of closest pairs that close to hold a loose body, relative to the range of the gaps.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
-    #: Stiffness of a pair, relative to that of the bodies, from which on the penalty is the first to be suspected.
-    _STIFF = 10 * FACTOR
     #: Overlaps and gaps up to this part of the largest displacement are rounding.
     _TOUCHING = 1e-12
-    #: Most that a pair may pull, relative to the largest contact force.
-    _PULL = 0.01
 
     def __init__(self, pairs, scene, u, most):
         self._pairs, self._scene, self._most = pairs, scene, most
@@ -68,10 +63,10 @@ class ActiveSet:
         Returns:
             (n,) bool.
         """
-        pressure = trial / np.sqrt(self._pairs.stiffness)
+        pressure = trial / np.sqrt(self._pairs.bounded_stiffness)
         hardest = self._max(pressure)
         wanted = pressure > (np.where(self.active, -noise, noise) if hardest > noise else hardest)
-        return self._held(wanted, trial / self._pairs.stiffness)
+        return self._held(wanted, trial / self._pairs.bounded_stiffness)
 
     def check_held(self):
         """See that the pairs that hold the bodies press.  Local.
@@ -83,22 +78,6 @@ class ActiveSet:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
                 "some of its rigid motions; prescribe displacements that stop them, or load it towards the contact"
-            )
-
-    def check_pressing(self, force):
-        """See that pairs closed by a stiff penalty press: within its noise they might as well pull.  Collective.
-
-        Args:
-            force: (n,) float64, compression positive [N].
-
-        Raises:
-            SolveError: one pulls, by more than `_PULL` of the largest force.
-        """
-        largest, pull = (max(self._max(sign * force), 0.0) for sign in (1.0, -1.0))
-        if self._stiffest() > self._STIFF and pull > self._PULL * largest:
-            raise SolveError(
-                f"closed pairs pull by up to {pull:.2e} N where the largest contact force is {largest:.2e} N; "
-                f"{self._softer()}"
             )
 
     def differs(self, other):
@@ -124,8 +103,10 @@ class ActiveSet:
             self.check_held()
         self.updates += 1
         if self.updates > self._most:
-            remedy = self._softer() if self._stiffest() > self._STIFF else "allow more (Solver.max_contact)"
-            raise SolveError(f"the active set still changes after {self._most} updates; {remedy}; or apply less load")
+            raise SolveError(
+                f"the active set still changes after {self._most} updates; allow more (Solver.max_contact), or apply "
+                "less load"
+            )
         wrong = self.differs(wanted)
         if wrong < self._fewest:
             self._fewest, self._single = wrong, False
@@ -154,15 +135,6 @@ class ActiveSet:
 
     def _max(self, values):
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
-
-    def _stiffest(self):
-        return self._max(self._pairs.relative_stiffness)
-
-    def _softer(self):
-        return (
-            f"the penalty is up to {self._stiffest():.0e} times as stiff as the bodies, whose gaps are then lost in "
-            f"rounding: take a factor of {FACTOR:g}, or the enforcement 'exact', the default"
-        )
 
     def _ends(self, which):
         """Global numbers of the two vertices of some pairs: two (n,) int64."""

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact._mpi import Directory
-from fx_contact.enforcement import FACTOR, STIFFEST
+from fx_contact.enforcement import FACTOR, STIFF, STIFFEST
 from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
@@ -57,6 +57,12 @@ class NodePairs:
     def relative_stiffness(self):
         """(n,) float64, c of k_N = c E* A^(1/2), A its area: about the factor of the penalty [-].  Local."""
         return self.stiffness * (1 / self.modulus).sum(axis=1) / np.sqrt(self.area)
+
+    @property
+    def bounded_stiffness(self):
+        """(n,) float64, k_N, but that of the default factor where it is stiffer than `STIFF` [N/m].  Local."""
+        relative = self.relative_stiffness
+        return self.stiffness * np.where(relative > STIFF, FACTOR / relative, 1.0)
 
     def penetration(self, u):
         """B u - D at each pair, positive where the bodies overlap.

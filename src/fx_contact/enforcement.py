@@ -21,6 +21,8 @@ METHODS = ("exact", "augmented-lagrangian", "penalty")
 
 #: The factor of the penalty where none is given, and the largest: stiffer ones are lost in rounding.
 FACTOR, STIFFEST = 100.0, 1e12
+#: Factor above which a matrix that has the penalty's springs would be hard to precondition; they stay beside it.
+STIFF = 2 * FACTOR
 
 
 @dataclass(frozen=True)
@@ -154,15 +156,40 @@ class Jump:
         self.gap = pairs.gap - np.einsum("ni,ni->n", pairs.normal, known[pairs.first] - known[pairs.second])
 
 
-class PenaltyTerm:
-    """k_N B^T B of the active pairs, in a matrix or beside it.
+class Springs:
+    """B^T k B beside a matrix, of any sign.
+
+    Collective on the prolongation's comm.
 
     Args:
         jump: Jump.
+        stiffness: (n,) float64, k [N/m].
     """
 
-    def __init__(self, jump):
+    def __init__(self, jump, stiffness):
+        self._jump, self._stiffness = jump, stiffness
+
+    def add_product(self, u, y):
+        """y := y + B^T k B u; (owned, 3) float64, y contiguous.  Collective."""
+        self._jump.matrix.add_transposed(self._stiffness * self._jump.matrix.times(u), y)
+
+    def add_force(self, u, y):
+        """y := y + B^T k (B u - D), without the rounding of k B u and k D; as in `add_product`.  Collective."""
+        penetration = self._jump.matrix.times(u) - self._jump.gap
+        self._jump.matrix.add_transposed(self._stiffness * penetration, y)
+
+
+class PenaltyTerm:
+    """B^T k B of the active pairs, in a matrix or beside it.
+
+    Args:
+        jump: Jump.
+        stiffness: (n,) float64, k of each pair; None: k_N of the penalty [N/m].
+    """
+
+    def __init__(self, jump, stiffness=None):
         self._jump = jump
+        self._stiffness = jump.pairs.stiffness if stiffness is None else stiffness
 
     def reserve(self, matrix):
         """Make room in a matrix for the blocks that couple the two vertices of every pair.  Local."""
@@ -180,7 +207,7 @@ class PenaltyTerm:
         """
         changed = np.flatnonzero(before != after)
         sign = np.where(after[changed], 1.0, -1.0)
-        self._add(matrix, changed, sign * self._jump.pairs.stiffness[changed])
+        self._add(matrix, changed, sign * self._stiffness[changed])
         matrix.assemble()
 
     def _add(self, matrix, which, stiffness):
@@ -196,39 +223,40 @@ class PenaltyTerm:
             indptr, columns, np.ascontiguousarray(blocks), addv=PETSc.InsertMode.ADD, rowmap=nodes.ravel()
         )
 
-    def difference(self, before, after):
-        """The product with what one active set has and another has not.
-
-        Local; the function it returns is collective.
-
-        Args:
-            before, after: (n,) bool, active pairs.
-
-        Returns:
-            function (x, y) of (owned, 3) float64 that adds (B^T k_N B of after - that of before) x to y.
-        """
-        stiffness = (after.astype(float) - before) * self._jump.pairs.stiffness
-        return lambda x, y: self._jump.matrix.add_transposed(stiffness * self._jump.matrix.times(x), y)
-
-    def right_hand_side(self, active, forces=0.0):
-        """B^T (k_N D - f) of the active pairs.
+    def difference(self, active, other, known):
+        """What this term of one active set has more, or less, than another term of another set.
 
         Collective.
 
         Args:
-            active: (n,) bool.
+            active, known: (n,) bool, active pairs of this term and of the other one.
+            other: PenaltyTerm.
+
+        Returns:
+            Springs; None where there is no difference.
+        """
+        stiffness = active * self._stiffness - known * other._stiffness
+        some = self._jump.pairs.prolongation.comm.allreduce(bool(stiffness.any()), op=MPI.LOR)
+        return Springs(self._jump, stiffness) if some else None
+
+    def right_hand_side(self, active, forces=0.0):
+        """B^T (k D - f).
+
+        Collective.
+
+        Args:
+            active: (n,) bool, the pairs that have k.
             forces: (n,) float64, f that act whatever the penetration, or 0 [N].
 
         Returns:
             (owned, 3) float64 [N].
         """
         result = np.zeros((self._jump.pairs.prolongation.owned, 3))
-        pulls = np.where(active, self._jump.pairs.stiffness * self._jump.gap - forces, 0.0)
-        self._jump.matrix.add_transposed(pulls, result)
+        self._jump.matrix.add_transposed(active * self._stiffness * self._jump.gap - forces, result)
         return result
 
     def force(self, u):
-        """k_N (B u - D), the force of every pair that the penalty alone would exert.
+        """k (B u - D), the force of every pair that the penalty alone would exert.
 
         Collective.
 
@@ -238,7 +266,7 @@ class PenaltyTerm:
         Returns:
             (n,) float64, compression positive [N].
         """
-        return self._jump.pairs.stiffness * self._jump.pairs.penetration(u)
+        return self._stiffness * self._jump.pairs.penetration(u)
 
 
 class Projection:
@@ -250,6 +278,7 @@ class Projection:
 
     Args:
         jump: Jump.
+        stiffness: (n,) float64, of springs by which held pairs yield all the same [N/m]; None: they are rigid.
 
     Attributes:
         closed: (n,) bool, the pairs that are held closed.
@@ -260,9 +289,10 @@ class Projection:
     #: Eigenvalues of that system, relative to its diagonal, up to which it is singular.
     _SINGULAR = 1e-14
 
-    def __init__(self, jump):
+    def __init__(self, jump, stiffness=None):
         pairs = jump.pairs
         self._jump, self._comm = jump, pairs.prolongation.comm
+        self._compliance = None if stiffness is None else 1 / stiffness
         weighted = [row / modulus[:, None] for row, modulus in zip(jump.rows, pairs.modulus.T)]
         self._weighted = PairRows(pairs, weighted)
         self._diagonal = sum((row * scaled).sum(axis=1) for row, scaled in zip(jump.rows, weighted))
@@ -319,6 +349,18 @@ class Projection:
         forces = self._gram(self._weighted.times(f))
         self._jump.matrix.add_transposed(-forces, f)
         return forces
+
+    def add_yielding(self, forces, u):
+        """Add the displacement by which the springs of held pairs take up forces where nothing else resists.
+
+        Collective.
+
+        Args:
+            forces: (n,) float64, as from `apply_transpose` [N].
+            u: (owned, 3) float64, contiguous; changed in place.
+        """
+        if self._compliance is not None:
+            self._weighted.add_transposed(self._gram(self._compliance * forces), u)
 
     def _gram(self, values):
         """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate residuals where it is not diagonal.

@@ -30,7 +30,7 @@ ROUNDING = 1e-14
 
 
 class ConjugateGradients:
-    """PCG on a matrix and a small correction, projected or not, with a preconditioner for the matrix alone.
+    """PCG on a matrix and a correction, with a preconditioner for the matrix alone, and for pairs that are held.
 
     hypre works on the values of the matrix itself, not on a copy.  Were they changed under it, its smoother would no
     longer fit and the preconditioner could become indefinite.  What changes after the set-up is a correction instead.
@@ -93,7 +93,8 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
-        self.preconditioner = _name(ksp.getPC(), preconditioner)
+        self._pc = ksp.getPC()
+        self.preconditioner = _name(self._pc, preconditioner)
 
     def _check_factors(self, unknowns):
         """See that there is memory for the factors that the user has chosen."""
@@ -129,46 +130,58 @@ class ConjugateGradients:
         """From now on solve with the matrix and a correction.
 
         Args:
-            correction: function (x, y) of (owned, 3) float64 that adds its product with x to y, collective; or None.
+            correction: Springs or None.
         """
         self._product.correction = correction
 
     def set_up(self):
         """Build the preconditioner for the present values of the matrix."""
-        self._ksp.getPC().setReusePreconditioner(False)
+        self._pc.setReusePreconditioner(False)
+        self._ksp.setPC(self._pc)
         self._ksp.setOperators(self._operator, self.matrix)
         with self._options.there(), self._named_errors():
             self._ksp.setUp()
         self._options.check_read()
-        self._ksp.getPC().setReusePreconditioner(True)
+        self._pc.setReusePreconditioner(True)
         self._scale = self.matrix.getDiagonal()
         self._scale.sqrtabs()
         self._best = None
+
+    def _holding(self, held):
+        """The preconditioner that leaves held pairs to their springs."""
+        pc = PETSc.PC().createPython(_Holding(self._pc, held, self.matrix), self._ksp.comm)
+        pc.setOperators(self._operator, self.matrix)
+        return pc
 
     def stops_paying(self):
         """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper."""
         return bool(self.iterations) and self._best is not None and self.iterations[-1] > 2 * self._best + 20
 
     def residual(self, right_hand_side, u):
-        """Right-hand side less the operator's product with a displacement, not projected.
+        """What a displacement leaves of the forces.
 
         Args:
-            right_hand_side, u: (owned, 3) float64 [N], [m].
+            right_hand_side: (owned, 3) float64, that of the matrix alone: the correction has its own [N].
+            u: (owned, 3) float64 [m].
 
         Returns:
             (owned, 3) float64 [N].
         """
         self._x.array[:] = u.ravel()
-        self._product.times(self._x, self._b)
-        return right_hand_side - self._b.array.reshape(-1, 3)
+        self.matrix.mult(self._x, self._b)
+        forces = self._b.array.reshape(-1, 3)
+        if self._product.correction is not None:
+            self._product.correction.add_force(u, forces)
+        return right_hand_side - forces
 
-    def solve(self, right_hand_side, start, tolerance, projection=None):
+    def solve(self, right_hand_side, start, tolerance, held=None):
         """Solve to an error relative to the energy norm of the solution.
 
         Args:
-            right_hand_side, start: (owned, 3) float64 [N], [m].
+            right_hand_side, start: (owned, 3) float64, as for `residual` [N], [m].
             tolerance: of that error [-].
-            projection: Projection, of the operator and of what may be added to the start; None: no projection.
+            held: Projection onto what leaves some pairs as they are, which the operator's stiff springs, or rigid ones
+                that it lacks, hold in the position that they have at the start; None: there are none.
 
         Returns:
             (owned, 3) float64 [m].
@@ -177,8 +190,9 @@ class ConjugateGradients:
             SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
                 number.
         """
-        self._product.projection, self._count = projection, 0
+        self._count = 0
         while True:
+            self._ksp.setPC(self._pc if held is None else self._holding(held))
             u, reason = self._attempt(right_hand_side, start, tolerance)
             if reason > 0:
                 break
@@ -191,7 +205,7 @@ class ConjugateGradients:
 
     def _attempt(self, right_hand_side, u, tolerance):
         """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
-        x, b, ksp, projection = self._x, self._b, self._ksp, self._product.projection
+        x, b, ksp = self._x, self._b, self._ksp
         start = energy = self._energy_norm(u)
         for _ in range(3):
             rounding = self._rounding_error(u)
@@ -200,10 +214,7 @@ class ConjugateGradients:
                     f"the energy norm of the displacement that PCG goes on from is {energy} J^(1/2): check the units "
                     "of lengths, moduli and displacements"
                 )
-            residual = self.residual(right_hand_side, u)
-            if projection is not None:
-                projection.apply_transpose(residual)
-            b.array[:] = residual.ravel()
+            b.array[:] = self.residual(right_hand_side, u).ravel()
             least = max(tolerance * energy, rounding)
             # Of a start without energy, the residual tells that of the solution: the tolerance is relative to both.
             ksp.setTolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
@@ -216,10 +227,7 @@ class ConjugateGradients:
             first = ksp.getConvergenceHistory()[0]
             energy, self.energy_error = max(energy, first), max(least, tolerance * first)
             moved = np.sqrt(max(b.dot(x), 0.0))  # energy norm of the step
-            step = x.array.reshape(-1, 3)
-            if projection is not None:
-                projection.apply(step)
-            u = u + step
+            u = u + x.array.reshape(-1, 3)
             if start - moved >= 0.5 * energy:
                 break
             start = self._energy_norm(u)
@@ -243,7 +251,7 @@ class ConjugateGradients:
             self._operator.destroy()
             self._hold(before.convert(kind, PETSc.Mat()))
             self.matrix.setBlockSizes(*before.getBlockSizes())  # hypre's rows forget it, blocks are added by it
-            self._product.correction, self._product.projection = product.correction, product.projection
+            self._product.correction = product.correction
             before.destroy()
         self.set_up()
         return True
@@ -269,24 +277,36 @@ def _name(pc, asked):
 
 
 class _Product:
-    """The product of a matrix and a correction, projected or not, as PETSc calls it."""
+    """The product of a matrix and a correction, as PETSc calls it."""
 
     def __init__(self, matrix):
-        self._matrix, self.correction, self.projection = matrix, None, None
-        self._projected = matrix.createVecRight()
+        self._matrix, self.correction = matrix, None
 
     def mult(self, _, x, y):
-        """y = P^T A P x."""
-        if self.projection is not None:
-            x.copy(self._projected)
-            x = self._projected
-            self.projection.apply(x.array.reshape(-1, 3))
-        self.times(x, y)
-        if self.projection is not None:
-            self.projection.apply_transpose(y.array.reshape(-1, 3))
-
-    def times(self, x, y):
         """y = A x."""
         self._matrix.mult(x, y)
         if self.correction is not None:
-            self.correction(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
+            self.correction.add_product(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
+
+
+class _Holding:
+    """P M^-1 P^T, with P the projection onto what leaves held pairs as they are, and the springs' own inverse.
+
+    The stiffer the springs, the less have the two parts to do with each other; rigid ones do not move.
+    """
+
+    def __init__(self, inner, held, matrix):
+        self._inner, self._held, self._rest = inner, held, matrix.createVecRight()
+
+    def apply(self, _, x, y):
+        """y = (P M^-1 P^T + springs) x."""
+        x.copy(self._rest)
+        forces = self._held.apply_transpose(self._rest.array.reshape(-1, 3))
+        self._inner.apply(self._rest, y)
+        u = y.array.reshape(-1, 3)
+        self._held.apply(u)
+        self._held.add_yielding(forces, u)
+
+    def view(self, _, viewer):
+        """What `-fx_ksp_view` shows."""
+        self._inner.view(viewer)

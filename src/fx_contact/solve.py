@@ -66,7 +66,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
 
     Raises:
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
-            the contact opens, conditions press vertices into each other, or closed pairs pull.
+            the contact opens, or conditions press vertices into each other.
     """
     u = np.where(np.isnan(prescribed), start, prescribed)
     with stages("system"):
@@ -79,9 +79,10 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         return _solve_linear(matrix, base, u, energy_norm, solver, stages, scale)
     with stages("solve"):
         status = ActiveSet(pairs, scene, u, solver.max_contact)
-        PenaltyTerm(jump).change(matrix.mat, np.zeros_like(status.active), status.active)
+        bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+        bounded.change(matrix.mat, np.zeros_like(status.active), status.active)
         if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
-            u = _relax(matrix.mat, base, PenaltyTerm(jump), u, status)
+            u = _relax(matrix.mat, base, bounded, u, status)
             status.forget()
     with stages("system"):
         linear = _ClosedPairs(matrix, base, jump, status.active, energy_norm, solver, enforcement, stages)
@@ -107,7 +108,6 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         else:
             status.check_held()
             force = np.where(status.active, trial, 0.0)
-            status.check_pressing(force)
             break
     linear.destroy()
     return ContactSolution(
@@ -157,12 +157,17 @@ class _ClosedPairs:
     def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages):
         self._base, self._jump, self._active, self._stages = base, jump, active, stages
         self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
-        self._term = PenaltyTerm(jump)
+        pairs = jump.pairs
+        self._comm = pairs.prolongation.comm
+        self._term, self._bounded = PenaltyTerm(jump), PenaltyTerm(jump, pairs.bounded_stiffness)
         self._nearest = Projection(jump)
-        self._projection = self._nearest if enforcement.method == "exact" else None
+        if enforcement.method == "exact":
+            self._holdable, self._held = np.ones_like(active), self._nearest
+        else:
+            self._holdable = pairs.stiffness > pairs.bounded_stiffness
+            self._held = Projection(jump, pairs.stiffness) if self._any(self._holdable) else None
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
         self._known, self._is_set_up = active, False  # the active set in the matrix
-        self._comm = jump.pairs.prolongation.comm
         self._cg = ConjugateGradients(matrix, solver, energy_norm)
         self.destroy = self._cg.destroy
 
@@ -192,25 +197,29 @@ class _ClosedPairs:
         Returns:
             (owned, 3) float64 [m].
         """
-        changed, unknown = self._changes(active)
-        late = tolerance <= self._solver.tolerance and unknown
+        late = tolerance <= self._solver.tolerance and self._disturbs(active)
         if not self._is_set_up or late or self._cg.stops_paying():
             with self._stages("setup"):
-                self._term.change(self._cg.matrix, self._known, active)
+                self._bounded.change(self._cg.matrix, self._known, active)
                 self._cg.set_up()
-            self._known, self._is_set_up, changed = active, True, 0
+            self._known, self._is_set_up = active, True
         with self._stages("system"):
             self._active, self._forces = active, np.where(active, self._forces, 0.0)
-            self._cg.correct(self._term.difference(self._known, active) if changed else None)
-            self._right_hand_side = self._base + self._term.right_hand_side(active, self._forces)
-            if not self._comm.allreduce(bool(active.any() or self._right_hand_side.any()), op=MPI.LOR):
+            right_hand_side = self._system(self._term)
+            if not self._any(active) and not self._any(self._base):
                 # At rest; from elsewhere PCG would come close, but not by the energy of what is left.
                 u = np.zeros_like(u)
             self._nearest.close(active)
-            if self._projection is not None:
-                u = self._projection.onto_closed(u)
+            if self._held is not None:
+                self._held.close(active & self._holdable)
+                u = self._held.onto_closed(u)
         with self._stages("solve"):
-            return self._cg.solve(self._right_hand_side, u, tolerance, self._projection)
+            return self._cg.solve(right_hand_side, u, tolerance, self._held)
+
+    def _system(self, term):
+        """Let the operator have a penalty term of the closed pairs; the right-hand side that belongs to it."""
+        self._cg.correct(term.difference(self._active, self._bounded, self._known))
+        return self._base + self._bounded.right_hand_side(self._known, self._forces)
 
     def check_apart(self, u):
         """See that conditions do not press closed pairs into each other: no force could keep their vertices apart.
@@ -240,22 +249,20 @@ class _ClosedPairs:
                 "one of them free"
             )
 
-    def _changes(self, active):
-        """Number of pairs on all ranks that the matrix has otherwise, and of those that disturb the preconditioner.
+    def _disturbs(self, active):
+        """Whether an active set differs from that of the preconditioner by other pairs than such as are held now.
 
-        Each of the latter is an outlier of the spectrum that costs some iterations, and many soon more than a new
-        set-up.  In the norm of a preconditioner that has a stiff pair as closed, a penetration that nothing resists
-        any more looks small.  So the last solve allows none.
+        Each is an outlier of the spectrum that costs some iterations, and many soon more than a new set-up.  In the
+        norm of a preconditioner that has a stiff pair as closed, a penetration that nothing resists any more looks
+        small.  So the last solve allows none.
         """
-        changed = self._known != active
-        # Where closed pairs are eliminated, those that close take an unknown away and leave no outlier.
-        outliers = changed if self._projection is None else changed & ~active
-        return self._comm.allreduce(np.array([changed.sum(), outliers.sum()]))
+        return self._any((self._known != active) & ~(active & self._holdable))
 
     def trial(self, u):
         """Force of closed pairs, and of open ones the force that a penalty would exert.
 
-        Closed pairs whose gap others that share their vertex have left open count as open.
+        That of held pairs is what keeps the forces on their vertices in balance, whatever rounding does to their
+        penetration.  Held pairs whose gap others that share their vertex have left open count as open.
 
         Args:
             u: (owned, 3) float64, the last solution [m].
@@ -263,12 +270,16 @@ class _ClosedPairs:
         Returns:
             (n,) float64, compression positive [N].
         """
-        trial = self._forces + self._term.force(u)
-        if self._projection is None:
+        trial = self._forces + self._bounded.force(u)
+        if self._held is None:
             return trial
-        residual = self._cg.residual(self._right_hand_side, u)
-        closed = self._projection.closed & (self._jump.pairs.penetration(u) >= -_OVERLAP * self._largest(u))
-        return np.where(closed, self._projection.apply_transpose(residual), trial)
+        residual = self._cg.residual(self._system(self._bounded), u)
+        closed = self._held.closed & (self._jump.pairs.penetration(u) >= -_OVERLAP * self._largest(u))
+        return trial + np.where(closed, self._held.apply_transpose(residual), 0.0)
+
+    def _any(self, values):
+        """Whether one of the values on any rank is not 0."""
+        return self._comm.allreduce(bool(values.any()), op=MPI.LOR)
 
     def _largest(self, values):
         """The largest absolute value on all ranks: float."""
