@@ -145,7 +145,7 @@ def test_balance_that_is_lost(monkeypatch):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_stiff_penalty_after_a_long_way(method):
-    """Rounding of overlaps that are nothing beside the way that a body came spoils no force, however stiff a penalty."""
+    """Overlaps far smaller than the way of a body are rounding, which spoils no force, however stiff the penalty."""
     scene = stack((Material(1.0, 0.3),) * 2, displacement=50 + 1e-4, gap=50.0)
     step = next(adapt(scene, 0.1, enforcement=Enforcement(method, None if method == "exact" else 1e12)))
     assert abs(step.record["force"] / 5e-5 - 1) < 1e-6
