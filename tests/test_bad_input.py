@@ -880,11 +880,6 @@ CASES = {
     "force of nothing": (lambda: scenes.punch(force=()), SceneError, "force must be a finite number, got ()"),
     "a rotation of text": (lambda: scenes.turned(small_hertz(), "x"), SceneError, "an orthogonal 3 x 3 matrix"),
     "more ranks than leaves": (too_many_ranks, PartitionError, "run on fewer ranks"),
-    "penalty whose gaps are lost": (
-        lambda: list(adapt(scenes.stack(gap=0.003), 0.3, COMM, enforcement=Enforcement("penalty", 1e12))),
-        SolveError,
-        "take a factor of 100, or the enforcement 'exact', the default",
-    ),
     "beginning of another mesh": (lambda: begin(mesh=finer()), SceneError, "another root mesh"),
     "beginning with other pairs": (
         lambda: begin(contact=(), dirichlet=(*small_hertz().dirichlet, Dirichlet("lower pole", z=0.0))),
