@@ -137,7 +137,7 @@ def test_balance_that_is_lost(monkeypatch):
         monkeypatch.setattr("fx_contact.balance.MOST", allowed)
         adapt_once = partial(next, adapt(scene, 0.5, enforcement=Enforcement("penalty", 1e3)))
         if fails:
-            with pytest.raises(SolveError, match="of the forces on a body unbalanced: a penalty is too stiff"):
+            with pytest.raises(SolveError, match="of the forces on a body unbalanced: rigid motions"):
                 adapt_once()
         else:
             assert adapt_once().record["force"] > 0

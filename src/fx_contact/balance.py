@@ -51,8 +51,8 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
 def check_balance(*solution):
     """See that a solution is in balance.
 
-    Collective on forest.comm.  Stiff penalties lose it in rounding, unnoticed by a linear solver whose matrix has lost
-    it too.
+    Collective on forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
+    products have lost it too.
 
     Args:
         solution: as `unbalanced` takes it.
@@ -63,7 +63,6 @@ def check_balance(*solution):
     left = unbalanced(*solution)
     if left > MOST:
         raise SolveError(
-            f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: a penalty is too stiff, "
-            "or rigid motions are too large against the strains; use the enforcement 'exact', or let the bodies begin "
-            "closer to each other"
+            f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: rigid motions are too "
+            "large against the strains; let the bodies begin closer to each other"
         )

@@ -110,7 +110,7 @@ def node_pairs(scene, forest, prolongation, enforcement):
         NodePairs, one block a contact pair of the scene.
 
     Raises:
-        SceneError: a node_stiffness that is lost in rounding.
+        SceneError: a node_stiffness that leaves overlaps which are rounding.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
@@ -118,8 +118,8 @@ def node_pairs(scene, forest, prolongation, enforcement):
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and stiffest > STIFFEST:
         raise SceneError(
-            f"a node_stiffness of {enforcement.node_stiffness:g} N/m is lost in rounding: it is {stiffest:.0e} times "
-            f"the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
+            f"a node_stiffness of {enforcement.node_stiffness:g} N/m leaves overlaps that are rounding: it is "
+            f"{stiffest:.0e} times the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
         )
     return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
 

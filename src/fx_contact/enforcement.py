@@ -19,7 +19,7 @@ from fx_contact.errors import SceneError
 #: The methods, the default first.
 METHODS = ("exact", "augmented-lagrangian", "penalty")
 
-#: The factor of the penalty where none is given, and the largest: stiffer ones are lost in rounding.
+#: The factor of the penalty where none is given, and the largest: the overlaps of stiffer ones are rounding.
 FACTOR, STIFFEST = 100.0, 1e12
 #: Factor above which a matrix that has the penalty's springs would be hard to precondition; they stay beside it.
 STIFF = 2 * FACTOR
@@ -62,7 +62,7 @@ class Enforcement:
             )
         if (self.factor or 0.0) > STIFFEST:
             raise SceneError(
-                f"a penalty factor of {self.factor:g} is lost in rounding, {STIFFEST:g} is the most: {FACTOR:g} is "
+                f"a penalty factor of {self.factor:g} leaves overlaps that are rounding, {STIFFEST:g} is the most: {FACTOR:g} is "
                 "enough, and the enforcement 'exact' needs none"
             )
         if len(given) == 2:
