@@ -41,7 +41,8 @@ def with_contact(step, forces, prescribed):
 
 def glued(step, forces, prescribed):
     """Assemble and solve the same with the closed pairs glued."""
-    elasticity, stages, pairs = step.elasticity, step.stages, step.pairs
+    elasticity, stages = step.elasticity, step.stages
+    pairs = node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
         PenaltyTerm(Jump(pairs, prescribed)).reserve(matrix.mat)  # hypre's format wants every entry that has room

@@ -168,7 +168,7 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = node_pairs(scene, forest, prolongation, Enforcement())
+    pairs = node_pairs(scene, forest, prolongation, Enforcement("penalty"))
     assert WORLD.allreduce(int(len(pairs) > 0)) > min(1, WORLD.size - 1), "one rank holds all pairs"
     everywhere((pairs.first < prolongation.owned).all(), "a first vertex belongs to another rank")
     everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact._mpi import Directory
-from fx_contact.enforcement import FACTOR, STIFF, STIFFEST
+from fx_contact.enforcement import HELD, STIFF, STIFFEST
 from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
@@ -31,7 +31,7 @@ class NodePairs:
         normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
         gap: (n,) float64, initial distance D along it on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
-        stiffness: (n,) float64, k_N [N/m].
+        stiffness: (n,) float64, k_N, or that of the springs in the matrix of exact contact [N/m].
         modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
         position: (n, 3) float64, undeformed position on the first surface [m].
         bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
@@ -60,9 +60,9 @@ class NodePairs:
 
     @property
     def bounded_stiffness(self):
-        """(n,) float64, k_N, but that of the default factor where it is stiffer than `STIFF` [N/m].  Local."""
+        """(n,) float64, k_N in the matrix: that of the factor `HELD` where it is stiffer than `STIFF` [N/m].  Local."""
         relative = self.relative_stiffness
-        return self.stiffness * np.where(relative > STIFF, FACTOR / relative, 1.0)
+        return self.stiffness * np.where(relative > STIFF, HELD / relative, 1.0)
 
     def penetration(self, u):
         """B u - D at each pair, positive where the bodies overlap.
@@ -200,7 +200,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     size = np.sqrt(area.sum(axis=1))
     bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
     modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
-    stiffness = ((enforcement.factor or FACTOR) / (1 / modulus).sum(axis=1) / size)[:, None] * area
+    stiffness = (enforcement.springs / (1 / modulus).sum(axis=1) / size)[:, None] * area
     sums = np.zeros((len(vertices), 5))
     np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
 

@@ -21,7 +21,11 @@ METHODS = ("exact", "augmented-lagrangian", "penalty")
 
 #: The factor of the penalty where none is given, and the largest: the overlaps of stiffer ones are rounding.
 FACTOR, STIFFEST = 100.0, 1e12
-#: Factor above which a matrix that has the penalty's springs would be hard to precondition; they stay beside it.
+#: The factor of the springs that a matrix has for pairs that are held otherwise: with softer ones its preconditioner knows
+#: too little of contact, stiffer ones couple directions where normals lie along no axis, which BoomerAMG does not see.
+HELD = 10.0
+#: Factor above which a penalty's springs stay beside the matrix, and closed pairs are held: up to here the matrix that
+#: has them is as easy to precondition, but where normals lie along no axis.
 STIFF = 2 * FACTOR
 
 
@@ -67,6 +71,11 @@ class Enforcement:
             )
         if len(given) == 2:
             raise SceneError("a penalty has a factor or a node_stiffness, not both")
+
+    @property
+    def springs(self):
+        """The factor of the springs between the pairs, those in the matrix of exact contact too [-].  Local."""
+        return self.factor or (HELD if self.method == "exact" else FACTOR)
 
 
 class PairRows:

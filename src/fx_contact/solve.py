@@ -159,11 +159,11 @@ class _ClosedPairs:
         self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
         pairs = jump.pairs
         self._comm = pairs.prolongation.comm
-        self._term, self._bounded = PenaltyTerm(jump), PenaltyTerm(jump, pairs.bounded_stiffness)
-        self._nearest = Projection(jump)
+        self._bounded, self._nearest = PenaltyTerm(jump, pairs.bounded_stiffness), Projection(jump)
         if enforcement.method == "exact":
-            self._holdable, self._held = np.ones_like(active), self._nearest
+            self._term, self._holdable, self._held = self._bounded, np.ones_like(active), self._nearest
         else:
+            self._term = PenaltyTerm(jump)
             self._holdable = pairs.stiffness > pairs.bounded_stiffness
             self._held = Projection(jump, pairs.stiffness) if self._any(self._holdable) else None
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
