@@ -692,6 +692,7 @@ CASES = {
         "the displacement on 'top' is 1e+07 m",
     ),
     "penalty lost in rounding": (lambda: Enforcement("penalty", 1e13), SceneError, "'exact' needs none"),
+    "penalty of nothing": (lambda: Enforcement("penalty", 1e-300), SceneError, "softer ones let bodies through"),
     "approach of more than both spheres": (
         lambda: scenes.hertz(displacement=5.0, comm=COMM),
         SceneError,

@@ -179,6 +179,16 @@ def test_conditions_that_press_vertices_into_each_other(method):
     assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
 
 
+def test_conditions_that_press_vertices_of_bodies_from_afar():
+    """What counts is the overlap beside the approach, not beside the way that a body came."""
+    scene = stack((Material(1.0, 0.3),) * 2, displacement=1.01, gap=1.0)
+    near = [np.flatnonzero((np.abs(scene.mesh.points - [0.0, 0.0, z]) < 1e-9).all(axis=1)) for z in (1.0, 2.0)]
+    mesh = replace(scene.mesh, vertices=dict(zip(("lower", "upper"), near)))
+    pins = Dirichlet("lower", z=-0.005), Dirichlet("upper", z=-1.005 - 5e-7)
+    with pytest.raises(SolveError, match=r"press them 5e-07 m into each other"):
+        next(adapt(replace(scene, mesh=mesh, dirichlet=(*scene.dirichlet, *pins)), 0.3))
+
+
 def wedge(lift, edge_held=True):
     """A cube, its edge down, in the V of another body whose walls are lifted; its ridge is held, the edge may be."""
     scene = corner_scene()

@@ -36,6 +36,14 @@ def test_a_pole_between_nodes():
     assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
 
 
+@pytest.mark.parametrize("cells, pole, depth, radius", [(2, 9 / 32, 4.5e-4, 2.0), (3, 0.137, 1e-6, 4.0)])
+def test_a_touch_between_nodes(cells, pole, depth, radius):
+    """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
+    *_, last = adapt(bump(cells, pole, depth, radius), 0.25)
+    hertz = 4 / 3 * 0.5 / (1 - 0.3**2) * radius**0.5 * depth**1.5
+    assert last.record["reached"] and abs(last.record["force"] / hertz - 1) < 0.25**2
+
+
 def test_what_is_unseen_is_refined_alone():
     """One facet in the middle of all overlaps; its leaf is marked, on the rank that has it."""
     step = next(iter(adapt(bump(**HIDDEN), 0.3, max_steps=1)))

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fx_contact import reference
 from fx_contact._mpi import Directory
-from fx_contact.enforcement import HELD, STIFF, STIFFEST
+from fx_contact.enforcement import HELD, SOFTEST, STIFF, STIFFEST
 from fx_contact.errors import SceneError
 from fx_contact.lattice import SIDE
 
@@ -110,16 +110,17 @@ def node_pairs(scene, forest, prolongation, enforcement):
         NodePairs, one block a contact pair of the scene.
 
     Raises:
-        SceneError: a node_stiffness that leaves overlaps which are rounding.
+        SceneError: a node_stiffness that leaves overlaps which are rounding, or is nothing beside the bodies.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
     pairs = NodePairs(prolongation, *columns)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
-    if enforcement.node_stiffness is not None and stiffest > STIFFEST:
+    if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
-            f"a node_stiffness of {enforcement.node_stiffness:g} N/m leaves overlaps that are rounding: it is "
-            f"{stiffest:.0e} times the stiffness of the bodies, {STIFFEST:g} is the most; the enforcement 'exact' needs none"
+            f"a node_stiffness of {enforcement.node_stiffness:g} N/m is up to {stiffest:.0e} times that of the "
+            f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
+            "overlaps of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
     return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
 

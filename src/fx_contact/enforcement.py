@@ -19,10 +19,12 @@ from fx_contact.errors import SceneError
 #: The methods, the default first.
 METHODS = ("exact", "augmented-lagrangian", "penalty")
 
-#: The factor of the penalty where none is given, and the largest: the overlaps of stiffer ones are rounding.
-FACTOR, STIFFEST = 100.0, 1e12
-#: The factor of the springs that a matrix has for pairs that are held otherwise: with softer ones its preconditioner knows
-#: too little of contact, stiffer ones couple directions where normals lie along no axis, which BoomerAMG does not see.
+#: The factor of the penalty where none is given.
+FACTOR = 100.0
+#: The least and the largest: beside the bodies softer ones are nothing, and the overlaps of stiffer ones are rounding.
+SOFTEST, STIFFEST = 1e-3, 1e12
+#: The factor of the springs that a matrix has for pairs that are held otherwise: with softer ones its preconditioner
+#: knows too little of contact, stiffer ones couple directions where normals lie along no axis, unseen by BoomerAMG.
 HELD = 10.0
 #: Factor above which a penalty's springs stay beside the matrix, and closed pairs are held: up to here the matrix that
 #: has them is as easy to precondition, but where normals lie along no axis.
@@ -44,7 +46,7 @@ class Enforcement:
 
     Raises:
         SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and
-            a node_stiffness, a factor above `STIFFEST`.
+            a node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
     """
 
     method: str = METHODS[0]
@@ -64,10 +66,11 @@ class Enforcement:
             raise SceneError(
                 f"the enforcement 'exact' takes no penalty {given[0]}; the methods 'penalty' and others do"
             )
-        if (self.factor or 0.0) > STIFFEST:
+        if not SOFTEST <= (self.factor or FACTOR) <= STIFFEST:
             raise SceneError(
-                f"a penalty factor of {self.factor:g} leaves overlaps that are rounding, {STIFFEST:g} is the most: {FACTOR:g} is "
-                "enough, and the enforcement 'exact' needs none"
+                f"a penalty factor must lie between {SOFTEST:g} and {STIFFEST:g}, got {self.factor:g}: softer ones let "
+                "bodies through each other, the overlaps of stiffer ones are rounding; "
+                f"{FACTOR:g} is enough, and the enforcement 'exact' needs none"
             )
         if len(given) == 2:
             raise SceneError("a penalty has a factor or a node_stiffness, not both")

@@ -62,6 +62,7 @@ class ConjugateGradients:
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
         self._x, self._b = self.matrix.createVecs()
+        self._scale = self._x.duplicate()
 
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
@@ -93,7 +94,7 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
-        self._pc = ksp.getPC()
+        self._pc, self._holding, self._rest = ksp.getPC(), None, None
         self.preconditioner = _name(self._pc, preconditioner)
 
     def _check_factors(self, unknowns):
@@ -143,15 +144,9 @@ class ConjugateGradients:
             self._ksp.setUp()
         self._options.check_read()
         self._pc.setReusePreconditioner(True)
-        self._scale = self.matrix.getDiagonal()
+        self.matrix.getDiagonal(self._scale)
         self._scale.sqrtabs()
         self._best = None
-
-    def _holding(self, held):
-        """The preconditioner that leaves held pairs to their springs."""
-        pc = PETSc.PC().createPython(_Holding(self._pc, held, self.matrix), self._ksp.comm)
-        pc.setOperators(self._operator, self.matrix)
-        return pc
 
     def stops_paying(self):
         """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper."""
@@ -192,7 +187,7 @@ class ConjugateGradients:
         """
         self._count = 0
         while True:
-            self._ksp.setPC(self._pc if held is None else self._holding(held))
+            self._leave(held)
             u, reason = self._attempt(right_hand_side, start, tolerance)
             if reason > 0:
                 break
@@ -202,6 +197,16 @@ class ConjugateGradients:
         self.iterations.append(self._count)
         self._best = self._count if self._best is None else self._best
         return u
+
+    def _leave(self, held):
+        """Let the preconditioner leave held pairs to their springs, or None."""
+        if held is not None and self._holding is None:
+            self._rest = self.matrix.createVecRight()
+            self._holding = PETSc.PC().createPython(_Holding(self._pc, self._rest), self._ksp.comm)
+            self._holding.setOperators(self._operator, self.matrix)
+        if self._holding is not None:
+            self._holding.getPythonContext().held = held
+        self._ksp.setPC(self._pc if held is None else self._holding)
 
     def _attempt(self, right_hand_side, u, tolerance):
         """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
@@ -244,7 +249,7 @@ class ConjugateGradients:
         if self.preconditioner in ("cholesky", name):
             return False
         comm, before, product = self._ksp.comm, self.matrix, self._product
-        self._ksp.destroy()
+        self._destroy_ksp()
         self._create_ksp(comm, name, self.PREFIX + "fallback_", {})
         kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.HYPRE
         if before.type != kind and not (direct and before.type.endswith("aij")):
@@ -263,9 +268,15 @@ class ConjugateGradients:
         return ROUNDING * self._x.norm()
 
     def destroy(self):
-        """Free PETSc's objects."""
-        for thing in (self._ksp, self._operator, self._x, self._b, self._scale, self.matrix):
+        """Free PETSc's objects: on several ranks it does not do so by itself."""
+        self._destroy_ksp()
+        for thing in (self._operator, self._x, self._b, self._scale, self.matrix):
             thing.destroy()
+
+    def _destroy_ksp(self):
+        for thing in (self._ksp, self._holding, self._rest, self._pc):
+            if thing is not None:
+                thing.destroy()
 
 
 def _name(pc, asked):
@@ -295,17 +306,17 @@ class _Holding:
     The stiffer the springs, the less have the two parts to do with each other; rigid ones do not move.
     """
 
-    def __init__(self, inner, held, matrix):
-        self._inner, self._held, self._rest = inner, held, matrix.createVecRight()
+    def __init__(self, inner, rest):
+        self._inner, self._rest, self.held = inner, rest, None
 
     def apply(self, _, x, y):
         """y = (P M^-1 P^T + springs) x."""
         x.copy(self._rest)
-        forces = self._held.apply_transpose(self._rest.array.reshape(-1, 3))
+        forces = self.held.apply_transpose(self._rest.array.reshape(-1, 3))
         self._inner.apply(self._rest, y)
         u = y.array.reshape(-1, 3)
-        self._held.apply(u)
-        self._held.add_yielding(forces, u)
+        self.held.apply(u)
+        self.held.add_yielding(forces, u)
 
     def view(self, _, viewer):
         """What `-fx_ksp_view` shows."""

@@ -11,7 +11,7 @@ from fx_contact.enforcement import Jump, PenaltyTerm, Projection
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ROUNDING, ConjugateGradients
 
-#: Overlap that conditions leave between vertices, relative to the largest displacement, up to which it is rounding.
+#: Overlap that conditions leave between vertices, relative to the approach, up to which it is rounding.
 _OVERLAP = 1e-6
 
 
@@ -90,8 +90,8 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
     tolerance, augmentations = solver.loose_tolerance, 0
     while True:
         u = linear.solve(status.active, u, tolerance)
-        linear.check_apart(u)
         trial = linear.trial(u)
+        linear.check_apart(trial, u)
         wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
         if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
             status.update(wanted)
@@ -107,7 +107,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
             status.forget()
         else:
             status.check_held()
-            force = np.where(status.active, trial, 0.0)
+            force = np.where(status.active & jump.movable, trial, 0.0)
             break
     linear.destroy()
     return ContactSolution(
@@ -221,7 +221,7 @@ class _ClosedPairs:
         self._cg.correct(term.difference(self._active, self._bounded, self._known))
         return self._base + self._bounded.right_hand_side(self._known, self._forces)
 
-    def check_apart(self, u):
+    def check_apart(self, trial, u):
         """See that conditions do not press closed pairs into each other: no force could keep their vertices apart.
 
         Collective.  They do where the nearest displacement that closes the pairs leaves overlaps, and no gaps: the
@@ -229,14 +229,15 @@ class _ClosedPairs:
         is known of single pairs only; others may be apart once that one opens.
 
         Args:
+            trial: (n,) float64, as from `trial` [N].
             u: (owned, 3) float64, the last solution [m].
 
         Raises:
             SolveError: they do, by more than rounding.
         """
+        rounding = _OVERLAP * self._approach(trial, u)
         pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
         overlap = np.where(self._active, pairs.penetration(u), 0.0)
-        rounding = _OVERLAP * self._largest(u)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
             overlap[self._jump.movable] = 0.0
         worst = int(overlap.argmax()) if len(overlap) else 0
@@ -301,15 +302,20 @@ class _ClosedPairs:
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
         penetrating = penetration[self._active & self._jump.movable & beyond_noise]
-        left, moved = self._largest(penetrating), self._largest(u)
-        forces = np.where(self._active, np.maximum(trial, 0.0), 0.0)
-        pressed = self._comm.allreduce(float(forces.sum()))
-        # Bodies that come from afar move by more than they approach, which is about their energy over the force.
-        approach = min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
-        if left <= self._enforcement.gap_tolerance * approach:
+        if self._largest(penetrating) <= self._enforcement.gap_tolerance * self._approach(trial, u):
             return False
-        self._forces = forces
+        self._forces = self._pressing(trial)
         return True
+
+    def _pressing(self, trial):
+        """Forces of the closed pairs that press: (n,) float64 [N]."""
+        return np.where(self._active, np.maximum(trial, 0.0), 0.0)
+
+    def _approach(self, trial, u):
+        """About how far bodies approach each other: their energy over the force, for they may come from afar [m]."""
+        pressed = self._comm.allreduce(float(self._pressing(trial).sum()))
+        moved = self._largest(u)
+        return min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
 
 
 #: Iterations between two looks at the active set, and most looks, before hypre is set up.
@@ -375,4 +381,7 @@ def _impose(matrix, load, prescribed):
     if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
         raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
     matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
-    return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)
+    result = b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)
+    for thing in (x, b, diagonal):
+        thing.destroy()
+    return result

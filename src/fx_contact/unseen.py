@@ -12,9 +12,11 @@ from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from its quadratic interpolation,
-_VARIATION = 1e-3
+_VARIATION = 1e-5
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
+#: Sweeps along both directions of a facet to the least value of a parabola.
+_SWEEPS = 20
 #: Columns of what is known at the vertices of a contact facet.
 _CLOSED, _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, 2, slice(3, 6), slice(6, 9)
 #: Levels of leaves that may be as curved as root cells of a higher order than 2; their children are less and less.
@@ -84,18 +86,44 @@ def _sampled(forest, leaf, face, corner, nodal, count):
 
 
 def _overlaps(gap, area, count):
-    """Whether facets overlap somewhere by more than may come from sampling and rounding: (n,) bool."""
+    """Whether facets overlap more than at their nodes, and than may come from sampling and rounding: (n,) bool."""
     _, finer = _SAMPLES[count]
     allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * np.sqrt(area)
-    return (gap @ finer.T).min(axis=1) < -allowed
+    nodes = gap[:, _corners(count)].min(axis=1)
+    return _least(gap @ finer.T) < np.minimum(nodes, 0.0) - allowed
+
+
+def _least(values):
+    """The least values of functions on facets, by a parabola around the least one of a grid (n, m^2): (n,) float64."""
+    side = int(np.sqrt(values.shape[1]))
+    lowest = np.stack(np.divmod(values.argmin(axis=1), side)).clip(1, side - 2)
+    around = np.arange(-1, 2)
+    rows, columns = (middle[:, None] + around for middle in lowest)
+    grid = values.reshape(-1, side, side)[np.arange(len(values))[:, None, None], rows[:, :, None], columns[:, None]]
+    slope = [(grid[:, 2, 1] - grid[:, 0, 1]) / 2, (grid[:, 1, 2] - grid[:, 1, 0]) / 2]
+    bend = [values @ [1, -2, 1] for values in (grid[:, :, 1], grid[:, 1])]
+    twist = (grid[:, 2, 2] - grid[:, 2, 0] - grid[:, 0, 2] + grid[:, 0, 0]) / 4
+    place = np.zeros((2, len(values)))
+    for _ in range(_SWEEPS):
+        for one, other in ((0, 1), (1, 0)):
+            down = -(slope[one] + twist * place[other])
+            step = np.divide(down, bend[one], out=np.zeros(len(values)), where=bend[one] > 0)
+            place[one] = step.clip(-1, 1)
+    x, y = place
+    found = grid[:, 1, 1] + slope[0] * x + slope[1] * y + twist * x * y + (bend[0] * x**2 + bend[1] * y**2) / 2
+    return np.minimum(found, values.min(axis=1))
+
+
+def _corners(count):
+    """Positions of a facet's corners in a grid of so many points a side, in the order of its vertices."""
+    return np.array([0, count - 1, -count, -1])
 
 
 def _energy(gap, area, nodal, count):
     """What facets would do and take between their nodes, twice the energy: (n,) float64 [J]."""
     bilinear, _ = _SAMPLES[count]
-    corners = np.array([0, count - 1, -count, -1])
     size = np.sqrt(area)
-    at_nodes, rounding = gap[:, corners], _ROUNDING * size[:, None]
+    at_nodes, rounding = gap[:, _corners(count)], _ROUNDING * size[:, None]
     off = np.maximum(np.abs(gap - at_nodes @ bilinear.T) - rounding, 0.0)
     # A penalty's overlap at the nodes is its own affair.
     overlap = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ bilinear.T - rounding, 0.0)
