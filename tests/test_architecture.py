@@ -17,7 +17,7 @@ ORDER = """
     scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options solver krylov
-    compilation elasticity conditions loads enforcement contact
+    compilation elasticity conditions loads enforcement projection contact
     activeset estimate solve balance unseen
     step checkpoint
     accuracy

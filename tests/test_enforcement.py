@@ -35,8 +35,9 @@ from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Sol
 from fx_contact.activeset import ActiveSet  # noqa: E402
 from fx_contact.conditions import prescribed_displacements  # noqa: E402
 from fx_contact.contact import node_pairs  # noqa: E402
-from fx_contact.enforcement import METHODS, Jump, Projection  # noqa: E402
+from fx_contact.enforcement import METHODS, Jump  # noqa: E402
 from fx_contact.errors import SolveError  # noqa: E402
+from fx_contact.projection import Projection  # noqa: E402
 from fx_contact.rootmesh import RootMesh  # noqa: E402
 from fx_contact.scenes import hertz, punch, spheres, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, UP, Boxes  # noqa: E402

@@ -7,12 +7,15 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.activeset import ActiveSet
-from fx_contact.enforcement import Jump, PenaltyTerm, Projection
+from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ROUNDING, ConjugateGradients
+from fx_contact.projection import Projection
 
-#: Overlap that conditions leave between vertices, relative to the approach, up to which it is rounding.
+#: Overlap that conditions leave between vertices, relative to the approach, up to which it is rounding,
 _OVERLAP = 1e-6
+#: and relative to the largest displacement, where there is hardly an approach.
+_MOVED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +238,7 @@ class _ClosedPairs:
         Raises:
             SolveError: they do, by more than rounding.
         """
-        rounding = _OVERLAP * self._approach(trial, u)
+        rounding = max(_OVERLAP * self._approach(trial, u), _MOVED * self._largest(u))
         pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
         overlap = np.where(self._active, pairs.penetration(u), 0.0)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
