@@ -7,7 +7,7 @@ twin in other units, another direction or on another mesh; `stability_checks.py`
 on one rank in a process of its own with a time limit, so that a crash or a hang is a score too.
 
     python3 demos/stability.py --quick            # a sixth of the scenes, spread over all rows
-    python3 demos/stability.py                    # all: 25 CPU minutes
+    python3 demos/stability.py                    # all: 20 minutes on two cores
     python3 demos/stability.py --only NAME        # one scene, with all its checks
 
 A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,
