@@ -239,7 +239,7 @@ def two_punches(deep):
     )
 
 
-@pytest.mark.parametrize("deep", [0.02, 0.01], ids=["a step", "none"])
+@pytest.mark.parametrize("deep", [0.02, 0.0101, 0.01], ids=["a step", "a small step", "none"])
 def test_two_bodies_at_one_vertex(deep):
     """Where two bodies face one vertex and push it to different depths, the deeper one has it, the other lets go."""
     scene = two_punches(deep)

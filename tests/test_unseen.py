@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, leaves
+from conftest import WORLD, corner_scene, everywhere, leaves
 from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import bump, in_two, ring, waves  # noqa: E402
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt  # noqa: E402
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt, unseen  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.enforcement import METHODS  # noqa: E402
@@ -53,6 +53,18 @@ def test_what_is_unseen_is_refined_alone():
     )
     assert step.record["unseen_contact"] == len(centre) >= 1 and len(marked) <= len(centre)
     everywhere(np.abs(centre[:, :2]).max() < 0.2, "another leaf")
+
+
+@pytest.mark.parametrize("facet", range(4))
+def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
+    """A cell at an edge of its body has two facets in one contact surface: either of them is enough to mark it."""
+    scene = corner_scene(one_pair=True)
+    fixed, top = scene.dirichlet
+    scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
+    monkeypatch.setattr(unseen, "_overlaps", lambda gap, area, count: np.arange(len(gap)) == facet)
+    (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
+    assert step.record["force"] == 0 and len(scene.mesh.surfaces["outer"]) == 4
+    assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record["unseen_contact"] == 1
 
 
 @pytest.mark.parametrize("displacement", [0.0, -0.01])
