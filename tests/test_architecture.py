@@ -18,7 +18,7 @@ ORDER = """
     forest leafgraph units _compat smoothing partition hanging quality mesh
     matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
-    activeset estimate solve balance unseen
+    activeset estimate solve balance gap unseen
     step checkpoint
     accuracy
     adapt manufactured

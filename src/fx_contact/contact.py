@@ -252,7 +252,7 @@ def positions_across(forest, leaf, face, points):
     Args:
         forest: Forest.
         leaf, face: (n,) int64, leaves and their local faces, all paired.
-        points: (n, m, 3) int32, lattice coordinates on those faces.
+        points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
 
     Returns:
         two (n, m, 3) float64 [m].

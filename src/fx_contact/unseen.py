@@ -6,31 +6,20 @@ unlike surfaces overlap or stand apart, as a sphere on coarse facets does: that 
 estimate knows only the strains of what the nodes see.
 """
 
+from copy import copy
+
 import numpy as np
 
 from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
+from fx_contact.gap import Gap
 
-#: Overlaps up to this part of what the gap varies by on a facet may come from its quadratic interpolation,
-_VARIATION = 1e-5
+#: Overlaps up to this part of what the gap varies by on a facet may come from the linear solver,
+_VARIATION = 1e-8
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
-#: Sweeps along both directions of a facet to the least value of a parabola.
-_SWEEPS = 20
 #: Columns of what is known at the vertices of a contact facet.
 _CLOSED, _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, 2, slice(3, 6), slice(6, 9)
-#: Levels of leaves that may be as curved as root cells of a higher order than 2; their children are less and less.
-_COARSE = 3
-
-
-def _on_facets(functions, points):
-    """Products of one-dimensional Lagrange functions, at points on a line, in a grid of these points on a facet."""
-    line = reference.lagrange(functions, np.linspace(0, 1, points))
-    return np.einsum("va,ub->vuab", line, line).reshape(points**2, -1)
-
-
-#: Points along a facet's side -> bilinear functions at these points, and what interpolates from them between them.
-_SAMPLES = {3: (_on_facets(1, 3), _on_facets(2, 9)), 17: (_on_facets(1, 17), np.identity(17**2))}
 
 
 def unseen_contact(forest, pairs, contact, most):
@@ -54,84 +43,85 @@ def unseen_contact(forest, pairs, contact, most):
     for index in range(int(forest.pairing.pair.max()) + 1):
         leaf, face, corner = facets_of(index, forest)
         nodal = _at_vertices(pairs, contact, index)[forest.vertices.cells[leaf[:, None], corner]]
-        around = _around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, _CLOSED] > 0).any(axis=1))
-        coarse = (forest.level[leaf] <= _COARSE) & (forest.mesh.order > 2)
-        for count, curved in ((3, False), (17, True)):
-            these = coarse == curved
-            if not these.any():
-                continue
-            near, here = around[these], leaf[these]
-            gap, area = _sampled(forest, here, face[these], corner[these], nodal[these], count)
-            unseen[here[~near][_overlaps(gap[~near], area[~near], count)]] = True
-            np.add.at(energy, here[near], _energy(gap[near], area[near], nodal[these][near], count))
+        near = _around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, _CLOSED] > 0).any(axis=1))
+        facets = _Facets(forest, leaf, face, corner, nodal)
+        unseen[leaf[~near][facets.where(~near).overlap()]] = True
+        np.add.at(energy, leaf[near], facets.where(near).energy())
     total, facets = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
     if total > most:
         unseen |= energy > most / facets
     return unseen
 
 
-def _sampled(forest, leaf, face, corner, nodal, count):
-    """Gaps between contact facets and those that face them, at so many points a side: (n, count^2), and (n,) areas."""
-    bilinear, _ = _SAMPLES[count]
-    steps = (count - 1) ** 2
-    points = np.einsum(
-        "pv,nvi->npi", np.rint(steps * bilinear).astype(np.int64), forest.corners[leaf[:, None], corner]
-    )
-    here, there = positions_across(forest, leaf, face, (points // steps).astype(np.int32))
-    normal, jump = (np.einsum("pv,nvk->npk", bilinear, nodal[:, :, columns]) for columns in (_NORMAL, _JUMP))
-    normal /= np.linalg.norm(normal, axis=2)[:, :, None]
-    gap = np.einsum("npi,npi->np", normal, there - here - jump)  # small, however far the bodies come
-    diagonals = here[:, -1] - here[:, 0], here[:, count - 1] - here[:, -count]
-    return gap, np.linalg.norm(np.cross(*diagonals), axis=1) / 2
+class _Facets:
+    """Contact facets and those that face them, in points enough to know the root mesh's geometry between them.
+
+    Local.
+
+    Args:
+        forest: Forest.
+        leaf, face: (n,) int64, leaves and their local faces.
+        corner: (n, 4) int64, corners of these faces.
+        nodal: (n, 4, 9) float64, columns of what is known at their vertices.
+    """
+
+    def __init__(self, forest, leaf, face, corner, nodal):
+        parts = 2 * ((forest.mesh.order + 1) // 2)  # even, for Simpson's rule
+        self._count, self._nodal, self._orientation = parts + 1, nodal, reference.FACE_ORIENTATION[face]
+        line = reference.lagrange(1, np.linspace(0, 1, self._count))
+        self._bilinear = np.einsum("va,ub->vuab", line, line).reshape(self._count**2, 4)
+        anchors = forest.corners[leaf[:, None], corner]
+        points = np.einsum("pv,nvi->npi", np.rint(parts**2 * self._bilinear).astype(np.int64), anchors)
+        self._here, self._there = positions_across(forest, leaf, face, points / parts**2)
+        diagonals = self._here[:, -1] - self._here[:, 0], self._here[:, parts] - self._here[:, -parts - 1]
+        self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
+
+    def where(self, which):
+        """Some of the facets: _Facets.  Args: which: (n,) bool."""
+        some = copy(self)
+        for name in ("_nodal", "_orientation", "_here", "_there", "_area"):
+            setattr(some, name, getattr(self, name)[which])
+        return some
+
+    def _sampled(self, columns):
+        """A column, or some, of what is known at vertices, at all points: (n, points, ...) float64."""
+        return np.einsum("pv,nv...->np...", self._bilinear, self._nodal[:, :, columns])
+
+    def _gap(self):
+        """The gap at all points along normals between those of the vertices: (n, points) float64 [m]."""
+        normal = self._sampled(_NORMAL)
+        apart = self._there - self._here - self._sampled(_JUMP)  # small, however far the bodies come
+        return np.einsum("npi,npi->np", normal, apart) / np.linalg.norm(normal, axis=2)
+
+    @property
+    def _corners(self):
+        """Positions of the corners among the points, in the order of a facet's vertices."""
+        return np.array([0, self._count - 1, -self._count, -1])
+
+    def overlap(self):
+        """Whether facets overlap more than at their nodes, and than may come from rounding: (n,) bool."""
+        sampled = self._gap()
+        # A gap is not far from a parabola, which falls between samples by less than it varies by.
+        some = sampled.min(axis=1) < np.ptp(sampled, axis=1)
+        few = self.where(some)
+        gap = Gap(few._here, few._there, few._sampled(_JUMP), few._orientation)
+        nodes = gap.at(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]))
+        allowed = _VARIATION * np.ptp(sampled[some], axis=1) + _ROUNDING * np.sqrt(few._area)
+        some[some] = gap.least() < np.minimum(nodes.min(axis=1), 0.0) - allowed
+        return some
+
+    def energy(self):
+        """What facets would do and take between their nodes, twice the energy: (n,) float64 [J]."""
+        gap, size = self._gap(), np.sqrt(self._area)
+        at_nodes, rounding = gap[:, self._corners], _ROUNDING * size[:, None]
+        off = np.maximum(np.abs(gap - at_nodes @ self._bilinear.T) - rounding, 0.0)
+        # A penalty's overlap at the nodes is its own affair.
+        overlap = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._bilinear.T - rounding, 0.0)
+        pressure, modulus = self._sampled(_PRESSURE), self._sampled(_MODULUS)
+        return self._area * ((pressure * off + modulus / size[:, None] * overlap**2) @ _simpson(self._count))
 
 
-def _overlaps(gap, area, count):
-    """Whether facets overlap more than at their nodes, and than may come from sampling and rounding: (n,) bool."""
-    _, finer = _SAMPLES[count]
-    allowed = _VARIATION * np.ptp(gap, axis=1) + _ROUNDING * np.sqrt(area)
-    nodes = gap[:, _corners(count)].min(axis=1)
-    return _least(gap @ finer.T) < np.minimum(nodes, 0.0) - allowed
-
-
-def _least(values):
-    """The least values of functions on facets, by a parabola around the least one of a grid (n, m^2): (n,) float64."""
-    side = int(np.sqrt(values.shape[1]))
-    lowest = np.stack(np.divmod(values.argmin(axis=1), side)).clip(1, side - 2)
-    around = np.arange(-1, 2)
-    rows, columns = (middle[:, None] + around for middle in lowest)
-    grid = values.reshape(-1, side, side)[np.arange(len(values))[:, None, None], rows[:, :, None], columns[:, None]]
-    slope = [(grid[:, 2, 1] - grid[:, 0, 1]) / 2, (grid[:, 1, 2] - grid[:, 1, 0]) / 2]
-    bend = [values @ [1, -2, 1] for values in (grid[:, :, 1], grid[:, 1])]
-    twist = (grid[:, 2, 2] - grid[:, 2, 0] - grid[:, 0, 2] + grid[:, 0, 0]) / 4
-    place = np.zeros((2, len(values)))
-    for _ in range(_SWEEPS):
-        for one, other in ((0, 1), (1, 0)):
-            down = -(slope[one] + twist * place[other])
-            step = np.divide(down, bend[one], out=np.zeros(len(values)), where=bend[one] > 0)
-            place[one] = step.clip(-1, 1)
-    x, y = place
-    found = grid[:, 1, 1] + slope[0] * x + slope[1] * y + twist * x * y + (bend[0] * x**2 + bend[1] * y**2) / 2
-    return np.minimum(found, values.min(axis=1))
-
-
-def _corners(count):
-    """Positions of a facet's corners in a grid of so many points a side, in the order of its vertices."""
-    return np.array([0, count - 1, -count, -1])
-
-
-def _energy(gap, area, nodal, count):
-    """What facets would do and take between their nodes, twice the energy: (n,) float64 [J]."""
-    bilinear, _ = _SAMPLES[count]
-    size = np.sqrt(area)
-    at_nodes, rounding = gap[:, _corners(count)], _ROUNDING * size[:, None]
-    off = np.maximum(np.abs(gap - at_nodes @ bilinear.T) - rounding, 0.0)
-    # A penalty's overlap at the nodes is its own affair.
-    overlap = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ bilinear.T - rounding, 0.0)
-    pressure, modulus = (nodal[:, :, column] @ bilinear.T for column in (_PRESSURE, _MODULUS))
-    return area * ((pressure * off + modulus / size[:, None] * overlap**2) @ _weights(count))
-
-
-def _weights(count):
+def _simpson(count):
     """Simpson's rule on a facet of area 1, for so many points a side: (count^2,) float64."""
     line = np.full(count, 2.0)
     line[1::2], line[[0, -1]] = 4.0, 1.0
