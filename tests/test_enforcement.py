@@ -31,7 +31,18 @@ from test_patch import conforming_positions, solved
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import oblique  # noqa: E402
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, Traction, adapt  # noqa: E402
+from fx_contact import (  # noqa: E402
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    Pressure,
+    Scene,
+    Solver,
+    Traction,
+    adapt,
+)
 from fx_contact.activeset import ActiveSet  # noqa: E402
 from fx_contact.conditions import prescribed_displacements  # noqa: E402
 from fx_contact.contact import node_pairs  # noqa: E402
@@ -40,7 +51,7 @@ from fx_contact.errors import SolveError  # noqa: E402
 from fx_contact.projection import Projection  # noqa: E402
 from fx_contact.rootmesh import RootMesh  # noqa: E402
 from fx_contact.scenes import hertz, punch, spheres, stack  # noqa: E402
-from fx_contact.scenes.boxes import DOWN, UP, Boxes  # noqa: E402
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
 
 PRESSURE = 0.01
 
@@ -219,6 +230,36 @@ def test_conditions_that_press_bodies_into_each_other_from_two_sides(method):
     assert abs(free["force"] / exact["force"] - 1) < (0.05 if method == "penalty" else 1e-5)
 
 
+def three_walls(weight):
+    """A cube that three walls hold, by contact alone, under its weight."""
+    boxes = Boxes(1)
+    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    names, sides = ("left", "front", "floor"), ((LEFT, RIGHT), (FRONT, BACK), (DOWN, UP))
+    pairs, held, surfaces = [], [], {}
+    for axis, (name, (low, high)) in enumerate(zip(names, sides)):
+        out = np.eye(3)[axis]
+        boxes.add(name, -out, np.ones(3) - out, (2, 2, 2))
+        surfaces |= {name: boxes.facets(high, 0.0, name), f"cube's {name}": boxes.facets(low, 0.0, "cube")}
+        surfaces[f"{name} held"] = boxes.facets(low, -1.0, name)
+        held.append(Dirichlet(f"{name} held", 0.0, 0.0, 0.0))
+        pairs.append(ContactPair(name, f"cube's {name}", direction=tuple(out)))
+    materials = dict.fromkeys(("cube", *names), Material(1.0, 0.3))
+    load = (BodyForce("cube", tuple(-np.asarray(weight))),)
+    return Scene("three walls", boxes.mesh(surfaces), materials, tuple(held), tuple(pairs), body_forces=load)
+
+
+@pytest.mark.parametrize(
+    "enforcement",
+    [Enforcement(), *(Enforcement(m, f) for m in METHODS[1:] for f in (10.0, 1e3, 1e6))],
+    ids=lambda e: f"{e.method} {e.factor}",
+)
+def test_a_little_force_beside_large_ones(enforcement):
+    """What the walls carry is the cube's weight, also across the one that hardly anything presses."""
+    weight = np.array([1e-3, 1e-7, 1e-3])
+    step = next(adapt(three_walls(weight), 0.5, max_steps=1, enforcement=enforcement))
+    assert np.abs(step.record["pair_forces"] - weight).max() < 1e-10
+
+
 def two_punches(deep):
     """Two rigid blocks side by side, pressed into one, the second deeper: what is below their seam faces both."""
     boxes = Boxes(1)
@@ -293,10 +334,27 @@ def test_penalty_too_soft_for_the_tolerance():
         for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 1.0)):
             steps.append(step.record)
     assert len(steps) == 2 and failure.value.record is steps[-1] and not steps[-1]["reached"]
-    share = 0.005 / steps[-1]["force"] - 1  # springs in a row share the energy as they share the approach
+    compliance = 0.005 / steps[-1]["force"] - 1  # springs in a row share the energy as they share the approach
+    share = compliance / (1 - 0.3**2)  # of the energy of a punch, whose approach is p A^(1/2) / E*
     assert abs(steps[-1]["penalty_share"] / share - 1) < 1e-6 and share > 0.1**2
     *_, last = (step.record for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 100.0)))
     assert last["reached"] and 0 < last["penalty_share"] < 0.1**2
+
+
+def test_penalty_too_soft_beside_other_loads():
+    """The energy that a load beside the contact stores is none that contact's overlaps are little of."""
+    scene = stack((Material(1.0, 0.0),) * 2, 1e-5)
+    mesh = scene.mesh
+    centres = mesh.points[mesh.corners].mean(axis=1)
+    outer = np.flatnonzero((mesh.body == 0) & (centres[:, 0] > 0.25))
+    surfaces = mesh.surfaces | {"side": np.stack([outer, np.full(len(outer), RIGHT)], axis=1).astype(np.int32)}
+    scene = replace(scene, mesh=replace(mesh, surfaces=surfaces), tractions=(Pressure("side", 1e-3),))
+    *_, last = adapt(scene, 0.1)
+    assert last.record["reached"] and abs(last.record["force"] / 5e-6 - 1) < 1e-5
+    with pytest.raises(SolveError, match="too soft for the tolerance"):
+        list(adapt(scene, 0.1, enforcement=Enforcement("penalty", 10.0)))
+    *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 10.0))
+    assert abs(last.record["force"] / 5e-6 - 1) < 1e-5
 
 
 def test_solver_error_is_no_estimate():

@@ -36,6 +36,7 @@ class NodePairs:
         position: (n, 3) float64, undeformed position on the first surface [m].
         bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
         contact: (n,) int32, which of the scene's contact pairs it belongs to.
+        symmetry: int, copies of the modelled part that make the whole.
     """
 
     prolongation: object
@@ -49,6 +50,7 @@ class NodePairs:
     position: np.ndarray
     bodies: np.ndarray
     contact: np.ndarray
+    symmetry: int
 
     def __len__(self):
         return len(self.first)
@@ -77,6 +79,27 @@ class NodePairs:
         """
         u = self.prolongation.ghosted(u)
         return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second]) - self.gap
+
+    def pressing(self, force):
+        """How hard the bodies of each contact pair press each other, and about how far that brings them closer.
+
+        Collective.
+
+        Args:
+            force: (n,) float64, compression positive [N].
+
+        Returns:
+            two (p,) float64 for the scene's contact pairs: F of the modelled part [N], and F / (E* A^(1/2)) of the
+            whole, A the area under pressure, as of a punch on a half-space [m].
+        """
+        comm, pressed = self.prolongation.comm, self.area * (force > 0)
+        count = comm.allreduce(int(self.contact.max(initial=-1)) + 1, op=MPI.MAX)
+        columns = np.maximum(force, 0.0), pressed, pressed * (1 / self.modulus).sum(axis=1)
+        sums = np.stack([np.bincount(self.contact, weights=column, minlength=count) for column in columns])
+        comm.Allreduce(MPI.IN_PLACE, sums)
+        total, area, compliance = sums
+        approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
+        return total, np.sqrt(self.symmetry) * approach
 
     def at_first(self, values):
         """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.
@@ -114,7 +137,7 @@ def node_pairs(scene, forest, prolongation, enforcement):
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
-    pairs = NodePairs(prolongation, *columns)
+    pairs = NodePairs(prolongation, *columns, scene.symmetry)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(

@@ -41,8 +41,9 @@ class Enforcement:
             "penalty": the force is k_N times the penetration, as in equation (1).
         factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
         node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
-        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the energy over the contact
-            force, which is about the approach of the bodies, and to the largest displacement [-].
+        gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the approach of the bodies
+            [-]: to the energy over the contact force, to the largest displacement, and to how far a punch with the
+            force and area of the contact pair would come.
 
     Raises:
         SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and

@@ -238,7 +238,7 @@ class _ClosedPairs:
         Raises:
             SolveError: they do, by more than rounding.
         """
-        rounding = max(_OVERLAP * self._approach(trial, u), _MOVED * self._largest(u))
+        rounding = max(_OVERLAP * self._approach(self._pressing(trial), u), _MOVED * self._largest(u))
         pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
         overlap = np.where(self._active, pairs.penetration(u), 0.0)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
@@ -266,7 +266,7 @@ class _ClosedPairs:
         """Force of closed pairs, and of open ones the force that a penalty would exert.
 
         That of held pairs is what keeps the forces on their vertices in balance, whatever rounding does to their
-        penetration.  Held pairs whose gap others that share their vertex have left open count as open.
+        penetration.  Held pairs whose gap others that share their vertex leave open, however near, count as open.
 
         Args:
             u: (owned, 3) float64, the last solution [m].
@@ -278,7 +278,8 @@ class _ClosedPairs:
         if self._held is None:
             return trial
         residual = self._cg.residual(self._system(self._bounded), u)
-        closed = self._held.closed & (self._jump.pairs.penetration(u) >= -_OVERLAP * self._largest(u))
+        penetration = self._jump.pairs.penetration(self._nearest.onto_closed(u))
+        closed = self._held.closed & (penetration >= -_OVERLAP * self._largest(u))
         return trial + np.where(closed, self._held.apply_transpose(residual), 0.0)
 
     def _any(self, values):
@@ -304,19 +305,21 @@ class _ClosedPairs:
         pairs = self._jump.pairs
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
-        penetrating = penetration[self._active & self._jump.movable & beyond_noise]
-        if self._largest(penetrating) <= self._enforcement.gap_tolerance * self._approach(trial, u):
+        force = self._pressing(trial)
+        approach = np.minimum(pairs.pressing(force)[1], self._approach(force, u))[pairs.contact]
+        penetrating = self._active & self._jump.movable & beyond_noise
+        if not self._any(penetrating & (np.abs(penetration) > self._enforcement.gap_tolerance * approach)):
             return False
-        self._forces = self._pressing(trial)
+        self._forces = force
         return True
 
     def _pressing(self, trial):
         """Forces of the closed pairs that press: (n,) float64 [N]."""
         return np.where(self._active, np.maximum(trial, 0.0), 0.0)
 
-    def _approach(self, trial, u):
+    def _approach(self, force, u):
         """About how far bodies approach each other: their energy over the force, for they may come from afar [m]."""
-        pressed = self._comm.allreduce(float(self._pressing(trial).sum()))
+        pressed = self._comm.allreduce(float(force.sum()))
         moved = self._largest(u)
         return min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
 

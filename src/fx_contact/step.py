@@ -222,15 +222,15 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         if error.energy_norm:
             check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
-        unseen = np.zeros(len(forest), dtype=bool)
+        unseen, share = np.zeros(len(forest), dtype=bool), 0.0
         if pairs is not None:
-            unseen = unseen_contact(forest, pairs, contact, (settings.tolerance * error.energy_norm) ** 2)
+            stored = _stored(pairs, contact, error.energy_norm)
+            most = np.maximum(settings.tolerance**2 * stored, contact.energy_error**2)
+            unseen = unseen_contact(forest, pairs, contact, most)
+            share = _penalty_share(pairs, contact, stored)
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
-        # Of the augmented Lagrangian and of exact enforcement it is nothing, or below the gap tolerance.
-        stored = comm.allreduce(float(contact.force @ contact.penetration), op=MPI.SUM)
-        share = max(stored, 0.0) / error.energy_norm**2 if error.energy_norm else 0.0
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
         "scene": scene.name,
@@ -272,6 +272,26 @@ def _check_solver(contact, error, tolerance):
             f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
             "let the bodies begin closer to each other, whose rigid motions are large against their strains"
         )
+
+
+def _stored(pairs, contact, energy_norm):
+    """Energy that the force of each contact pair stores, as a punch on a half-space would; together not above (4).
+
+    Collective.  What other loads store is no measure of contact.
+
+    Returns:
+        (p,) float64, twice the energy, as in (4) [J].
+    """
+    force, approach = pairs.pressing(contact.force)
+    stored = force * approach
+    return stored * min(1.0, energy_norm**2 / max(stored.sum(), np.finfo(float).tiny))
+
+
+def _penalty_share(pairs, contact, stored):
+    """What overlaps hold of a contact pair's energy, at most: nothing, or next to it, but of a penalty.  Collective."""
+    held = np.bincount(pairs.contact, weights=contact.force * contact.penetration, minlength=len(stored))
+    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
+    return float(np.divide(held, stored, out=np.zeros(len(held)), where=stored > 0).max(initial=0.0))
 
 
 def _contact_results(scene, pairs, contact, comm):

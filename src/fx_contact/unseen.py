@@ -28,28 +28,29 @@ def unseen_contact(forest, pairs, contact, most):
     Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
     from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
     and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, as
-    much may be left as is given.  Where it is more, the facets with more than their share are named.
+    much may be left as is given for each contact pair.  Where it is more, the facets with more than their share are named.
 
     Args:
         forest: Forest.
         pairs: NodePairs.
         contact: ContactSolution.
-        most: energy that may be left around the closed pairs, as in (4) twice the one stored [J].
+        most: (p,) float64, energy that may be left around the closed pairs of each contact pair of the scene, as in (4)
+            twice the one stored [J].
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
-    unseen, energy = np.zeros(len(forest), dtype=bool), np.zeros(len(forest))
-    for index in range(int(forest.pairing.pair.max()) + 1):
+    unseen = np.zeros(len(forest), dtype=bool)
+    for index, allowed in enumerate(most):
         leaf, face, corner = facets_of(index, forest)
         nodal = _at_vertices(pairs, contact, index)[forest.vertices.cells[leaf[:, None], corner]]
         near = _around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, _CLOSED] > 0).any(axis=1))
         facets = _Facets(forest, leaf, face, corner, nodal)
         unseen[leaf[~near][facets.where(~near).overlap()]] = True
-        np.add.at(energy, leaf[near], facets.where(near).energy())
-    total, facets = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
-    if total > most:
-        unseen |= energy > most / facets
+        energy = facets.where(near).energy()
+        total, count = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
+        if total > allowed:
+            unseen[leaf[near][energy > allowed / count]] = True
     return unseen
 
 
