@@ -36,7 +36,7 @@ def test_a_pole_between_nodes():
     assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
 
 
-@pytest.mark.parametrize("cells, pole, depth, radius", [(2, 9 / 32, 4.5e-4, 2.0), (3, 0.137, 1e-6, 4.0)])
+@pytest.mark.parametrize("cells, pole, depth, radius", [(3, 0.137, 1e-6, 4.0), (2, 0.1141, 1.63e-5, 2.438)])
 def test_a_touch_between_nodes(cells, pole, depth, radius):
     """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
     *_, last = adapt(bump(cells, pole, depth, radius), 0.25)
@@ -63,13 +63,49 @@ def test_facets_around_closed_ones_are_judged_by_their_energy():
     assert WORLD.allreduce(int(named.sum())) == 0
 
 
+def bumps(depths, moduli):
+    """Two pairs of a bump and a block, side by side, that have nothing to do with each other."""
+    boxes, surfaces, materials, held, pairs = Boxes(2), {}, {}, [], []
+    for number, (depth, modulus) in enumerate(zip(depths, moduli)):
+        base, bump, x = f"base {number}", f"bump {number}", 10.0 * number
+        boxes.add(base, (x - 1, -1.0, -1.0), (x + 1, 1.0, 0.0), (4, 4, 2))
+        boxes.add(bump, (x - 1, -1.0, 0.0), (x + 1, 1.0, 1.0), (4, 4, 2))
+        surfaces |= {f"{base} held": boxes.facets(DOWN, -1.0, base), f"{bump} held": boxes.facets(UP, 1.0, bump)}
+        surfaces |= {base: boxes.facets(UP, 0.0, base), bump: boxes.facets(DOWN, 0.0, bump)}
+        materials |= dict.fromkeys((base, bump), Material(modulus, 0.3))
+        held += [Dirichlet(f"{base} held", 0.0, 0.0, 0.0), Dirichlet(f"{bump} held", 0.0, 0.0, -depth)]
+        pairs.append(ContactPair(base, bump, direction=(0.0, 0.0, 1.0)))
+
+    def place(name, x):
+        height = ((x[:, 0] + 5) % 10 - 5) ** 2 + x[:, 1] ** 2
+        return x + np.outer((1 - x[:, 2]) * height / 8 * name.startswith("bump"), [0, 0, 1])
+
+    return Scene("bumps", boxes.mesh(surfaces, place=place), materials, tuple(held), tuple(pairs))
+
+
+@pytest.mark.parametrize("depths, moduli", [((0.01, 1e-4), (1.0, 1.0)), ((0.01, 1e-4), (1.0, 1e-6))])
+def test_a_light_contact_beside_a_heavy_one(depths, moduli):
+    """What is little of the whole energy is resolved as contact all the same."""
+    *_, last = adapt(bumps(depths, moduli), 0.2)
+    hertz = moduli[1] * 4 / 3 * 0.5 / (1 - 0.3**2) * 4**0.5 * depths[1] ** 1.5
+    assert last.record["reached"] and abs(last.record["pair_forces"][1] / hertz - 1) < 0.2
+
+
+def test_overlaps_count_though_nothing_presses():
+    """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
+    *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
+    idle = replace(step.contact, force=0.0 * step.contact.force)
+    named = unseen.unseen_contact(step.forest, step.pairs, idle, [1e-12 * step.estimate.energy_norm**2])
+    assert step.record["active_pairs"] > 0 and WORLD.allreduce(int(named.sum())) > 0
+
+
 @pytest.mark.parametrize("facet", range(4))
 def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
     """A cell at an edge of its body has two facets in one contact surface: either of them is enough to mark it."""
     scene = corner_scene(one_pair=True)
     fixed, top = scene.dirichlet
     scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
-    monkeypatch.setattr(unseen, "_overlaps", lambda gap, area, count: np.arange(len(gap)) == facet)
+    monkeypatch.setattr(unseen._Facets, "overlap", lambda facets: np.arange(len(facets._here)) == facet)
     (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
     assert step.record["force"] == 0 and len(scene.mesh.surfaces["outer"]) == 4
     assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record["unseen_contact"] == 1
