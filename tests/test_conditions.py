@@ -7,10 +7,9 @@ import pytest
 from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, pressed, roots, two_boxes, vertex_positions
 
 from fx_contact import Dirichlet
-from fx_contact.conditions import prescribed_displacements
+from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.errors import SceneError
 from fx_contact.hanging import Prolongation
-
 from fx_contact.scenes import hertz, indentation
 
 
@@ -66,3 +65,44 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
     )
     with pytest.raises(SceneError, match=message + r"[01].\d+, (-0|0|.*e-\d+), 2\)"):
         values(bump=1e-3, levels=3)
+
+
+def held_above(*held, order=1):
+    """Two boxes with conditions on the top, and one side of the upper box clamped."""
+    scene = pressed(two_boxes(order=order, distortion=0.0), approach=0.01)
+    others = [condition for condition in scene.dirichlet if condition.where != "upper z high"]
+    above = [Dirichlet("upper z high", **values) for values in held]
+    return replace(scene, dirichlet=(*others, Dirichlet("upper y low", 0.0, 0.0, -0.01), *above))
+
+
+@pytest.mark.parametrize(
+    "held, free",
+    [
+        ([{"z": -0.01}], True),
+        ([{"x": 0.0, "y": 0.0, "z": -0.01}], False),
+        ([{"z": -0.01}, {"x": 0.0}], False),
+        ([{"x": 0.0}], False),
+    ],
+    ids=["across", "clamped", "clamped by two conditions", "along"],
+)
+def test_planes_without_shear_stress(held, free):
+    """A plane that is held across alone has none, whatever else is prescribed elsewhere."""
+    scene = held_above(*held)
+    forest = grown(roots(scene), 1)
+    prolongation = Prolongation(forest)
+    along_z = shear_free_components(scene, forest, prolongation)[:, 2]
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    height = np.empty(prolongation.owned)
+    height[prolongation.conforming[own]] = vertex_positions(forest)[own, 2]
+    everywhere((along_z[height > 2 - 1e-9] == free).all(), "at the top")
+    everywhere(not along_z[np.abs(height - 1.5) < 0.4].any(), "between")
+
+
+def test_a_curved_facet_is_no_plane():
+    """Though its mean normal lies along an axis, as at the pole of a sphere."""
+    scene = held_above({"z": -0.01}, order=2)
+    points = scene.mesh.points.copy()
+    points[:, 2] += np.where(points[:, 2] > 1.5, 0.1 * np.sin(np.pi * points[:, 0]) ** 2, 0.0)
+    scene = replace(scene, mesh=replace(scene.mesh, points=points))
+    forest = grown(roots(scene), 1)
+    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "a plane")

@@ -11,6 +11,8 @@ from fx_contact.prescriptions import Prescribed
 #: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all:
 #: positions of vertices between the nodes of the root mesh are rounded.
 _SAME = 1e-9
+#: A facet is plane across an axis up to this part of its size.
+_FLAT = 1e-9
 
 
 def prescribed_displacements(scene, forest, prolongation):
@@ -70,7 +72,7 @@ def _positions(forest, examples):
 def shear_free_components(scene, forest, prolongation):
     """Where a plane across an axis is held in that direction only: no shear stress acts there, as by symmetry.
 
-    Collective on forest.comm.
+    Collective on forest.comm.  What counts is all that is prescribed of a facet, in however many conditions.
 
     Args:
         scene: Scene.
@@ -80,14 +82,18 @@ def shear_free_components(scene, forest, prolongation):
     Returns:
         (owned, 3) bool, for each conforming vertex the directions in which it lies on such a plane.
     """
-    on = np.zeros((len(forest.vertices), 3))
-    loaded = {traction.surface for traction in scene.tractions}
+    mesh, on = forest.mesh, np.zeros((len(forest.vertices), 3))
+    held, loaded = np.zeros((len(mesh.cells), 6, 3), dtype=bool), np.zeros((len(mesh.cells), 6), dtype=bool)
     for condition in scene.conditions:
-        held = np.flatnonzero(condition.held)
-        if len(held) == 1 and condition.where in forest.mesh.surfaces and condition.where not in loaded:
-            normals = forest.mesh.outward_normals(forest.mesh.surfaces[condition.where])
-            if np.allclose(np.abs(normals[:, held[0]]), 1):
-                on[_vertices_at(scene, forest, condition.where), held[0]] = 1
+        if condition.where in mesh.surfaces:
+            held[tuple(mesh.surfaces[condition.where].T)] |= condition.held
+    for traction in scene.tractions:
+        loaded[tuple(mesh.surfaces[traction.surface].T)] = True
+    alone = (held.sum(axis=2) == 1) & ~loaded
+    for axis in range(3):
+        facets = np.argwhere(alone & held[:, :, axis])
+        extent = np.ptp(mesh.facet_points(facets), axis=1)
+        on[_corners_of(forest, facets[extent[:, axis] <= _FLAT * extent.max(axis=1)]), axis] = 1
     on[prolongation.hanging] = 0
     return prolongation.restrict(on) > 0
 
@@ -96,8 +102,7 @@ def _vertices_at(scene, forest, name):
     """This rank's vertices on a named surface or curve, or at a named vertex, of the root mesh."""
     mesh = forest.mesh
     if name in mesh.surfaces:
-        leaf, face = forest.boundary_faces(mesh.surfaces[name])
-        return forest.vertices.cells[leaf[:, None], reference.FACE_CORNERS[face]]
+        return _corners_of(forest, mesh.surfaces[name])
     if name in mesh.curves:
         leaf, edge = forest.boundary_edges(mesh.curves[name])
         return forest.vertices.cells[leaf[:, None], reference.EDGE_CORNERS[edge]]
@@ -105,3 +110,9 @@ def _vertices_at(scene, forest, name):
     points = (SIDE * reference.CORNERS[corner])[:, None]
     place = forest.vertices.find(forest.lattice.keys(cell, points)[:, 0])
     return place[place >= 0]
+
+
+def _corners_of(forest, facets):
+    """This rank's vertices at the corners of the leaves on facets (n, 2) of the root mesh: (m, 4)."""
+    leaf, face = forest.boundary_faces(facets)
+    return forest.vertices.cells[leaf[:, None], reference.FACE_CORNERS[face]]
