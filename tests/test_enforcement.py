@@ -293,6 +293,20 @@ def test_two_bodies_at_one_vertex(deep):
     assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
 
 
+def test_conditions_that_press_beside_pairs_that_contradict_each_other():
+    """A pair that is left open elsewhere does not hide vertices that both are held."""
+    scene = two_punches(0.02)
+    mesh = scene.mesh
+    below = mesh.surfaces["below left"]
+    scene = replace(
+        scene,
+        mesh=replace(mesh, surfaces=mesh.surfaces | {"far": below[below[:, 0] % 4 == 0]}),
+        dirichlet=(*scene.dirichlet, Dirichlet("far", z=0.0)),
+    )
+    with pytest.raises(SolveError, match="press them 0.01 m into each other"):
+        next(adapt(scene, 0.5))
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_two_pairs_share_a_seam_by_area(method):
     """At a seam between wide and narrow facets both contact pairs have the pressure of one that goes through."""
