@@ -228,8 +228,8 @@ class _ClosedPairs:
         """See that conditions do not press closed pairs into each other: no force could keep their vertices apart.
 
         Collective.  They do where the nearest displacement that closes the pairs leaves overlaps, and no gaps: the
-        jumps of such pairs, weighted by their overlaps, add up to one that conditions alone decide.  Beside a gap this
-        is known of single pairs only; others may be apart once that one opens.
+        jumps of such pairs, weighted by their overlaps, add up to one that conditions alone decide.  Beside a gap that
+        is not known yet: the pair that has it will open.
 
         Args:
             trial: (n,) float64, as from `trial` [N].
@@ -242,7 +242,7 @@ class _ClosedPairs:
         pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
         overlap = np.where(self._active, pairs.penetration(u), 0.0)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
-            overlap[self._jump.movable] = 0.0
+            return
         worst = int(overlap.argmax()) if len(overlap) else 0
         mine = (float(overlap[worst]), pairs.position[worst].tolist()) if len(overlap) else (0.0, [])
         deepest, place = max(self._comm.allgather(mine))
