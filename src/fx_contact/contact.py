@@ -95,7 +95,7 @@ class NodePairs:
         comm, pressed = self.prolongation.comm, self.area * (force > 0)
         count = comm.allreduce(int(self.contact.max(initial=-1)) + 1, op=MPI.MAX)
         columns = np.maximum(force, 0.0), pressed, pressed * (1 / self.modulus).sum(axis=1)
-        sums = np.stack([np.bincount(self.contact, weights=column, minlength=count) for column in columns])
+        sums = np.stack([np.bincount(self.contact, column, count) for column in columns]).astype(float)
         comm.Allreduce(MPI.IN_PLACE, sums)
         total, area, compliance = sums
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)

@@ -289,7 +289,7 @@ def _stored(pairs, contact, energy_norm):
 
 def _penalty_share(pairs, contact, stored):
     """What overlaps hold of a contact pair's energy, at most: nothing, or next to it, but of a penalty.  Collective."""
-    held = np.bincount(pairs.contact, weights=contact.force * contact.penetration, minlength=len(stored))
+    held = np.bincount(pairs.contact, contact.force * contact.penetration, len(stored)).astype(float)
     pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
     return float(np.divide(held, stored, out=np.zeros(len(held)), where=stored > 0).max(initial=0.0))
 
