@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from conftest import outside
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fx_contact import (
     ContactPair,
@@ -1044,6 +1045,37 @@ def test_a_solve_after_a_failed_one():
         assert first().record["force"] == force
 
 
+#: Options for the preconditioner to fall back on, iterations after which that is needed, what the error says.
+FALLBACK_OPTIONS = {
+    "not the user's": ({"ksp_converged_maxits": None}, 500, "is not the user's: set Solver.max_krylov"),
+    "misspelt": ({"pc_typ": "jacobi"}, 500, "did you mean 'pc_type'?"),
+    "another Krylov method": ({"ksp_type": "gmres"}, 500, "must be one of cg, fcg"),
+    "misspelt, of a solver inside": (
+        {"pc_type": "bjacobi", "sub_pc_typ": "icc"},
+        4,
+        "does not read the option 'sub_",
+    ),
+    "of a solver inside": ({"pc_type": "bjacobi", "sub_pc_type": "icc"}, 500, ""),
+    "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
+    "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
+}
+
+
+@pytest.mark.parametrize("case", FALLBACK_OPTIONS)
+def test_options_of_the_fallback(case):
+    """Those that cannot be meant are refused before they are needed; those that only its set-up reads, then."""
+    options, most, words = FALLBACK_OPTIONS[case]
+    typed = PETSc.Options("fx_fallback_")
+    for name, value in options.items():
+        typed[name] = value
+    try:
+        answers = told(lambda: first(scenes.hertz(order=2, coarse=2, comm=COMM), solver=Solver(max_krylov=most)))
+    finally:
+        for name in options:
+            typed.delValue(name)
+    assert len(set(answers)) == 1 and words in answers[0][1] and bool(words) == bool(answers[0][1]), answers
+
+
 def told(action):
     """Type and message of the error that an action ends in on each rank."""
     try:
@@ -1278,6 +1310,12 @@ def test_options_file_of_the_environment():
         ("-fx_ksp_rtol 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-FX_KSP_RTOL 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-FX_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
+        ("-fx_fallback_pc_typ jacobi", 1, "-fx_fallback_pc_typ): it is misspelt, or belongs to another solver"),
+        (
+            "-FX_fallback_ksp_converged_maxits",
+            1,
+            "fx_fallback_ksp_converged_maxits) is not the user's: set Solver.max",
+        ),
         ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
         ("--restart --checkpoint no/such --uniform 1", 2, "--uniform begins anew: give one of them"),

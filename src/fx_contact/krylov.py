@@ -9,13 +9,15 @@ from fx_contact._mpi import together
 from fx_contact.errors import SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
-from fx_contact.petsc_options import PetscOptions
+from fx_contact.petsc_options import PetscOptions, any_typed
 from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS
 
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+#: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
+_FALLBACKS = ("cholesky", "boomeramg-robust")
 #: What to do where PCG has failed, by PETSc's reason if it tells more than others.
 _BETTER = "use a finer root mesh, cells of better shape, or a looser tolerance"
 _ADVICE = {
@@ -50,11 +52,12 @@ class ConjugateGradients:
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
 
-    PREFIX = "fx_"
+    PREFIX, FALLBACK_PREFIX = "fx_", "fx_fallback_"
 
     def __init__(self, matrix, solver, energy_norm):
         self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
         self.iterations = []
+        self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
             self._check_factors(matrix.mat.getSize()[0])
@@ -67,7 +70,7 @@ class ConjugateGradients:
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
         self._prefix = prefix
-        others = self.PREFIX + "fallback_"
+        others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
         self._ksp = ksp = PETSc.KSP().create(comm)
@@ -96,6 +99,18 @@ class ConjugateGradients:
             )
         self._pc, self._holding, self._rest = ksp.getPC(), None, None
         self.preconditioner = _name(self._pc, preconditioner)
+
+    def _check_fallback_options(self, comm):
+        """See that options for the fallback are the user's to give, and not misspelt, before it is needed.
+
+        The memory will decide which one it is: what either of them reads is right.  Options that only its set-up reads
+        are known no sooner.
+        """
+        if any_typed(self.FALLBACK_PREFIX):
+            for name in _FALLBACKS:
+                self._create_ksp(comm, name, self.FALLBACK_PREFIX, {})
+                self._destroy_ksp()
+            self._options.check_read(set_up=False)
 
     def _check_factors(self, unknowns):
         """See that there is memory for the factors that the user has chosen."""
@@ -242,15 +257,15 @@ class ConjugateGradients:
         return u, reason
 
     def _fall_back(self):
-        """Go on with a stronger preconditioner, if there is one."""
+        """Go on with a stronger preconditioner, if there is one; what options have put in its place is the last."""
         needed = self._factor_bytes(self._x.getSize())
         direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, needed) is None
-        name = "cholesky" if direct else "boomeramg-robust"
-        if self.preconditioner in ("cholesky", name):
+        name = _FALLBACKS[0 if direct else 1]
+        if self._prefix == self.FALLBACK_PREFIX or self.preconditioner in (_FALLBACKS[0], name):
             return False
         comm, before, product = self._ksp.comm, self.matrix, self._product
         self._destroy_ksp()
-        self._create_ksp(comm, name, self.PREFIX + "fallback_", {})
+        self._create_ksp(comm, name, self.FALLBACK_PREFIX, {})
         kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.HYPRE
         if before.type != kind and not (direct and before.type.endswith("aij")):
             self._operator.destroy()
