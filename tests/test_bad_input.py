@@ -1,6 +1,8 @@
 """Bad input: a typed error on every rank that says what, where and what to do; no hang, whatever rank finds it."""
 
+import gc
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -1043,6 +1045,36 @@ def test_a_solve_after_a_failed_one():
         with pytest.raises(SolveError, match="the solver's options"):
             first(solver=Solver(options=bad))
         assert first().record["force"] == force
+
+
+def garbage(capfd):
+    """Objects of PETSc that Python has dropped, and that on several ranks nobody has freed: int.  Collective."""
+    gc.collect()
+    capfd.readouterr()
+    PETSc.garbage_view(COMM)
+    entries = sum(map(int, re.findall(r"Total entries: (\d+)", capfd.readouterr().out)))
+    return COMM.bcast(entries)  # rank 0 prints for all
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"solver": Solver(max_krylov=1)}, "PCG"),
+        (
+            {"solver": Solver(max_contact=1), "enforcement": Enforcement("augmented-lagrangian", 10)},
+            "1 augmentations",
+        ),
+        ({"solver": Solver(options={"pc_type": "none"})}, "take jacobi"),
+        ({"solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),
+        ({"scene": unpaired(), "solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),
+    ],
+)
+def test_failed_solve_leaves_nothing(capfd, options, words):
+    """Its matrix and preconditioner would stay in the memory for ever."""
+    before = garbage(capfd)
+    (answer,) = set(told(lambda: first(**{"scene": scenes.hertz(order=1, coarse=2, comm=COMM)} | options)))
+    assert words in answer[1], answer
+    assert garbage(capfd) == before
 
 
 #: Options for the preconditioner to fall back on, iterations after which that is needed, what the error says.

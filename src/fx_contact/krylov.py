@@ -43,6 +43,7 @@ class ConjugateGradients:
         matrix: BlockMatrix, symmetric positive definite; it is used up.
         solver: Solver.
         energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
+        objects: PetscObjects, with which what is made here is freed.
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
@@ -54,8 +55,8 @@ class ConjugateGradients:
 
     PREFIX, FALLBACK_PREFIX = "fx_", "fx_fallback_"
 
-    def __init__(self, matrix, solver, energy_norm):
-        self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
+    def __init__(self, matrix, solver, energy_norm, objects):
+        self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
         self.iterations = []
         self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
@@ -64,8 +65,8 @@ class ConjugateGradients:
         hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
-        self._x, self._b = self.matrix.createVecs()
-        self._scale = self._x.duplicate()
+        self._x, self._b = map(objects.add, self.matrix.createVecs())
+        self._scale = objects.add(self._x.duplicate())
 
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
@@ -73,7 +74,7 @@ class ConjugateGradients:
         others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
-        self._ksp = ksp = PETSc.KSP().create(comm)
+        self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
@@ -97,7 +98,7 @@ class ConjugateGradients:
                 f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
                 "jacobi, which is as simple"
             )
-        self._pc, self._holding, self._rest = ksp.getPC(), None, None
+        self._pc, self._holding, self._rest = self._objects.add(ksp.getPC()), None, None
         self.preconditioner = _name(self._pc, preconditioner)
 
     def _check_fallback_options(self, comm):
@@ -139,8 +140,8 @@ class ConjugateGradients:
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
-        self.matrix, self._product = matrix, _Product(matrix)
-        self._operator = PETSc.Mat().createPython(matrix.getSizes(), self._product, matrix.comm)
+        self.matrix, self._product = self._objects.add(matrix), _Product(matrix)
+        self._operator = self._objects.add(PETSc.Mat().createPython(matrix.getSizes(), self._product, matrix.comm))
 
     def correct(self, correction):
         """From now on solve with the matrix and a correction.
@@ -216,8 +217,9 @@ class ConjugateGradients:
     def _leave(self, held):
         """Let the preconditioner leave held pairs to their springs, or None."""
         if held is not None and self._holding is None:
-            self._rest = self.matrix.createVecRight()
-            self._holding = PETSc.PC().createPython(_Holding(self._pc, self._rest), self._ksp.comm)
+            self._rest = self._objects.add(self.matrix.createVecRight())
+            holding = PETSc.PC().createPython(_Holding(self._pc, self._rest), self._ksp.comm)
+            self._holding = self._objects.add(holding)
             self._holding.setOperators(self._operator, self.matrix)
         if self._holding is not None:
             self._holding.getPythonContext().held = held
@@ -281,12 +283,6 @@ class ConjugateGradients:
         self._x.array[:] = u.ravel()
         self._x.pointwiseMult(self._x, self._scale)
         return ROUNDING * self._x.norm()
-
-    def destroy(self):
-        """Free PETSc's objects: on several ranks it does not do so by itself."""
-        self._destroy_ksp()
-        for thing in (self._operator, self._x, self._b, self._scale, self.matrix):
-            thing.destroy()
 
     def _destroy_ksp(self):
         for thing in (self._ksp, self._holding, self._rest, self._pc):
