@@ -929,7 +929,11 @@ CASES = {
         CheckpointError,
         "materials",
     ),
-    "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
+    "solver that does not converge": (
+        never_converges,
+        SolveError,
+        "PCG failed with boomeramg after 1 iteration (PETSc reason -3), then with cholesky after 1 iteration (",
+    ),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
         OutputError,

@@ -223,8 +223,8 @@ def test_memory_of_chosen_factors(monkeypatch, solver):
 )
 def test_advice_fits_the_failure(monkeypatch, reason, advice):
     """Where PCG fails, what to do depends on why."""
-    monkeypatch.setattr(ConjugateGradients, "_attempt", lambda self, right_hand_side, start, _: (start, reason))
-    with pytest.raises(SolveError, match=rf"PETSc reason {reason}\); .*{advice}"):
+    monkeypatch.setattr(ConjugateGradients, "_attempt", lambda self, right_hand_side, start, _: (start, reason, 7))
+    with pytest.raises(SolveError, match=rf"PCG failed with cholesky after 7 .* reason {reason}\); .*{advice}"):
         next(adapt(hertz(order=1, coarse=1), 0.5, solver=Solver("cholesky")))
 
 

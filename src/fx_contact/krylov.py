@@ -57,7 +57,7 @@ class ConjugateGradients:
 
     def __init__(self, matrix, solver, energy_norm, objects):
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
-        self.iterations = []
+        self.iterations, self._failures = [], []
         self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
@@ -201,17 +201,21 @@ class ConjugateGradients:
             SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
                 number.
         """
-        self._count = 0
+        spent = 0
         while True:
             self._leave(held)
-            u, reason = self._attempt(right_hand_side, start, tolerance)
+            u, reason, count = self._attempt(right_hand_side, start, tolerance)
             if reason > 0:
                 break
-            failed = f"PCG with {self.preconditioner} failed after {self._count} iterations (PETSc reason {reason})"
+            spent += count
+            plural = "" if count == 1 else "s"
+            self._failures.append(
+                f"with {self.preconditioner} after {count} iteration{plural} (PETSc reason {reason})"
+            )
             if not self._fall_back():
-                raise SolveError(f"{failed}; {_ADVICE.get(reason, _BETTER)}")
-        self.iterations.append(self._count)
-        self._best = self._count if self._best is None else self._best
+                raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE.get(reason, _BETTER)}")
+        self.iterations.append(spent + count)
+        self._best = self.iterations[-1] if self._best is None else self._best
         return u
 
     def _leave(self, held):
@@ -226,8 +230,8 @@ class ConjugateGradients:
         self._ksp.setPC(self._pc if held is None else self._holding)
 
     def _attempt(self, right_hand_side, u, tolerance):
-        """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
-        x, b, ksp = self._x, self._b, self._ksp
+        """Solution or what is there of it, PETSc's reason for the end, negative for a failure, and the iterations."""
+        x, b, ksp, count = self._x, self._b, self._ksp, 0
         start = energy = self._energy_norm(u)
         for _ in range(3):
             rounding = self._rounding_error(u)
@@ -242,10 +246,11 @@ class ConjugateGradients:
             ksp.setTolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             with self._named_errors():
                 ksp.solve(b, x)
-            self._count += ksp.getIterationNumber()
+            count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
             if reason < 0 or not np.isfinite(x.norm()):
-                return u, min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
+                reason = min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
+                return u, reason, count
             first = ksp.getConvergenceHistory()[0]
             energy, self.energy_error = max(energy, first), max(least, tolerance * first)
             moved = np.sqrt(max(b.dot(x), 0.0))  # energy norm of the step
@@ -256,7 +261,7 @@ class ConjugateGradients:
             if start >= 0.5 * energy:
                 break
             energy = start
-        return u, reason
+        return u, reason, count
 
     def _fall_back(self):
         """Go on with a stronger preconditioner, if there is one; what options have put in its place is the last."""
