@@ -801,6 +801,11 @@ CASES = {
         "works in the norm of the energy",
     ),
     "no preconditioner": (lambda: first(solver=Solver(options={"pc_type": "none"})), SolveError, "take jacobi"),
+    "preconditioner that needs the operator's entries": (
+        lambda: first(solver=Solver(options={"pc_type": "eisenstat"})),
+        SolveError,
+        "take sor",
+    ),
     "preconditioner that cannot be set up": (
         lambda: first(solver=Solver(options={"pc_type": "bddc"})),
         SolveError,
@@ -1092,6 +1097,7 @@ FALLBACK_OPTIONS = {
         "does not read the option 'sub_",
     ),
     "of a solver inside": ({"pc_type": "bjacobi", "sub_pc_type": "icc"}, 500, ""),
+    "another preconditioner": ({"pc_type": "eisenstat"}, 500, "-fx_fallback_pc_type eisenstat needs the entries"),
     "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
     "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
 }

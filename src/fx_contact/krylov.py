@@ -16,6 +16,13 @@ from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS
 _FACTOR_BYTES = 300
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+#: Kinds that the solver cannot have, and why.
+_UNFIT = {
+    PETSc.PC.Type.NONE: "takes forces for energies, so that the error would depend on the units: take jacobi, which is "
+    "as simple",
+    PETSc.PC.Type.EISENSTAT: "needs the entries of the operator, and contact is beside its matrix: take sor, of which "
+    "it is another form",
+}
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
 _FALLBACKS = ("cholesky", "boomeramg-robust")
 #: What to do where PCG has failed, by PETSc's reason if it tells more than others.
@@ -93,11 +100,8 @@ class ConjugateGradients:
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
             )
-        if ksp.getPC().getType() == PETSc.PC.Type.NONE:
-            raise SolveError(
-                f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
-                "jacobi, which is as simple"
-            )
+        if (kind := ksp.getPC().getType()) in _UNFIT:
+            raise SolveError(f"-{prefix}pc_type {kind} {_UNFIT[kind]}")
         self._pc, self._holding, self._rest = self._objects.add(ksp.getPC()), None, None
         self.preconditioner = _name(self._pc, preconditioner)
 
