@@ -34,6 +34,7 @@ from fx_contact import (
 from fx_contact._mpi import together
 from fx_contact.accuracy import contact_errors
 from fx_contact.adapt import Beginning
+from fx_contact.agreement import differences
 from fx_contact.checkpoint import Checkpoint
 from fx_contact.errors import (
     CheckpointError,
@@ -821,6 +822,16 @@ CASES = {
     },
     "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
     "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
+    "option that is not a number": (
+        lambda: Solver(options={"pc_hypre_boomeramg_strong_threshold": float("nan")}),
+        SceneError,
+        "the PETSc option 'pc_hypre_boomeramg_strong_threshold' must be a finite number, got nan",
+    ),
+    "option without end": (
+        lambda: Solver(options={"pc_hypre_boomeramg_max_iter": 10**400}),
+        SceneError,
+        "must be a finite number, got 1000",
+    ),
     "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),
     "points of text": (
         lambda: RootMesh("points", [list(range(8))], ("a",), [0]),
@@ -1167,6 +1178,13 @@ def test_ranks_that_differ(case):
     arguments = dict(scene=press(two_cubes()), tolerance=0.5, comm=COMM) | given[COMM.rank == COMM.size - 1]
     answers = told(lambda: adapt(**arguments))
     assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
+
+
+def test_what_is_alike():
+    """Of NaN too it is said that it is the same; numbers are equal whatever their type."""
+    nan = {"a": float("nan"), "b": [1.0, float("nan")], "c": 1}
+    assert differences(nan, nan | {"c": 1.0}, "here", "there") == ""
+    assert differences(nan, nan | {"b": [1.0, 2.0]}, "here", "there") == "b ([1.0, NaN] here, [1.0, 2.0] there)"
 
 
 #: What else all ranks do together: functions of what they are given, which the last rank is given otherwise.
