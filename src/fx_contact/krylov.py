@@ -162,7 +162,8 @@ class ConjugateGradients:
         self._ksp.setOperators(self._operator, self.matrix)
         with self._options.there(), self._named_errors():
             self._ksp.setUp()
-        self._options.check_read()
+        second = self._prefix == self.FALLBACK_PREFIX and self.preconditioner == _FALLBACKS[1]
+        self._options.check_read(set_up=not second)  # what the first fallback would have read is no mistake
         self._pc.setReusePreconditioner(True)
         self.matrix.getDiagonal(self._scale)
         self._scale.sqrtabs()
