@@ -16,7 +16,7 @@ ORDER = """
     reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
     scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
-    matrix petsc_options solver krylov
+    petsc_objects matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
     activeset estimate solve balance gap unseen
     step checkpoint

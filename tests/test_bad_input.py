@@ -1,6 +1,8 @@
 """Bad input: a typed error on every rank that says what, where and what to do; no hang, whatever rank finds it."""
 
+import gc
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 from conftest import outside
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fx_contact import (
     ContactPair,
@@ -31,6 +34,7 @@ from fx_contact import (
 from fx_contact._mpi import together
 from fx_contact.accuracy import contact_errors
 from fx_contact.adapt import Beginning
+from fx_contact.agreement import differences
 from fx_contact.checkpoint import Checkpoint
 from fx_contact.errors import (
     CheckpointError,
@@ -798,6 +802,11 @@ CASES = {
         "works in the norm of the energy",
     ),
     "no preconditioner": (lambda: first(solver=Solver(options={"pc_type": "none"})), SolveError, "take jacobi"),
+    "preconditioner that needs the operator's entries": (
+        lambda: first(solver=Solver(options={"pc_type": "eisenstat"})),
+        SolveError,
+        "take sor",
+    ),
     "preconditioner that cannot be set up": (
         lambda: first(solver=Solver(options={"pc_type": "bddc"})),
         SolveError,
@@ -813,6 +822,16 @@ CASES = {
     },
     "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
     "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
+    "option that is not a number": (
+        lambda: Solver(options={"pc_hypre_boomeramg_strong_threshold": float("nan")}),
+        SceneError,
+        "the PETSc option 'pc_hypre_boomeramg_strong_threshold' must be a finite number, got nan",
+    ),
+    "option without end": (
+        lambda: Solver(options={"pc_hypre_boomeramg_max_iter": 10**400}),
+        SceneError,
+        "must be a finite number, got 1000",
+    ),
     "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),
     "points of text": (
         lambda: RootMesh("points", [list(range(8))], ("a",), [0]),
@@ -926,7 +945,11 @@ CASES = {
         CheckpointError,
         "materials",
     ),
-    "solver that does not converge": (never_converges, SolveError, "PCG with cholesky failed"),
+    "solver that does not converge": (
+        never_converges,
+        SolveError,
+        "PCG failed with boomeramg after 1 iteration (PETSc reason -3), then with cholesky after 1 iteration (",
+    ),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
         OutputError,
@@ -1044,6 +1067,68 @@ def test_a_solve_after_a_failed_one():
         assert first().record["force"] == force
 
 
+def garbage(capfd):
+    """Objects of PETSc that Python has dropped, and that on several ranks nobody has freed: int.  Collective."""
+    gc.collect()
+    capfd.readouterr()
+    PETSc.garbage_view(COMM)
+    entries = sum(map(int, re.findall(r"Total entries: (\d+)", capfd.readouterr().out)))
+    return COMM.bcast(entries)  # rank 0 prints for all
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"solver": Solver(max_krylov=1)}, "PCG"),
+        (
+            {"solver": Solver(max_contact=1), "enforcement": Enforcement("augmented-lagrangian", 10)},
+            "1 augmentations",
+        ),
+        ({"solver": Solver(options={"pc_type": "none"})}, "take jacobi"),
+        ({"solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),
+        ({"scene": unpaired(), "solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),
+    ],
+)
+def test_failed_solve_leaves_nothing(capfd, options, words):
+    """Its matrix and preconditioner would stay in the memory for ever."""
+    before = garbage(capfd)
+    (answer,) = set(told(lambda: first(**{"scene": scenes.hertz(order=1, coarse=2, comm=COMM)} | options)))
+    assert words in answer[1], answer
+    assert garbage(capfd) == before
+
+
+#: Options for the preconditioner to fall back on, iterations after which that is needed, what the error says.
+FALLBACK_OPTIONS = {
+    "not the user's": ({"ksp_converged_maxits": None}, 500, "is not the user's: set Solver.max_krylov"),
+    "misspelt": ({"pc_typ": "jacobi"}, 500, "did you mean 'pc_type'?"),
+    "another Krylov method": ({"ksp_type": "gmres"}, 500, "must be one of cg, fcg"),
+    "misspelt, of a solver inside": (
+        {"pc_type": "bjacobi", "sub_pc_typ": "icc"},
+        4,
+        "does not read the option 'sub_",
+    ),
+    "of a solver inside": ({"pc_type": "bjacobi", "sub_pc_type": "icc"}, 500, ""),
+    "another preconditioner": ({"pc_type": "eisenstat"}, 500, "-fx_fallback_pc_type eisenstat needs the entries"),
+    "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
+    "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
+}
+
+
+@pytest.mark.parametrize("case", FALLBACK_OPTIONS)
+def test_options_of_the_fallback(case):
+    """Those that cannot be meant are refused before they are needed; those that only its set-up reads, then."""
+    options, most, words = FALLBACK_OPTIONS[case]
+    typed = PETSc.Options("fx_fallback_")
+    for name, value in options.items():
+        typed[name] = value
+    try:
+        answers = told(lambda: first(scenes.hertz(order=2, coarse=2, comm=COMM), solver=Solver(max_krylov=most)))
+    finally:
+        for name in options:
+            typed.delValue(name)
+    assert len(set(answers)) == 1 and words in answers[0][1] and bool(words) == bool(answers[0][1]), answers
+
+
 def told(action):
     """Type and message of the error that an action ends in on each rank."""
     try:
@@ -1093,6 +1178,13 @@ def test_ranks_that_differ(case):
     arguments = dict(scene=press(two_cubes()), tolerance=0.5, comm=COMM) | given[COMM.rank == COMM.size - 1]
     answers = told(lambda: adapt(**arguments))
     assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
+
+
+def test_what_is_alike():
+    """Of NaN too it is said that it is the same; numbers are equal whatever their type."""
+    nan = {"a": float("nan"), "b": [1.0, float("nan")], "c": 1}
+    assert differences(nan, nan | {"c": 1.0}, "here", "there") == ""
+    assert differences(nan, nan | {"b": [1.0, 2.0]}, "here", "there") == "b ([1.0, NaN] here, [1.0, 2.0] there)"
 
 
 #: What else all ranks do together: functions of what they are given, which the last rank is given otherwise.
@@ -1278,6 +1370,12 @@ def test_options_file_of_the_environment():
         ("-fx_ksp_rtol 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-FX_KSP_RTOL 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-FX_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
+        ("-fx_fallback_pc_typ jacobi", 1, "-fx_fallback_pc_typ): it is misspelt, or belongs to another solver"),
+        (
+            "-FX_fallback_ksp_converged_maxits",
+            1,
+            "fx_fallback_ksp_converged_maxits) is not the user's: set Solver.max",
+        ),
         ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
         ("--restart --checkpoint no/such --uniform 1", 2, "--uniform begins anew: give one of them"),

@@ -64,8 +64,13 @@ def differences(one, other, here, there):
     return "; ".join(
         f"{name} ({_brief(one.get(name))} {here}, {_brief(other.get(name))} {there})"
         for name in {**one, **other}
-        if one.get(name) != other.get(name)
+        if not _alike(one.get(name), other.get(name))
     )
+
+
+def _alike(one, other):
+    """Whether two values are equal, or written alike: NaN is not equal to itself."""
+    return one == other or json.dumps(one) == json.dumps(other)
 
 
 def _brief(value):

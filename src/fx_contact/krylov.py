@@ -9,13 +9,22 @@ from fx_contact._mpi import together
 from fx_contact.errors import SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
-from fx_contact.petsc_options import PetscOptions
+from fx_contact.petsc_options import PetscOptions, any_typed
 from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS
 
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+#: Kinds that the solver cannot have, and why.
+_UNFIT = {
+    PETSc.PC.Type.NONE: "takes forces for energies, so that the error would depend on the units: take jacobi, which is "
+    "as simple",
+    PETSc.PC.Type.EISENSTAT: "needs the entries of the operator, and contact is beside its matrix: take sor, of which "
+    "it is another form",
+}
+#: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
+_FALLBACKS = ("cholesky", "boomeramg-robust")
 #: What to do where PCG has failed, by PETSc's reason if it tells more than others.
 _BETTER = "use a finer root mesh, cells of better shape, or a looser tolerance"
 _ADVICE = {
@@ -41,6 +50,7 @@ class ConjugateGradients:
         matrix: BlockMatrix, symmetric positive definite; it is used up.
         solver: Solver.
         energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
+        objects: PetscObjects, with which what is made here is freed.
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
@@ -50,27 +60,28 @@ class ConjugateGradients:
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
     """
 
-    PREFIX = "fx_"
+    PREFIX, FALLBACK_PREFIX = "fx_", "fx_fallback_"
 
-    def __init__(self, matrix, solver, energy_norm):
-        self._solver, self._energy_norm, self._comm = solver, energy_norm, matrix.comm
-        self.iterations = []
+    def __init__(self, matrix, solver, energy_norm, objects):
+        self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
+        self.iterations, self._failures = [], []
+        self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
             self._check_factors(matrix.mat.getSize()[0])
         hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
-        self._x, self._b = self.matrix.createVecs()
-        self._scale = self._x.duplicate()
+        self._x, self._b = map(objects.add, self.matrix.createVecs())
+        self._scale = objects.add(self._x.duplicate())
 
     def _create_ksp(self, comm, preconditioner, prefix, given):
         """PCG with options that the user may replace, under a prefix."""
         self._prefix = prefix
-        others = self.PREFIX + "fallback_"
+        others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
         self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
-        self._ksp = ksp = PETSc.KSP().create(comm)
+        self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.setNormType(PETSc.KSP.NormType.NATURAL)
@@ -89,13 +100,22 @@ class ConjugateGradients:
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
             )
-        if ksp.getPC().getType() == PETSc.PC.Type.NONE:
-            raise SolveError(
-                f"-{prefix}pc_type none takes forces for energies, so that the error would depend on the units: take "
-                "jacobi, which is as simple"
-            )
-        self._pc, self._holding, self._rest = ksp.getPC(), None, None
+        if (kind := ksp.getPC().getType()) in _UNFIT:
+            raise SolveError(f"-{prefix}pc_type {kind} {_UNFIT[kind]}")
+        self._pc, self._holding, self._rest = self._objects.add(ksp.getPC()), None, None
         self.preconditioner = _name(self._pc, preconditioner)
+
+    def _check_fallback_options(self, comm):
+        """See that options for the fallback are the user's to give, and not misspelt, before it is needed.
+
+        The memory will decide which one it is: what either of them reads is right.  Options that only its set-up reads
+        are known no sooner.
+        """
+        if any_typed(self.FALLBACK_PREFIX):
+            for name in _FALLBACKS:
+                self._create_ksp(comm, name, self.FALLBACK_PREFIX, {})
+                self._destroy_ksp()
+            self._options.check_read(set_up=False)
 
     def _check_factors(self, unknowns):
         """See that there is memory for the factors that the user has chosen."""
@@ -124,8 +144,8 @@ class ConjugateGradients:
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
-        self.matrix, self._product = matrix, _Product(matrix)
-        self._operator = PETSc.Mat().createPython(matrix.getSizes(), self._product, matrix.comm)
+        self.matrix, self._product = self._objects.add(matrix), _Product(matrix)
+        self._operator = self._objects.add(PETSc.Mat().createPython(matrix.getSizes(), self._product, matrix.comm))
 
     def correct(self, correction):
         """From now on solve with the matrix and a correction.
@@ -142,7 +162,8 @@ class ConjugateGradients:
         self._ksp.setOperators(self._operator, self.matrix)
         with self._options.there(), self._named_errors():
             self._ksp.setUp()
-        self._options.check_read()
+        second = self._prefix == self.FALLBACK_PREFIX and self.preconditioner == _FALLBACKS[1]
+        self._options.check_read(set_up=not second)  # what the first fallback would have read is no mistake
         self._pc.setReusePreconditioner(True)
         self.matrix.getDiagonal(self._scale)
         self._scale.sqrtabs()
@@ -185,32 +206,37 @@ class ConjugateGradients:
             SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
                 number.
         """
-        self._count = 0
+        spent = 0
         while True:
             self._leave(held)
-            u, reason = self._attempt(right_hand_side, start, tolerance)
+            u, reason, count = self._attempt(right_hand_side, start, tolerance)
             if reason > 0:
                 break
-            failed = f"PCG with {self.preconditioner} failed after {self._count} iterations (PETSc reason {reason})"
+            spent += count
+            plural = "" if count == 1 else "s"
+            self._failures.append(
+                f"with {self.preconditioner} after {count} iteration{plural} (PETSc reason {reason})"
+            )
             if not self._fall_back():
-                raise SolveError(f"{failed}; {_ADVICE.get(reason, _BETTER)}")
-        self.iterations.append(self._count)
-        self._best = self._count if self._best is None else self._best
+                raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE.get(reason, _BETTER)}")
+        self.iterations.append(spent + count)
+        self._best = self.iterations[-1] if self._best is None else self._best
         return u
 
     def _leave(self, held):
         """Let the preconditioner leave held pairs to their springs, or None."""
         if held is not None and self._holding is None:
-            self._rest = self.matrix.createVecRight()
-            self._holding = PETSc.PC().createPython(_Holding(self._pc, self._rest), self._ksp.comm)
+            self._rest = self._objects.add(self.matrix.createVecRight())
+            holding = PETSc.PC().createPython(_Holding(self._pc, self._rest), self._ksp.comm)
+            self._holding = self._objects.add(holding)
             self._holding.setOperators(self._operator, self.matrix)
         if self._holding is not None:
             self._holding.getPythonContext().held = held
         self._ksp.setPC(self._pc if held is None else self._holding)
 
     def _attempt(self, right_hand_side, u, tolerance):
-        """Solution or what is there of it, and PETSc's reason for the end, negative for a failure."""
-        x, b, ksp = self._x, self._b, self._ksp
+        """Solution or what is there of it, PETSc's reason for the end, negative for a failure, and the iterations."""
+        x, b, ksp, count = self._x, self._b, self._ksp, 0
         start = energy = self._energy_norm(u)
         for _ in range(3):
             rounding = self._rounding_error(u)
@@ -225,10 +251,11 @@ class ConjugateGradients:
             ksp.setTolerances(rtol=tolerance, atol=least, divtol=_NO_LIMIT, max_it=self._solver.max_krylov)
             with self._named_errors():
                 ksp.solve(b, x)
-            self._count += ksp.getIterationNumber()
+            count += ksp.getIterationNumber()
             reason = ksp.getConvergedReason()
             if reason < 0 or not np.isfinite(x.norm()):
-                return u, min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
+                reason = min(reason, PETSc.KSP.ConvergedReason.DIVERGED_NANORINF if reason > 0 else reason)
+                return u, reason, count
             first = ksp.getConvergenceHistory()[0]
             energy, self.energy_error = max(energy, first), max(least, tolerance * first)
             moved = np.sqrt(max(b.dot(x), 0.0))  # energy norm of the step
@@ -239,18 +266,18 @@ class ConjugateGradients:
             if start >= 0.5 * energy:
                 break
             energy = start
-        return u, reason
+        return u, reason, count
 
     def _fall_back(self):
-        """Go on with a stronger preconditioner, if there is one."""
+        """Go on with a stronger preconditioner, if there is one; what options have put in its place is the last."""
         needed = self._factor_bytes(self._x.getSize())
         direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, needed) is None
-        name = "cholesky" if direct else "boomeramg-robust"
-        if self.preconditioner in ("cholesky", name):
+        name = _FALLBACKS[0 if direct else 1]
+        if self._prefix == self.FALLBACK_PREFIX or self.preconditioner in (_FALLBACKS[0], name):
             return False
         comm, before, product = self._ksp.comm, self.matrix, self._product
         self._destroy_ksp()
-        self._create_ksp(comm, name, self.PREFIX + "fallback_", {})
+        self._create_ksp(comm, name, self.FALLBACK_PREFIX, {})
         kind = PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.HYPRE
         if before.type != kind and not (direct and before.type.endswith("aij")):
             self._operator.destroy()
@@ -266,12 +293,6 @@ class ConjugateGradients:
         self._x.array[:] = u.ravel()
         self._x.pointwiseMult(self._x, self._scale)
         return ROUNDING * self._x.norm()
-
-    def destroy(self):
-        """Free PETSc's objects: on several ranks it does not do so by itself."""
-        self._destroy_ksp()
-        for thing in (self._operator, self._x, self._b, self._scale, self.matrix):
-            thing.destroy()
 
     def _destroy_ksp(self):
         for thing in (self._ksp, self._holding, self._rest, self._pc):

@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from fx_contact._mpi import Exchange
+from fx_contact._mpi import Exchange, together
 from fx_contact.errors import SolveError
 from fx_contact.memory import check_memory
 
@@ -55,9 +55,10 @@ class BlockMatrix:
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (near, far))
         integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
         first, second = pointers
-        if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
-            clear_hypre_errors()
-            raise SolveError("PETSc cannot allocate a matrix in hypre's format")
+        with together(self.comm):
+            if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
+                clear_hypre_errors()
+                raise SolveError("PETSc cannot allocate a matrix in hypre's format")
         self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         return result
 

@@ -1,6 +1,7 @@
 """PETSc options under a prefix: defaults that the user's command line may replace, and options that nobody reads."""
 
 import ctypes
+import re
 from contextlib import contextmanager
 
 from petsc4py import PETSc
@@ -18,6 +19,8 @@ COMMON = (
     "pc_hypre_boomeramg_numfunctions pc_hypre_boomeramg_relax_type_all pc_hypre_boomeramg_relax_type_down "
     "pc_hypre_boomeramg_relax_type_up pc_hypre_boomeramg_print_statistics pc_hypre_ilu_maxiter pc_hypre_ilu_tol"
 ).split()
+#: Options that PETSc reads only when it sets a preconditioner up: of matrices, and of solvers inside of solvers.
+_LATE = re.compile("mat_|pc_mg_|(?!ksp_|pc_).+_(ksp|pc|mat)_")
 
 
 class PetscOptions:
@@ -29,15 +32,15 @@ class PetscOptions:
         prefix: that the object has.
         defaults: dict of the program's options.
         given: dict of the user's options, which win over them; the command line wins over both.
-        others: prefix below this one that belongs to another object.
+        others: prefixes below this one that belong to other objects, tuple of str.
         covered: option of the user -> the defaults that it is to replace, as PETSc would let them win over it.
     """
 
     def __init__(self, prefix, defaults, given, others, covered):
         self._prefix = prefix
         defaults, given = ({name.lower(): value for name, value in some.items()} for some in (defaults, given))
-        typed = [name.removeprefix(prefix) for name in _typed() if name.startswith(prefix)]
-        self._unread = {*given, *(name for name in typed if not (prefix + name).startswith(others))}
+        typed = [name for name in _typed() if name.startswith(prefix) and not name.startswith(others)]
+        self._unread = {*given, *(name.removeprefix(prefix) for name in typed)}
         left_out = {name for option in self._unread & covered.keys() for name in covered[option]}
         self._values = {name: value for name, value in defaults.items() if name not in left_out} | given
 
@@ -64,9 +67,17 @@ class PetscOptions:
             for name in ours:
                 database.delValue(name)
 
-    def check_read(self):
-        """Raises SceneError if an option of the user was in none of the blocks read: it is misspelt, or useless."""
-        for name in sorted(self._unread):
+    def check_read(self, set_up=True):
+        """See that all options of the user were read in the blocks.
+
+        Args:
+            set_up: whether one of the blocks has set the preconditioner up; if not, options that only that reads are
+                let pass: `mat_...`, `sub_pc_type`, `mg_levels_ksp_type`, ...
+
+        Raises:
+            SceneError: one was not: it is misspelt, or useless.
+        """
+        for name in sorted(name for name in self._unread if set_up or not _LATE.match(name)):
             raise SceneError(
                 f"PETSc's solver does not read the option {name!r} (on the command line -{self._prefix}{name}): it is "
                 f"misspelt, or belongs to another solver or preconditioner{nearest(name, COMMON)}"
@@ -77,6 +88,11 @@ def unread_options(prefix):
     """Options of the command line that nothing has read so far, but for those under a prefix: list of str.  Local."""
     late = "options_left", "objects_dump"  # PETSc reads them when it ends
     return [name for name in _typed() if not name.startswith((prefix, *late)) and not _is_used(name)]
+
+
+def any_typed(prefix):
+    """Whether there is an option under a prefix on the command line.  Local."""
+    return any(name.startswith(prefix) for name in _typed())
 
 
 def _typed():

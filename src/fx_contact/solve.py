@@ -10,6 +10,7 @@ from fx_contact.activeset import ActiveSet
 from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.errors import SolveError
 from fx_contact.krylov import ROUNDING, ConjugateGradients
+from fx_contact.petsc_objects import PetscObjects
 from fx_contact.projection import Projection
 
 #: Overlap that conditions leave between vertices, relative to the approach, up to which it is rounding,
@@ -71,70 +72,71 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
             the contact opens, or conditions press vertices into each other.
     """
-    u = np.where(np.isnan(prescribed), start, prescribed)
-    with stages("system"):
-        jump = None if pairs is None else Jump(pairs, prescribed)
-        if pairs is not None:
-            PenaltyTerm(jump).reserve(matrix.mat)
-        matrix.mat.assemble()
-        base, scale = _impose(matrix.mat, load, prescribed)
-    if pairs is None:
-        return _solve_linear(matrix, base, u, energy_norm, solver, stages, scale)
-    with stages("solve"):
-        status = ActiveSet(pairs, scene, u, solver.max_contact)
-        bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
-        bounded.change(matrix.mat, np.zeros_like(status.active), status.active)
-        if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
-            u = _relax(matrix.mat, base, bounded, u, status)
-            status.forget()
-    with stages("system"):
-        linear = _ClosedPairs(matrix, base, jump, status.active, energy_norm, solver, enforcement, stages)
+    with PetscObjects(matrix.mat) as objects:
+        u = np.where(np.isnan(prescribed), start, prescribed)
+        with stages("system"):
+            jump = None if pairs is None else Jump(pairs, prescribed)
+            if pairs is not None:
+                PenaltyTerm(jump).reserve(matrix.mat)
+            matrix.mat.assemble()
+            base, scale = _impose(matrix.mat, load, prescribed)
+        if pairs is None:
+            return _solve_linear(matrix, base, u, energy_norm, solver, stages, scale, objects)
+        with stages("solve"):
+            status = ActiveSet(pairs, scene, u, solver.max_contact)
+            bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+            bounded.change(matrix.mat, np.zeros_like(status.active), status.active)
+            if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
+                u = _relax(matrix.mat, base, bounded, u, status)
+                status.forget()
+        with stages("system"):
+            linear = _ClosedPairs(
+                matrix, base, jump, status.active, energy_norm, solver, enforcement, stages, objects
+            )
 
-    tolerance, augmentations = solver.loose_tolerance, 0
-    while True:
-        u = linear.solve(status.active, u, tolerance)
-        trial = linear.trial(u)
-        linear.check_apart(trial, u)
-        wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
-        if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
-            status.update(wanted)
-        elif linear.augment(trial, u):
-            augmentations += 1
-            if augmentations > solver.max_contact:
-                raise SolveError(
-                    f"{solver.max_contact} augmentations have not brought the penetration below the gap tolerance "
-                    f"{enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
-                )
-        elif tolerance > solver.tolerance:
-            tolerance = solver.tolerance
-            status.forget()
-        else:
-            status.check_held()
-            force = np.where(status.active & jump.movable, trial, 0.0)
-            break
-    linear.destroy()
-    return ContactSolution(
-        u,
-        status.active,
-        force,
-        pairs.penetration(u),
-        status.updates + augmentations,
-        linear.iterations,
-        linear.preconditioner,
-        linear.noise,
-        _rounding(u, scale, pairs.prolongation.comm),
-    )
+        tolerance, augmentations = solver.loose_tolerance, 0
+        while True:
+            u = linear.solve(status.active, u, tolerance)
+            trial = linear.trial(u)
+            linear.check_apart(trial, u)
+            wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
+            if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
+                status.update(wanted)
+            elif linear.augment(trial, u):
+                augmentations += 1
+                if augmentations > solver.max_contact:
+                    raise SolveError(
+                        f"{solver.max_contact} augmentations have not brought the penetration below the gap tolerance "
+                        f"{enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
+                    )
+            elif tolerance > solver.tolerance:
+                tolerance = solver.tolerance
+                status.forget()
+            else:
+                status.check_held()
+                force = np.where(status.active & jump.movable, trial, 0.0)
+                break
+        return ContactSolution(
+            u,
+            status.active,
+            force,
+            pairs.penetration(u),
+            status.updates + augmentations,
+            linear.iterations,
+            linear.preconditioner,
+            linear.noise,
+            _rounding(u, scale, pairs.prolongation.comm),
+        )
 
 
-def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale):
+def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale, objects):
     """The solution without contact."""
     with stages("system"):
-        cg = ConjugateGradients(matrix, solver, energy_norm)
+        cg = ConjugateGradients(matrix, solver, energy_norm, objects)
     with stages("setup"):
         cg.set_up()
     with stages("solve"):
         u = cg.solve(base, u, solver.tolerance)
-    cg.destroy()
     none, rounding = np.zeros(0), _rounding(u, scale, matrix.comm)
     return ContactSolution(
         u, none.astype(bool), none, none, 1, cg.iterations, cg.preconditioner, cg.energy_error, rounding
@@ -155,9 +157,10 @@ class _ClosedPairs:
         jump: Jump.
         active: (n,) bool, closed pairs.
         energy_norm, solver, enforcement, stages: as in `solve_contact`.
+        objects: PetscObjects, with which what is made here is freed.
     """
 
-    def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages):
+    def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages, objects):
         self._base, self._jump, self._active, self._stages = base, jump, active, stages
         self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
         pairs = jump.pairs
@@ -171,8 +174,7 @@ class _ClosedPairs:
             self._held = Projection(jump, pairs.stiffness) if self._any(self._holdable) else None
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
         self._known, self._is_set_up = active, False  # the active set in the matrix
-        self._cg = ConjugateGradients(matrix, solver, energy_norm)
-        self.destroy = self._cg.destroy
+        self._cg = ConjugateGradients(matrix, solver, energy_norm, objects)
 
     @property
     def iterations(self):
@@ -345,28 +347,27 @@ def _relax(matrix, base, term, u, status):
     Returns:
         (owned, 3) float64 [m].
     """
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setType(PETSc.KSP.Type.CG)
-    ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
-    ksp.setNormType(PETSc.KSP.NormType.NONE)
-    ksp.setInitialGuessNonzero(True)
-    ksp.setTolerances(max_it=_RELAXATION)
-    x, b = matrix.createVecs()
-    x.array[:] = u.ravel()
-    for _ in range(_LOOKS):
-        b.array[:] = (base + term.right_hand_side(status.active)).ravel()
-        ksp.setOperators(matrix)
-        ksp.solve(b, x)
-        u = x.array.reshape(-1, 3).copy()
-        before, wanted = status.active, status.wanted(term.force(u), 0.0)
-        if not status.differs(wanted):
-            break
-        if status.cycles(wanted):
-            break
-        status.update(wanted)
-        term.change(matrix, before, status.active)
-    for thing in (ksp, x, b):
-        thing.destroy()
+    with PetscObjects() as objects:
+        ksp = objects.add(PETSc.KSP().create(matrix.comm))
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
+        ksp.setNormType(PETSc.KSP.NormType.NONE)
+        ksp.setInitialGuessNonzero(True)
+        ksp.setTolerances(max_it=_RELAXATION)
+        x, b = map(objects.add, matrix.createVecs())
+        x.array[:] = u.ravel()
+        for _ in range(_LOOKS):
+            b.array[:] = (base + term.right_hand_side(status.active)).ravel()
+            ksp.setOperators(matrix)
+            ksp.solve(b, x)
+            u = x.array.reshape(-1, 3).copy()
+            before, wanted = status.active, status.wanted(term.force(u), 0.0)
+            if not status.differs(wanted):
+                break
+            if status.cycles(wanted):
+                break
+            status.update(wanted)
+            term.change(matrix, before, status.active)
     return u
 
 
@@ -379,15 +380,15 @@ def _impose(matrix, load, prescribed):
     Raises:
         SolveError: the matrix is not finite.
     """
-    x, b = matrix.createVecs()
-    x.array[:], b.array[:] = np.nan_to_num(prescribed).ravel(), load.ravel()
-    rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(np.int32)
-    diagonal = matrix.getDiagonal()
-    scale = diagonal.sum() / diagonal.getSize()
-    if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
-        raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
-    matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
-    result = b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)
-    for thing in (x, b, diagonal):
-        thing.destroy()
-    return result
+    with PetscObjects() as objects:
+        x, b = map(objects.add, matrix.createVecs())
+        x.array[:], b.array[:] = np.nan_to_num(prescribed).ravel(), load.ravel()
+        rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(np.int32)
+        diagonal = objects.add(matrix.getDiagonal())
+        scale = diagonal.sum() / diagonal.getSize()
+        if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
+            raise SolveError(
+                "the stiffness or the load is not a finite number: check the units of moduli and lengths"
+            )
+        matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
+        return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)

@@ -83,7 +83,8 @@ class Solver:
             numbers of iterations are not among them: they are above.
 
     Raises:
-        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1.
+        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1, an option
+            that is neither a text nor a finite number.
     """
 
     preconditioner: str = "boomeramg"
@@ -117,3 +118,5 @@ class Solver:
             check_sendable(f"the PETSc option {name!r}", value)
             if not isinstance(value, (str, Real, type(None))):
                 raise SceneError(f"the PETSc option {name!r} must be a text or a number, got {shown(value)}")
+            if isinstance(value, Real) and not isinstance(value, bool):
+                check_number(f"the PETSc option {name!r}", value)

@@ -1,0 +1,30 @@
+"""When objects of PETSc end: on several ranks Python does not free them, for all ranks must do so together."""
+
+from fx_contact.errors import FxContactError
+
+
+class PetscObjects:
+    """Objects of PETSc that are freed where a `with` block ends, also where an error of this package ends it.
+
+    Collective.  Such errors are raised on all ranks.  Any other, like a Ctrl-C, may have come to this rank alone, which
+    must not wait for the rest: then nothing is freed.
+
+    Args:
+        things: objects of PETSc.  One that has been freed before may be among them.
+    """
+
+    def __init__(self, *things):
+        self._things = list(things)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace):
+        if kind is None or issubclass(kind, FxContactError):
+            for thing in reversed(self._things):
+                thing.destroy()
+
+    def add(self, thing):
+        """One more of them: the thing itself.  Local."""
+        self._things.append(thing)
+        return thing
