@@ -294,9 +294,9 @@ def _check_penalty(step, gain, tolerance):
     record = step.record
     if gain.aim(step.estimate, tolerance) is None and not record["unseen_contact"]:
         raise SolveError(
-            f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of contact, a "
-            f"tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, with the "
-            "augmented Lagrangian, a smaller gap_tolerance), or the enforcement 'exact', the default"
+            f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
+            f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
+            "with the augmented Lagrangian, a smaller gap_tolerance), or the enforcement 'exact', the default"
         )
 
 

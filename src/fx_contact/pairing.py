@@ -80,7 +80,7 @@ class Pairing:
             points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
 
         Returns:
-            (n,) int32 facing root cells, (n,) int32 their faces, (n, m, 3) lattice coordinates there, of the same dtype.
+            (n,) int32 facing root cells, (n,) int32 their faces, (n, m, 3) lattice coordinates there, of that dtype.
         """
         swap, *flips = _SYMMETRIES[self._symmetry[cell, face]].T
         other, other_face = self.partner[cell, face].T

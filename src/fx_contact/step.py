@@ -196,10 +196,11 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], prolongation, stages)
         pairs = node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
-        matrix = elasticity.stiffness(pairs)
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
+    with stages("assemble"):
+        matrix = elasticity.stiffness(pairs)
     contact = solve_contact(
         matrix,
         forces,

@@ -28,7 +28,7 @@ def unseen_contact(forest, pairs, contact, most):
     Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
     from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
     and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, as
-    much may be left as is given for each contact pair.  Where it is more, the facets with more than their share are named.
+    much may be left as is given for each contact pair.  Where it is more, facets with more than their share are named.
 
     Args:
         forest: Forest.
