@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import DISTRIBUTIONS, WORLD, everywhere, grown, pressed, roots, two_boxes, vertex_positions
 
-from fx_contact import Dirichlet
+from fx_contact import Dirichlet, Traction
 from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.errors import SceneError
 from fx_contact.hanging import Prolongation
@@ -81,9 +81,10 @@ def held_above(*held, order=1):
         ([{"z": -0.01}], True),
         ([{"x": 0.0, "y": 0.0, "z": -0.01}], False),
         ([{"z": -0.01}, {"x": 0.0}], False),
+        ([{"x": 0.0}, {"z": -0.01}], False),
         ([{"x": 0.0}], False),
     ],
-    ids=["across", "clamped", "clamped by two conditions", "along"],
+    ids=["across", "clamped", "two conditions", "two, in another order", "along"],
 )
 def test_planes_without_shear_stress(held, free):
     """A plane that is held across alone has none, whatever else is prescribed elsewhere."""
@@ -96,6 +97,13 @@ def test_planes_without_shear_stress(held, free):
     height[prolongation.conforming[own]] = vertex_positions(forest)[own, 2]
     everywhere((along_z[height > 2 - 1e-9] == free).all(), "at the top")
     everywhere(not along_z[np.abs(height - 1.5) < 0.4].any(), "between")
+
+
+def test_a_plane_under_a_traction_has_shear_stress():
+    """A load along a plane that is held across alone."""
+    scene = replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),))
+    forest = grown(roots(scene), 1)
+    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "no shear stress")
 
 
 def test_a_curved_facet_is_no_plane():

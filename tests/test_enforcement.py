@@ -367,8 +367,17 @@ def test_penalty_too_soft_beside_other_loads():
     assert last.record["reached"] and abs(last.record["force"] / 5e-6 - 1) < 1e-5
     with pytest.raises(SolveError, match="too soft for the tolerance"):
         list(adapt(scene, 0.1, enforcement=Enforcement("penalty", 10.0)))
-    *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 10.0))
-    assert abs(last.record["force"] / 5e-6 - 1) < 1e-5
+    scene = replace(scene, tractions=(Pressure("side", 1e-2),))
+    *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 1.0))
+    assert abs(last.record["force"] / 5e-6 - 1) < 5e-5
+
+
+def test_penalty_of_a_thin_layer():
+    """Where bodies are stiffer than half-spaces overlaps count by the energy that there is."""
+    scene = stack((Material(1.0, 0.0),) * 2, height=0.05, cells=(2, 2, 1))
+    *_, last = adapt(scene, 0.1, max_steps=2, enforcement=Enforcement("penalty", 1e3))
+    exact = 0.01 / (2 * 0.05)
+    assert abs(last.record["penalty_share"] / (exact / last.record["force"] - 1) - 1) < 1e-6
 
 
 def test_solver_error_is_no_estimate():

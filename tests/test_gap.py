@@ -75,6 +75,30 @@ def test_waves():
     assert abs(first) < 1e-8 and 1e-4 < second <= expected.min() * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("side", [5, 7])
+def test_two_valleys_on_one_facet(side):
+    """The lower one counts, though the grid of the first look has a point in the other one, which is higher."""
+    pole = np.random.default_rng(side).uniform(0.55, 0.95, 50)[:, None]
+    gap = facets(lambda x, y: (x - 0.25) ** 2 * (x - pole) ** 2 + (y - 0.5) ** 2 + 1e-6 * (1 - x), side)
+    line = np.linspace(0, 1, 20001)
+    expected = ((line - 0.25) ** 2 * (line - pole) ** 2 + 1e-6 * (1 - line)).min(axis=1)
+    assert (expected < 0.5e-6).all()
+    ratio = gap.least() / expected  # slopes make the gap a little less along normals than along z
+    assert 0.99 < ratio.min() and ratio.max() < 1 + 1e-6
+    assert np.array_equal(gap.least(limit=-1.0) < -1.0, np.zeros(50, dtype=bool))
+
+
+def test_midway_normals():
+    """Between planes that are not parallel the gap is along the normal of the plane midway."""
+    line = np.linspace(0, 1, 3)
+    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
+    here = np.stack([x, y, 0 * x], axis=1)[None]
+    there = np.stack([x, y, 0.2 + 0.8 * x], axis=1)[None]
+    gap = Gap(here, there, np.zeros_like(here), np.array([1]))
+    at = np.array([0.0, 0.3, 1.0])
+    assert np.allclose(gap.at(at, at), (0.2 + 0.8 * at) / np.sqrt(1 + 0.4**2))
+
+
 def test_normals_turn():
     """The gap of a round facet is that along its normals: of half a circle between two radii, their difference."""
     angle = np.linspace(0.25 * np.pi, 0.75 * np.pi, 9)

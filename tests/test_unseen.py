@@ -99,6 +99,39 @@ def test_overlaps_count_though_nothing_presses():
     assert step.record["active_pairs"] > 0 and WORLD.allreduce(int(named.sum())) > 0
 
 
+def test_facets_with_more_than_their_share():
+    """What is too much is too much in sum: as soon as it is, those are named that have more than the mean allowed."""
+    *_, step = adapt(punch(), 0.16)
+
+    def named(most):
+        return WORLD.allreduce(int(unseen.unseen_contact(step.forest, step.pairs, step.contact, [most]).sum()))
+
+    most = step.estimate.energy_norm**2
+    while not (first := named(most)):
+        most /= 1.1
+    assert first > 5 and named(most / 100) > first
+
+
+def test_an_order_that_swings_between_its_nodes():
+    """Polynomials of order 6 leave the range of their samples by many times that range."""
+    boxes = Boxes(6)
+    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (1, 1, 1))
+    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
+
+    def place(name, x):
+        height = (1 - x[:, 2]) * (0.0324 + 0.01 * np.cos(6 * np.pi * x[:, 0]))
+        return x + np.outer(height * (name == "wave"), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.002)
+    materials = dict.fromkeys(("base", "wave"), Material(1.0, 0.3))
+    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
+    scene = Scene("swinging", boxes.mesh(surfaces, place=place), materials, held, (pair,))
+    (step,) = adapt(scene, 0.4, MPI.COMM_SELF, max_steps=1)
+    assert step.record["force"] == 0 and step.record["unseen_contact"] == 1
+
+
 @pytest.mark.parametrize("facet", range(4))
 def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
     """A cell at an edge of its body has two facets in one contact surface: either of them is enough to mark it."""

@@ -1,5 +1,7 @@
 """The gap between facing facets as a function on them, and its least value."""
 
+from copy import copy
+
 import numpy as np
 
 from fx_contact import reference
@@ -10,6 +12,8 @@ _FINER = 4
 _STENCIL, _STEPS = 1 / 1024, 8
 #: How far Newton's first step may go, in parts of that grid.
 _TRUST = 2
+#: Facets that are looked at together: their grids take some 50 MB at order 6.
+_CHUNK = 1024
 
 
 class Gap:
@@ -46,13 +50,38 @@ class Gap:
         apart = _product(along_x, along_y, self._apart)
         return self._orientation * np.einsum("npi,npi->np", normal, apart) / np.linalg.norm(normal, axis=2)
 
-    def least(self):
-        """The least gap on each facet, from the least one of a grid by Newton's method: (n,) float64 [m]."""
+    def least(self, limit=np.inf):
+        """The least gap on each facet, by Newton's method from all valleys of a grid.
+
+        Args:
+            limit: (n,) float64 or float, what is of interest: valleys that will not come below it are left out [m].
+
+        Returns:
+            (n,) float64 [m], of what was looked at.
+        """
+        least, limit = np.empty(len(self._apart)), np.broadcast_to(limit, len(self._apart))
         line = np.linspace(0, 1, _FINER * self._order + 1)
         grid = np.stack(np.meshgrid(line, line)).reshape(2, -1)
-        values = self.at(*grid)
-        place, least = grid[:, values.argmin(axis=1)], values.min(axis=1)
-        trust = np.full(len(least), _TRUST * line[1])
+        for start in range(0, len(least), _CHUNK):
+            some = slice(start, start + _CHUNK)
+            part = self.where(some)
+            values = part.at(*grid)
+            facet, point = _valleys(values.reshape(-1, len(line), len(line)), limit[some])
+            bottoms = part.where(facet)._descended(grid[:, point], values[facet, point], _TRUST * line[1])
+            least[some] = values.min(axis=1)
+            np.minimum.at(least[some], facet, bottoms)
+        return least
+
+    def where(self, which):
+        """The Gap of some of the facets, by a slice or by position."""
+        some = copy(self)
+        for name in ("_orientation", "_apart", "_midway"):
+            setattr(some, name, getattr(self, name)[which])
+        return some
+
+    def _descended(self, place, least, trust):
+        """Newton's method from one place on each facet, (2, n), where the gap is (n,), to the values at its end."""
+        trust = np.full(len(least), trust)
         for _ in range(_STEPS):
             step = self._step(place, np.maximum(-place, -trust), np.minimum(1 - place, trust))
             value = self.at(*(place + step)[:, :, None])[:, 0]
@@ -78,6 +107,20 @@ class Gap:
         candidates = np.stack(candidates)
         model = (slope * candidates + bend * candidates**2 / 2).sum(axis=1) + twist * candidates.prod(axis=1)
         return candidates[model.argmin(axis=0), :, np.arange(len(twist))].T
+
+
+def _valleys(values, limit):
+    """Where a grid (n, m, m) has its local minima, if what they may hide is below a limit: facets, and points there.
+
+    Between the points of a parabola it falls by less than to the lowest of them from the highest one around.
+    """
+    m = values.shape[1]
+    wide = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+    around = np.stack([wide[:, i : i + m, j : j + m] for i, j in np.ndindex(3, 3) if (i, j) != (1, 1)])
+    lowest = (values < around[:4]).all(axis=0) & (values <= around[4:]).all(axis=0)  # one of several that are equal
+    highest = np.where(np.isfinite(around), around, values).max(axis=0)
+    facet, *point = np.nonzero(lowest & (2 * values - highest < limit[:, None, None]))
+    return facet, point[0] * m + point[1]
 
 
 def _product(along_x, along_y, nodal):

@@ -73,6 +73,8 @@ class _Facets:
         self._bilinear = np.einsum("va,ub->vuab", line, line).reshape(self._count**2, 4)
         anchors = forest.corners[leaf[:, None], corner]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * self._bilinear).astype(np.int64), anchors)
+        # How far a function may leave the range of its samples, relative to that: less than by Lebesgue's constant.
+        self._swing = np.abs(reference.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
         self._here, self._there = positions_across(forest, leaf, face, points / parts**2)
         diagonals = self._here[:, -1] - self._here[:, 0], self._here[:, parts] - self._here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
@@ -102,13 +104,12 @@ class _Facets:
     def overlap(self):
         """Whether facets overlap more than at their nodes, and than may come from rounding: (n,) bool."""
         sampled = self._gap()
-        # A gap is not far from a parabola, which falls between samples by less than it varies by.
-        some = sampled.min(axis=1) < np.ptp(sampled, axis=1)
+        some = sampled.min(axis=1) < self._swing * np.ptp(sampled, axis=1)
         few = self.where(some)
         gap = Gap(few._here, few._there, few._sampled(_JUMP), few._orientation)
-        nodes = gap.at(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]))
-        allowed = _VARIATION * np.ptp(sampled[some], axis=1) + _ROUNDING * np.sqrt(few._area)
-        some[some] = gap.least() < np.minimum(nodes.min(axis=1), 0.0) - allowed
+        nodes = gap.at(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])).min(axis=1)
+        limit = np.minimum(nodes, 0.0) - _VARIATION * np.ptp(sampled[some], axis=1) - _ROUNDING * np.sqrt(few._area)
+        some[some] = gap.least(limit) < limit
         return some
 
     def energy(self):
