@@ -84,7 +84,7 @@ def test_two_valleys_on_one_facet(side):
     expected = ((line - 0.25) ** 2 * (line - pole) ** 2 + 1e-6 * (1 - line)).min(axis=1)
     assert (expected < 0.5e-6).all()
     ratio = gap.least() / expected  # slopes make the gap a little less along normals than along z
-    assert 0.99 < ratio.min() and ratio.max() < 1 + 1e-6
+    assert 0.99 < ratio.min() and ratio.max() < 1 + 1e-4
     assert np.array_equal(gap.least(limit=-1.0) < -1.0, np.zeros(50, dtype=bool))
 
 
