@@ -80,26 +80,43 @@ class NodePairs:
         u = self.prolongation.ghosted(u)
         return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second]) - self.gap
 
-    def pressing(self, force):
-        """How hard the bodies of each contact pair press each other, and about how far that brings them closer.
+    def pressing(self, force, group, count):
+        """How hard groups of pairs press, and about how far that brings their bodies closer.
 
         Collective.
 
         Args:
             force: (n,) float64, compression positive [N].
+            group: (n,) int, the group of each pair that presses, as `contact`.
+            count: number of groups on all ranks.
 
         Returns:
-            two (p,) float64 for the scene's contact pairs: F of the modelled part [N], and F / (E* A^(1/2)) of the
-            whole, A the area under pressure, as of a punch on a half-space [m].
+            two (count,) float64: F of the modelled part [N], and F / (E* A^(1/2)) of the whole, A the area under
+            pressure, as of a punch on a half-space [m].
         """
-        comm, pressed = self.prolongation.comm, self.area * (force > 0)
-        count = comm.allreduce(int(self.contact.max(initial=-1)) + 1, op=MPI.MAX)
-        columns = np.maximum(force, 0.0), pressed, pressed * (1 / self.modulus).sum(axis=1)
-        sums = np.stack([np.bincount(self.contact, column, count) for column in columns]).astype(float)
-        comm.Allreduce(MPI.IN_PLACE, sums)
+        presses = force > 0
+        columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
+        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
+        self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
         total, area, compliance = sums
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
+
+    def stored(self, force, energy_norm, group, count):
+        """Energy that the forces of groups of pairs store, as a punch on a half-space would; together not above (4).
+
+        Collective.  What other loads store is no measure of contact.
+
+        Args:
+            force, group, count: as in `pressing`.
+            energy_norm: omega (4) of the solution [J^(1/2)].
+
+        Returns:
+            (count,) float64, twice the energy, as in (4) [J].
+        """
+        total, approach = self.pressing(force, group, count)
+        energy = total * approach
+        return energy * min(1.0, energy_norm**2 / max(energy.sum(), np.finfo(float).tiny))
 
     def at_first(self, values):
         """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.

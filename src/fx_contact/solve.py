@@ -308,7 +308,9 @@ class _ClosedPairs:
         penetration = pairs.penetration(u)
         beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
         force = self._pressing(trial)
-        approach = np.minimum(pairs.pressing(force)[1], self._approach(force, u))[pairs.contact]
+        count = self._comm.allreduce(int(pairs.contact.max(initial=-1)) + 1, op=MPI.MAX)
+        _, approach = pairs.pressing(force, pairs.contact, count)
+        approach = np.minimum(approach, self._approach(force, u))[pairs.contact]
         penetrating = self._active & self._jump.movable & beyond_noise
         if not self._any(penetrating & (np.abs(penetration) > self._enforcement.gap_tolerance * approach)):
             return False

@@ -225,10 +225,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         gain.observe(error, change)
         unseen, share = np.zeros(len(forest), dtype=bool), 0.0
         if pairs is not None:
-            stored = _stored(pairs, contact, error.energy_norm)
-            most = np.maximum(settings.tolerance**2 * stored, contact.energy_error**2)
-            unseen = unseen_contact(forest, pairs, contact, most)
-            share = _penalty_share(pairs, contact, stored)
+            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, error.energy_norm)
+            share = _penalty_share(pairs, contact, error.energy_norm, len(scene.contact))
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
@@ -275,24 +273,12 @@ def _check_solver(contact, error, tolerance):
         )
 
 
-def _stored(pairs, contact, energy_norm):
-    """Energy that the force of each contact pair stores, as a punch on a half-space would; together not above (4).
-
-    Collective.  What other loads store is no measure of contact.
-
-    Returns:
-        (p,) float64, twice the energy, as in (4) [J].
-    """
-    force, approach = pairs.pressing(contact.force)
-    stored = force * approach
-    return stored * min(1.0, energy_norm**2 / max(stored.sum(), np.finfo(float).tiny))
-
-
-def _penalty_share(pairs, contact, stored):
+def _penalty_share(pairs, contact, energy_norm, count):
     """What overlaps hold of a contact pair's energy, at most: nothing, or next to it, but of a penalty.  Collective."""
-    held = np.bincount(pairs.contact, contact.force * contact.penetration, len(stored)).astype(float)
+    stored = pairs.stored(contact.force, energy_norm, pairs.contact, count)
+    held = np.bincount(pairs.contact, contact.force * contact.penetration, count).astype(float)
     pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
-    return float(np.divide(held, stored, out=np.zeros(len(held)), where=stored > 0).max(initial=0.0))
+    return float(np.divide(held, stored, out=np.zeros(count), where=stored > 0).max(initial=0.0))
 
 
 def _contact_results(scene, pairs, contact, comm):

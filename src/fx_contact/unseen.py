@@ -13,44 +13,51 @@ import numpy as np
 from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
 from fx_contact.gap import Gap
+from fx_contact.spots import Spots
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from the linear solver,
 _VARIATION = 1e-8
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
 #: Columns of what is known at the vertices of a contact facet.
-_CLOSED, _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, 2, slice(3, 6), slice(6, 9)
+_PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
 
 
-def unseen_contact(forest, pairs, contact, most):
+def unseen_contact(forest, pairs, contact, tolerance, energy_norm):
     """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
     Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
     from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
-    and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, as
-    much may be left as is given for each contact pair.  Where it is more, facets with more than their share are named.
+    and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2,
+    each contact spot may leave e^2 of the energy that its force stores, about as much as a punch's would on a
+    half-space, or what the linear solver leaves.  Where it leaves more, facets with more than their share are named.
 
     Args:
         forest: Forest.
         pairs: NodePairs.
         contact: ContactSolution.
-        most: (p,) float64, energy that may be left around the closed pairs of each contact pair of the scene, as in (4)
-            twice the one stored [J].
+        tolerance: prescribed accuracy e [-].
+        energy_norm: omega (4) of the solution [J^(1/2)].
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
-    unseen = np.zeros(len(forest), dtype=bool)
-    for index, allowed in enumerate(most):
+    unseen, spots = np.zeros(len(forest), dtype=bool), Spots(forest, pairs, contact.active)
+    most = tolerance**2 * pairs.stored(contact.force, energy_norm, spots.pair, spots.number)
+    most = np.maximum(most, contact.energy_error**2)
+    energy, around = np.zeros((2, spots.number)), []
+    for index in range(int(forest.pairing.pair.max()) + 1):
         leaf, face, corner = facets_of(index, forest)
-        nodal = _at_vertices(pairs, contact, index)[forest.vertices.cells[leaf[:, None], corner]]
-        near = _around(forest, pairs.prolongation, leaf, corner, (nodal[:, :, _CLOSED] > 0).any(axis=1))
-        facets = _Facets(forest, leaf, face, corner, nodal)
+        vertex = forest.vertices.cells[leaf[:, None], corner]
+        spot = spots.vertex[vertex].max(axis=1)
+        near, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
         unseen[leaf[~near][facets.where(~near).overlap()]] = True
-        energy = facets.where(near).energy()
-        total, count = forest.comm.allreduce(np.array([energy.sum(), np.count_nonzero(energy)]))
-        if total > allowed:
-            unseen[leaf[near][energy > allowed / count]] = True
+        around.append((leaf[near], spot[near], facets.where(near).energy()))
+        np.add.at(energy, (0, spot[near]), around[-1][-1])
+        np.add.at(energy, (1, spot[near]), around[-1][-1] > 0)
+    total, count = forest.comm.allreduce(energy)
+    for leaf, spot, own in around:
+        unseen[leaf[(total > most)[spot] & (own > (most / np.maximum(count, 1))[spot])]] = True
     return unseen
 
 
@@ -63,7 +70,7 @@ class _Facets:
         forest: Forest.
         leaf, face: (n,) int64, leaves and their local faces.
         corner: (n, 4) int64, corners of these faces.
-        nodal: (n, 4, 9) float64, columns of what is known at their vertices.
+        nodal: (n, 4, 8) float64, columns of what is known at their vertices.
     """
 
     def __init__(self, forest, leaf, face, corner, nodal):
@@ -132,19 +139,11 @@ def _simpson(count):
 
 
 def _at_vertices(pairs, contact, index):
-    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 9) float64."""
+    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 8) float64."""
     prolongation, ours = pairs.prolongation, pairs.contact == index
-    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 9))
+    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 8))
     modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(contact.displacement)
     jump = u[pairs.first] - u[pairs.second]
-    columns = contact.active, contact.force / pairs.area, modulus, *jump.T, *pairs.normal.T
+    columns = contact.force / pairs.area, modulus, *jump.T, *pairs.normal.T
     said[pairs.first[ours]] = np.stack(columns, axis=1)[ours]
     return prolongation.prolong(prolongation.summed(said))
-
-
-def _around(forest, prolongation, leaf, corner, closed):
-    """Facets that share a vertex with a closed one, or a master of one: (n,) bool."""
-    marks = np.zeros((len(forest.vertices), 1))
-    marks[forest.vertices.cells[leaf[closed, None], corner[closed]].ravel()] = 1
-    marks = prolongation.prolong(prolongation.restrict(marks))[:, 0]
-    return (marks[forest.vertices.cells[leaf[:, None], corner]] > 0).any(axis=1)
