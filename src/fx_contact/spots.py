@@ -1,4 +1,4 @@
-"""Contact spots: the parts of the closed contact that are connected, whichever contact pairs of the scene they are of."""
+"""Contact spots: what is connected of the closed contact, whichever contact pairs of the scene it belongs to."""
 
 import numpy as np
 from mpi4py import MPI
