@@ -132,15 +132,19 @@ class ConjugateGradients:
 
         Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.
         """
-        with together(self._comm):
-            try:
-                yield
-            except PETSc.Error as error:
-                clear_hypre_errors()
-                raise SolveError(
-                    f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
-                    f"{error}"
-                ) from error
+        try:
+            with together(self._comm):
+                try:
+                    yield
+                except PETSc.Error as error:
+                    clear_hypre_errors()
+                    raise SolveError(
+                        f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
+                        f"{error}"
+                    ) from error
+        except SolveError:
+            self._objects.leave()
+            raise
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""

@@ -28,3 +28,11 @@ class PetscObjects:
         """One more of them: the thing itself.  Local."""
         self._things.append(thing)
         return thing
+
+    def leave(self):
+        """Free none of them: PETSc has failed, perhaps on one rank, which has not the same ones as others any more.
+
+        Local, but on all ranks.  Where one rank alone has freed all that PETSc had on a communicator, that rank waits
+        for the others when it next makes something there.
+        """
+        self._things.clear()
