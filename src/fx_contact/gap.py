@@ -12,7 +12,7 @@ _FINER = 4
 _STENCIL, _STEPS = 1 / 1024, 8
 #: How far Newton's first step may go, in parts of that grid.
 _TRUST = 2
-#: Facets that are looked at together: their grids take some 50 MB at order 6.
+#: Facets that are looked at together, so that memory does not grow with their number.
 _CHUNK = 1024
 
 
