@@ -53,6 +53,8 @@ folder = Path("../results/notebooks/work_precision")
 folder.mkdir(parents=True, exist_ok=True)
 measure(wanted, folder, repeats=1)
 runs = {run["command"]: run for run in load(folder / "runs.jsonl")}
+for command, run in runs.items():
+    assert "failed" not in run, f"{command}: {run['failed']}; delete {folder} to run it again"
 
 # %%
 import matplotlib.pyplot as plt

@@ -93,8 +93,11 @@ def outside():
     """Environment for a program that is started from here, but does not belong to an mpirun above.  Local."""
     above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
     kept = {name: value for name, value in os.environ.items() if not name.startswith(above)}
-    # More ranks than cores; an mpirun above has taken this setting of the launcher away.
-    return kept | {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    # More ranks than cores, folders where those of the mpirun above are: it has taken the launcher's settings away.
+    kept |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    if "PMIX_SERVER_TMPDIR" in os.environ:
+        kept |= {"PRTE_MCA_prte_tmpdir_base": os.path.dirname(os.environ["PMIX_SERVER_TMPDIR"])}
+    return kept
 
 
 # ----------------------------------------------------------------------------------------------------- model problems
