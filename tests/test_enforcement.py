@@ -525,7 +525,14 @@ def iterations(records):
 #: Scenes that contact's cost is compared on, and the numbers of ranks that run them.
 COMPARED = [
     pytest.param(make, id=name, marks=pytest.mark.skipif(WORLD.size not in ranks, reason="on other numbers of ranks"))
-    for name, make, ranks in (("hertz", hertz, (1,)), ("spheres", spheres, (1, 2)), ("punch", punch, (1, 3)))
+    for name, make, ranks in (
+        ("hertz", hertz, (1,)),
+        ("spheres", spheres, (1, 2)),
+        ("punch", punch, (1, 3)),
+        ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), (1, 2, 3)),
+        ("stack of three", stack, (1, 2, 3)),
+        ("finer stack", lambda: stack(cells=(4, 4, 4)), (1,)),
+    )
 ]
 
 
@@ -533,9 +540,9 @@ COMPARED = [
 def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
     scene, count = make(), []
-    first, second = scene.materials
+    first, second, *others = scene.materials
     for ratio in 10.0 ** np.arange(-6, 7, 2):
-        materials = {first: Material(1.0, 0.3), second: Material(ratio, 0.3)}
+        materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
         steps = adapt(replace(scene, materials=materials), 0.16)
         count.append(iterations([step.record for step in steps]))
     assert max(count) <= 1.2 * min(count), count

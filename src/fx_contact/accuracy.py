@@ -131,7 +131,7 @@ def _axis_error(step, reference):
     """Of the upper body; only the vertices on the axis are brought together."""
     forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
     leaf, corner = forest.vertices.example.T
-    position = forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
+    position = forest.positions(leaf, corner)
     position -= step.scene.contact_centre
     upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
     on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)

@@ -54,19 +54,13 @@ def _said(condition, scene, forest, prolongation):
     vertices = forest.vertices
     here = np.unique(_vertices_at(scene, forest, condition.where))
     here = here[~prolongation.hanging[here]]
-    return prolongation.conforming[here], condition.at(_positions(forest, vertices.example[here]))
+    return prolongation.conforming[here], condition.at(forest.positions(*vertices.example[here].T))
 
 
 def _position(forest, prolongation, vertex):
     """Where an owned conforming vertex is: (3,) float64 [m]."""
     (here,) = np.flatnonzero(prolongation.conforming == vertex)
-    return _positions(forest, forest.vertices.example[[here]])[0]
-
-
-def _positions(forest, examples):
-    """Positions (n, 3) float64 [m] of vertices, of each of which a leaf and its corner are given."""
-    leaf, corner = examples.T
-    return forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
+    return forest.positions(*forest.vertices.example[[here]].T)[0]
 
 
 def shear_free_components(scene, forest, prolongation):

@@ -65,8 +65,8 @@ class Forest:
         """(n, 8, 3) int32, lattice coordinates of the leaf corners."""
         return lattice.leaf_corners(self.anchor, self.level)
 
-    def corner_coordinates(self, leaf, corner):
-        """Reference coordinates in their root cells of corners of leaves, as `RootMesh.evaluate` takes them.
+    def positions(self, leaf, corner):
+        """Where corners of leaves are, on the curved geometry.
 
         Local.
 
@@ -74,9 +74,9 @@ class Forest:
             leaf, corner: (m,) int.
 
         Returns:
-            (m, 3, 1) float64 in [0, 1].
+            (m, 3) float64 [m].
         """
-        return self.corners[leaf, corner][:, :, None] / SIDE
+        return self.mesh.evaluate(self.cell[leaf], self.corners[leaf, corner][:, :, None] / SIDE)[:, 0]
 
     @cached_property
     def representatives(self):

@@ -10,7 +10,7 @@ from fx_contact.errors import SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
 from fx_contact.petsc_options import PetscOptions, any_typed
-from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS
+from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS, preconditioner_options
 
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
@@ -64,11 +64,11 @@ class ConjugateGradients:
 
     def __init__(self, matrix, solver, energy_norm, objects):
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
-        self.iterations, self._failures = [], []
+        self.iterations, self._failures, self._unknowns = [], [], matrix.mat.getSize()[0]
         self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
-            self._check_factors(matrix.mat.getSize()[0])
+            self._check_factors()
         hypre = self._ksp.getPC().getType() == PETSc.PC.Type.HYPRE
         self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
         matrix.mat.destroy()
@@ -79,7 +79,8 @@ class ConjugateGradients:
         """PCG with options that the user may replace, under a prefix."""
         self._prefix = prefix
         others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
-        self._options = PetscOptions(prefix, PRECONDITIONERS[preconditioner], given, others, COVERED)
+        options = preconditioner_options(preconditioner, self._unknowns)
+        self._options = PetscOptions(prefix, options, given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
         self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
@@ -117,14 +118,14 @@ class ConjugateGradients:
                 self._destroy_ksp()
             self._options.check_read(set_up=False)
 
-    def _check_factors(self, unknowns):
+    def _check_factors(self):
         """See that there is memory for the factors that the user has chosen."""
-        what = f"the preconditioner {self._ksp.getPC().getType()!r} of {unknowns:,} unknowns"
-        check_memory(self._comm, what, self._factor_bytes(unknowns), "take 'boomeramg', the default, or more hosts")
+        what = f"the preconditioner {self._ksp.getPC().getType()!r} of {self._unknowns:,} unknowns"
+        check_memory(self._comm, what, self._factor_bytes(), "take 'boomeramg', the default, or more hosts")
 
-    def _factor_bytes(self, unknowns):
+    def _factor_bytes(self):
         """What this rank's part of Cholesky's factors takes."""
-        return _FACTOR_BYTES * unknowns ** (4 / 3) / self._comm.size
+        return _FACTOR_BYTES * self._unknowns ** (4 / 3) / self._comm.size
 
     @contextmanager
     def _named_errors(self):
@@ -274,8 +275,7 @@ class ConjugateGradients:
 
     def _fall_back(self):
         """Go on with a stronger preconditioner, if there is one; what options have put in its place is the last."""
-        needed = self._factor_bytes(self._x.getSize())
-        direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, needed) is None
+        direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, self._factor_bytes()) is None
         name = _FALLBACKS[0 if direct else 1]
         if self._prefix == self.FALLBACK_PREFIX or self.preconditioner in (_FALLBACKS[0], name):
             return False

@@ -196,7 +196,7 @@ def _load(forest, elasticity, stages):
 def _prescribed(forest, prolongation):
     """The bump at the conforming vertices of both ends of the ring: (owned, 3) [m], NaN elsewhere."""
     leaf, corner = forest.vertices.example.T
-    position = forest.mesh.evaluate(forest.cell[leaf], forest.corner_coordinates(leaf, corner))[:, 0]
+    position = forest.positions(leaf, corner)
     on = np.zeros(len(forest.vertices), dtype=bool)
     for name in ("start", "end"):
         leaf, face = forest.boundary_faces(forest.mesh.surface(name))

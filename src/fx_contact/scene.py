@@ -163,11 +163,7 @@ class Scene:
         rows = [np.zeros((1, 6 * len(mesh.bodies)))]
         for component, direction in enumerate(np.eye(3)):
             nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
-            rows.append(
-                _rigid_motions(
-                    self._scaled(mesh.points[nodes], body[nodes]), body[nodes], len(mesh.bodies), direction
-                )
-            )
+            rows.append(self.rigid_motions(mesh.points[nodes], body[nodes], direction))
         held = np.concatenate(rows)
         _, strength, motions = np.linalg.svd(held.T @ held)
         return motions[strength <= 1e-10 * max(strength[0], 1e-300)].reshape(-1, len(mesh.bodies), 6)
@@ -180,9 +176,38 @@ class Scene:
         low, high = (np.array([end(points, axis=0) for points in corners]) for end in (np.min, np.max))
         return (low + high) / 2, (high - low).max(axis=1, keepdims=True)
 
-    def _scaled(self, points, bodies):
+    def rigid_modes(self, points, bodies):
+        """Three translations, and three rotations about the middle of each body in units of its size.
+
+        Local.
+
+        Args:
+            points: (n, 3) float64 [m].
+            bodies: (n,) int, the body of each.
+
+        Returns:
+            (n, 6, 3) float64.
+        """
         middle, size = self._extents
-        return (points - middle[bodies]) / size[bodies]
+        rotations = np.cross(np.eye(3), ((points - middle[bodies]) / size[bodies])[:, None])
+        return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
+
+    def rigid_motions(self, points, bodies, direction):
+        """What rigid motions of all bodies move at points along a direction.
+
+        Local.
+
+        Args:
+            points, bodies: as in `rigid_modes`.
+            direction: (3,) or (n, 3) float64.
+
+        Returns:
+            (n, 6 nbodies) float64.
+        """
+        result = np.zeros((len(points), len(self.mesh.bodies), 6))
+        direction = np.broadcast_to(direction, points.shape)
+        result[np.arange(len(points)), bodies] = np.einsum("nmi,ni->nm", self.rigid_modes(points, bodies), direction)
+        return result.reshape(len(points), -1)
 
     def motion(self, points, bodies, direction):
         """What the free motions move at points along a direction.
@@ -195,7 +220,7 @@ class Scene:
         Returns:
             (n, k) float64, a column for each of `free_motions`.
         """
-        rigid = _rigid_motions(self._scaled(points, bodies), bodies, len(self.mesh.bodies), direction)
+        rigid = self.rigid_motions(points, bodies, direction)
         return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
 
     def unresisted(self, resistance):
@@ -353,13 +378,3 @@ def _resisting(scene, facets, direction):
     curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
     along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
     return np.where((curved & along_normals)[:, None, None], middle, corners)
-
-
-def _rigid_motions(points, bodies, nbodies, direction):
-    """Component along a direction of the six rigid motions of each body at points: (n, 6 nbodies)."""
-    result = np.zeros((len(points), nbodies, 6))
-    rows = np.arange(len(points))
-    direction = np.broadcast_to(direction, points.shape)
-    result[rows, bodies, :3] = direction
-    result[rows, bodies, 3:] = np.cross(points, direction)
-    return result.reshape(len(points), 6 * nbodies)

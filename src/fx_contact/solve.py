@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fx_contact.activeset import ActiveSet
 from fx_contact.enforcement import Jump, PenaltyTerm
 from fx_contact.errors import SolveError
+from fx_contact.guess import relax
 from fx_contact.krylov import ROUNDING, ConjugateGradients
 from fx_contact.petsc_objects import PetscObjects
 from fx_contact.projection import Projection
@@ -47,7 +47,9 @@ class ContactSolution:
     rounding: float
 
 
-def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, stages, enforcement=None, scene=None):
+def solve_contact(
+    matrix, load, pairs, prescribed, start, energy_norm, solver, stages, enforcement=None, scene=None, motions=None
+):
     """Solve K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0, the latter as the enforcement has it.
 
     Collective on matrix.mat.comm.  Active sets change until one repeats itself; the linear systems are solved loosely
@@ -64,6 +66,7 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         stages: Stages, for the times.
         enforcement: Enforcement, with which the pairs were made; None without pairs.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
+        motions: RigidMotions, of bodies that are at rest and are to be moved as a whole first; None: they stay.
 
     Returns:
         ContactSolution.
@@ -85,9 +88,12 @@ def solve_contact(matrix, load, pairs, prescribed, start, energy_norm, solver, s
         with stages("solve"):
             status = ActiveSet(pairs, scene, u, solver.max_contact)
             bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+            if motions is not None:
+                stiffness = status.active * pairs.bounded_stiffness
+                u = motions.move(matrix.mat, base, jump, stiffness, u, np.isnan(prescribed))
             bounded.change(matrix.mat, np.zeros_like(status.active), status.active)
             if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
-                u = _relax(matrix.mat, base, bounded, u, status)
+                u = relax(matrix.mat, base, bounded, u, status)
                 status.forget()
         with stages("system"):
             linear = _ClosedPairs(
@@ -326,51 +332,6 @@ class _ClosedPairs:
         pressed = self._comm.allreduce(float(force.sum()))
         moved = self._largest(u)
         return min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
-
-
-#: Iterations between two looks at the active set, and most looks, before hypre is set up.
-_RELAXATION, _LOOKS = 15, 5
-
-
-def _relax(matrix, base, term, u, status):
-    """Settle the active set as far as a few iterations with block Jacobi can, and improve the first guess.
-
-    A displacement carried from a coarser mesh errs most from one node to the next, just where contact ends.  That
-    error is gone after few cheap iterations; the active set that is left is mostly the last one, and hypre is set up
-    for it once.  From bodies at rest a few iterations would see no more than the load's surroundings, and mislead.
-
-    Args:
-        matrix: PETSc Mat with the penalty term of the active set; it has that of the last one in the end.
-        base: (owned, 3) float64, right-hand side without contact [N].
-        term: PenaltyTerm.
-        u: (owned, 3) float64, first guess [m].
-        status: ActiveSet, changed.
-
-    Returns:
-        (owned, 3) float64 [m].
-    """
-    with PetscObjects() as objects:
-        ksp = objects.add(PETSc.KSP().create(matrix.comm))
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
-        ksp.setNormType(PETSc.KSP.NormType.NONE)
-        ksp.setInitialGuessNonzero(True)
-        ksp.setTolerances(max_it=_RELAXATION)
-        x, b = map(objects.add, matrix.createVecs())
-        x.array[:] = u.ravel()
-        for _ in range(_LOOKS):
-            b.array[:] = (base + term.right_hand_side(status.active)).ravel()
-            ksp.setOperators(matrix)
-            ksp.solve(b, x)
-            u = x.array.reshape(-1, 3).copy()
-            before, wanted = status.active, status.wanted(term.force(u), 0.0)
-            if not status.differs(wanted):
-                break
-            if status.cycles(wanted):
-                break
-            status.update(wanted)
-            term.change(matrix, before, status.active)
-    return u
 
 
 def _impose(matrix, load, prescribed):

@@ -41,6 +41,9 @@ PRECONDITIONERS = {
         "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
     },
 }
+#: Unknowns up to which BoomerAMG does not coarsen aggressively: of 162 that would leave 6, and half as many iterations
+#: again.
+_FEW = 1200
 #: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
 METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
 #: PETSc options that would undo what the solver states of its error, and why they are not the user's.
@@ -63,6 +66,22 @@ COVERED = {
 #: Loosest tolerance of a last solve.  An error in the energy spreads over pairs that have little of it each: from 1e-2
 #: on contact forces are wrong by percents, or active sets do not settle; up to here they err by less than that.
 _LOOSEST = 1e-3
+
+
+def preconditioner_options(name, unknowns):
+    """PETSc options of a preconditioner for a system of some size, without prefix.
+
+    Local.
+
+    Args:
+        name: a key of `PRECONDITIONERS`.
+        unknowns: int, on all ranks.
+
+    Returns:
+        dict.
+    """
+    options, levels = PRECONDITIONERS[name], "pc_hypre_boomeramg_agg_nl"
+    return options | {levels: 0} if levels in options and unknowns <= _FEW else options
 
 
 @dataclass(frozen=True)

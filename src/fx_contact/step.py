@@ -15,13 +15,14 @@ from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.estimate import estimate
 from fx_contact.forest import Forest
-from fx_contact.solver import Solver
+from fx_contact.guess import RigidMotions
 from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh, sufficient_order
 from fx_contact.problem import problem
 from fx_contact.report import versions
 from fx_contact.scene import Scene, check_scene
 from fx_contact.solve import solve_contact
+from fx_contact.solver import Solver
 from fx_contact.stages import Stages
 from fx_contact.unseen import unseen_contact
 
@@ -199,6 +200,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
+        rest = not comm.allreduce(bool(start.any()), op=MPI.LOR)
+        motions = RigidMotions(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
     contact = solve_contact(
@@ -212,6 +215,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         stages,
         settings.enforcement,
         scene,
+        motions,
     )
     with stages("estimate"):
         change = elasticity.change_norm(contact.displacement - start)
