@@ -88,7 +88,7 @@ def _positions(forest):
 def _spread(errors, energy=1.0):
     """An Estimate of cell errors dealt out to the ranks."""
     total = float(np.sqrt((errors**2).sum()))
-    return Estimate(None, errors[WORLD.rank :: WORLD.size], total, energy, len(errors))
+    return Estimate(None, errors[WORLD.rank :: WORLD.size], None, total, energy, len(errors))
 
 
 def test_marking_stops_where_the_tolerance_is_met():

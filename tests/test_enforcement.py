@@ -293,6 +293,16 @@ def test_two_bodies_at_one_vertex(deep):
     assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
 
 
+def test_two_bodies_at_one_vertex_from_afar():
+    """How far all bodies move together decides nothing of which pairs count as closed."""
+    forces = []
+    for far in (0.0, 100.0):
+        scene = two_punches(0.0101)
+        moved = tuple(replace(condition, x=far, z=far + condition.z) for condition in scene.dirichlet)
+        forces.append(next(adapt(replace(scene, dirichlet=moved), 0.5)).record["pair_forces"])
+    assert np.abs(np.subtract(*forces)).max() < 1e-7
+
+
 def test_conditions_that_press_beside_pairs_that_contradict_each_other():
     """A pair that is left open elsewhere does not hide vertices that both are held."""
     scene = two_punches(0.02)

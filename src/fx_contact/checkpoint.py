@@ -279,7 +279,7 @@ class Checkpoint:
             if not found.all():
                 raise CheckpointError(f"{str(self.path)!r} is damaged: it lacks vertices of its leaves")
         error = self._file.table("indicator")[:, 0]
-        estimate = Estimate(None, error, *self._file.content["estimate"])
+        estimate = Estimate(None, error, None, *self._file.content["estimate"])
         gain = Gain(**self._file.content["gain"])
         unseen = self._file.table("unseen")[:, 0] > 0
         return State(forest, values[forest.vertices.cells], estimate, unseen, gain)

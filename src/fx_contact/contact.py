@@ -102,22 +102,6 @@ class NodePairs:
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
-    def stored(self, force, energy_norm, group, count):
-        """Energy that the forces of groups of pairs store, as a punch on a half-space would; together not above (4).
-
-        Collective.  What other loads store is no measure of contact.
-
-        Args:
-            force, group, count: as in `pressing`.
-            energy_norm: omega (4) of the solution [J^(1/2)].
-
-        Returns:
-            (count,) float64, twice the energy, as in (4) [J].
-        """
-        total, approach = self.pressing(force, group, count)
-        energy = total * approach
-        return energy * min(1.0, energy_norm**2 / max(energy.sum(), np.finfo(float).tiny))
-
     def at_first(self, values):
         """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.
 

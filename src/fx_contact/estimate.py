@@ -37,6 +37,7 @@ class Estimate:
     Attributes:
         stress: recovered stress, a dolfinx Function of six components a vertex (`VOIGT`) [Pa].
         error: (ncells,) float64, xi_T of this rank's cells (3) [J^(1/2)].
+        energy: (ncells,) float64, strain energy of this rank's cells, twice [J].
         error_global: xi of all cells (6) [J^(1/2)].
         energy_norm: omega (4) [J^(1/2)].
         cells: number of cells on all ranks.
@@ -44,6 +45,7 @@ class Estimate:
 
     stress: object
     error: np.ndarray
+    energy: np.ndarray
     error_global: float
     energy_norm: float
     cells: int
@@ -220,8 +222,10 @@ def estimate(elasticity, shear_free, stages, noise=0.0):
     if not np.isfinite(total).all():
         raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
     if total[0] + total[1] <= noise**2:
-        error2, total[:2] = np.zeros_like(error2), 0.0
-    return Estimate(recovered, np.sqrt(error2), np.sqrt(total[0]), np.sqrt(total[0] + total[1]), int(total[2]))
+        error2, energy2, total[:2] = np.zeros_like(error2), np.zeros_like(energy2), 0.0
+    return Estimate(
+        recovered, np.sqrt(error2), energy2, np.sqrt(total[0]), np.sqrt(total[0] + total[1]), int(total[2])
+    )
 
 
 def _position(i, j):

@@ -79,6 +79,11 @@ class Forest:
         return self.mesh.evaluate(self.cell[leaf], self.corners[leaf, corner][:, :, None] / SIDE)[:, 0]
 
     @cached_property
+    def centres(self):
+        """(n, 3) float64, middles of the leaves on the curved geometry [m]."""
+        return self.mesh.evaluate(self.cell, self.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
+
+    @cached_property
     def representatives(self):
         """(n,) int64, code of the leaf that stands for each group of facing leaves.  Local."""
         return self.pairing.representatives(self.cell, self.level, self.anchor)

@@ -246,7 +246,7 @@ class _ClosedPairs:
         Raises:
             SolveError: they do, by more than rounding.
         """
-        rounding = max(_OVERLAP * self._approach(self._pressing(trial), u), _MOVED * self._largest(u))
+        rounding = self._rounding(trial, u)
         pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
         overlap = np.where(self._active, pairs.penetration(u), 0.0)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
@@ -286,9 +286,14 @@ class _ClosedPairs:
         if self._held is None:
             return trial
         residual = self._cg.residual(self._system(self._bounded), u)
+        held = trial + self._held.apply_transpose(residual)
         penetration = self._jump.pairs.penetration(self._nearest.onto_closed(u))
-        closed = self._held.closed & (penetration >= -_OVERLAP * self._largest(u))
-        return trial + np.where(closed, self._held.apply_transpose(residual), 0.0)
+        closed = self._held.closed & (penetration >= -self._rounding(held, u))
+        return np.where(closed, held, trial)
+
+    def _rounding(self, trial, u):
+        """Gaps and overlaps of closed pairs up to which they are rounding: float [m]."""
+        return max(_OVERLAP * self._approach(self._pressing(trial), u), _MOVED * self._largest(u))
 
     def _any(self, values):
         """Whether one of the values on any rank is not 0."""

@@ -1,4 +1,4 @@
-"""Contact spots: what is connected of the closed contact, whichever contact pairs of the scene it belongs to."""
+"""Contact spots: what is connected of the closed contact of a contact pair of the scene."""
 
 import numpy as np
 from mpi4py import MPI
@@ -12,9 +12,9 @@ _NONE = np.iinfo(np.int64).max
 
 
 class Spots:
-    """The spot of each vertex on a facet of the first contact surfaces that is closed at one of its vertices.
+    """The spot of each facet of the first contact surfaces that is closed at one of its vertices.
 
-    Collective on forest.comm.
+    Collective on forest.comm.  Facets of two contact pairs are in two spots, also where they share a vertex.
 
     Args:
         forest: Forest.
@@ -23,28 +23,38 @@ class Spots:
 
     Attributes:
         number: int, of all ranks' spots.
-        vertex: (m,) int64, the spot of each of this rank's vertices, -1 where there is none.
-        pair: (n,) int64, the spot of each pair, -1 where its vertex has none.
+        facet: for each contact pair of the scene (k,) int64, the spot of each facet that `facets_of` has, -1 where it
+            is open.
+        pair: (n,) int64, the spot of each pair, -1 where its facets are open.
     """
 
     def __init__(self, forest, pairs, active):
+        self.number, self.facet, self.pair = 0, [], np.full(len(pairs), -1)
+        for index in range(int(forest.pairing.pair.max()) + 1):
+            self._add(index, forest, pairs, active & (pairs.contact == index))
+
+    def _add(self, index, forest, pairs, active):
+        """The spots of one contact pair, whose closed pairs are given."""
         vertices, prolongation = forest.vertices, pairs.prolongation
-        facets = [facets_of(index, forest) for index in range(int(forest.pairing.pair.max()) + 1)]
-        cells = np.concatenate([vertices.cells[leaf[:, None], corner] for leaf, _, corner in facets])
+        leaf, _, corner = facets_of(index, forest)
+        cells = vertices.cells[leaf[:, None], corner]
         touched = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 1))
         touched[pairs.first[active]] = 1
         closed = (prolongation.prolong(prolongation.summed(touched))[cells, 0] > 0).any(axis=1)
 
         here, position = np.unique(cells, return_inverse=True)
-        keys, position = vertices.keys[here], position.reshape(-1, 4)
-        label = _lowest_connected(Directory(forest.comm, keys), position[closed])
+        label = _lowest_connected(Directory(forest.comm, vertices.keys[here]), position.reshape(-1, 4)[closed])
         known = label < _NONE
         spots = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
-        self.number, self.vertex = len(spots), np.full(len(vertices), -1)
-        self.vertex[here[known]] = np.searchsorted(spots, label[known])
+        spot = np.full(len(vertices), -1)
+        spot[here[known]] = self.number + np.searchsorted(spots, label[known])
+        self.facet.append(np.where(closed, spot[cells[:, 0]], -1))
+
         of_conforming, conform = np.full(len(touched), -1), prolongation.conforming >= 0
-        of_conforming[prolongation.conforming[conform]] = self.vertex[conform]
-        self.pair = of_conforming[pairs.first]
+        of_conforming[prolongation.conforming[conform]] = spot[conform]
+        ours = pairs.contact == index
+        self.pair[ours] = of_conforming[pairs.first[ours]]
+        self.number += len(spots)
 
 
 def _lowest_connected(directory, facets):

@@ -24,6 +24,7 @@ from fx_contact.scene import Scene, check_scene
 from fx_contact.solve import solve_contact
 from fx_contact.solver import Solver
 from fx_contact.stages import Stages
+from fx_contact.stored import stored_energy
 from fx_contact.unseen import unseen_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
@@ -229,8 +230,11 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         gain.observe(error, change)
         unseen, share = np.zeros(len(forest), dtype=bool), 0.0
         if pairs is not None:
-            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, error.energy_norm)
-            share = _penalty_share(pairs, contact, error.energy_norm, len(scene.contact))
+            energy = np.empty(len(forest))
+            energy[cells.leaf] = error.energy
+            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, energy)
+            if settings.enforcement.method != "exact":
+                share = _penalty_share(forest, energy, pairs, contact, len(scene.contact))
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
@@ -277,9 +281,9 @@ def _check_solver(contact, error, tolerance):
         )
 
 
-def _penalty_share(pairs, contact, energy_norm, count):
-    """What overlaps hold of a contact pair's energy, at most: nothing, or next to it, but of a penalty.  Collective."""
-    stored = pairs.stored(contact.force, energy_norm, pairs.contact, count)
+def _penalty_share(forest, energy, pairs, contact, count):
+    """What overlaps hold of a contact pair's energy, at most.  Collective."""
+    stored = stored_energy(forest, energy, pairs, contact.force, pairs.contact, count)
     held = np.bincount(pairs.contact, contact.force * contact.penetration, count).astype(float)
     pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
     return float(np.divide(held, stored, out=np.zeros(count), where=stored > 0).max(initial=0.0))

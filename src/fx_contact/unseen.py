@@ -14,6 +14,7 @@ from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
 from fx_contact.gap import Gap
 from fx_contact.spots import Spots
+from fx_contact.stored import stored_energy
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from the linear solver,
 _VARIATION = 1e-8
@@ -23,40 +24,39 @@ _ROUNDING = 1e-9
 _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
 
 
-def unseen_contact(forest, pairs, contact, tolerance, energy_norm):
+def unseen_contact(forest, pairs, contact, tolerance, energy):
     """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
-    Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
-    from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
-    and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2,
-    each contact spot may leave e^2 of the energy that its force stores, about as much as a punch's would on a
-    half-space, or what the linear solver leaves.  Where it leaves more, facets with more than their share are named.
+    Collective on forest.comm.  On facets without closed pairs any overlap counts.  On others the gap differs from that
+    interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it and of what
+    it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, each contact
+    spot may leave e^2 of the energy that its force stores, or what the linear solver leaves.  Where it leaves more,
+    facets with more than their share are named.
 
     Args:
         forest: Forest.
         pairs: NodePairs.
         contact: ContactSolution.
         tolerance: prescribed accuracy e [-].
-        energy_norm: omega (4) of the solution [J^(1/2)].
+        energy: (n,) float64, strain energy of this rank's leaves, twice [J].
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
     unseen, spots = np.zeros(len(forest), dtype=bool), Spots(forest, pairs, contact.active)
-    most = tolerance**2 * pairs.stored(contact.force, energy_norm, spots.pair, spots.number)
+    most = tolerance**2 * stored_energy(forest, energy, pairs, contact.force, spots.pair, spots.number)
     most = np.maximum(most, contact.energy_error**2)
-    energy, around = np.zeros((2, spots.number)), []
-    for index in range(int(forest.pairing.pair.max()) + 1):
+    left, closed_facets = np.zeros((2, spots.number)), []
+    for index, spot in enumerate(spots.facet):
         leaf, face, corner = facets_of(index, forest)
         vertex = forest.vertices.cells[leaf[:, None], corner]
-        spot = spots.vertex[vertex].max(axis=1)
-        near, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
-        unseen[leaf[~near][facets.where(~near).overlap()]] = True
-        around.append((leaf[near], spot[near], facets.where(near).energy()))
-        np.add.at(energy, (0, spot[near]), around[-1][-1])
-        np.add.at(energy, (1, spot[near]), around[-1][-1] > 0)
-    total, count = forest.comm.allreduce(energy)
-    for leaf, spot, own in around:
+        closed, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
+        unseen[leaf[~closed][facets.where(~closed).overlap()]] = True
+        closed_facets.append((leaf[closed], spot[closed], facets.where(closed).energy()))
+        np.add.at(left, (0, spot[closed]), closed_facets[-1][-1])
+        np.add.at(left, (1, spot[closed]), closed_facets[-1][-1] > 0)
+    total, count = forest.comm.allreduce(left)
+    for leaf, spot, own in closed_facets:
         unseen[leaf[(total > most)[spot] & (own > (most / np.maximum(count, 1))[spot])]] = True
     return unseen
 

@@ -1,0 +1,67 @@
+"""What contact stores is measured by its own force, and by the energy of its own bodies."""
+
+import numpy as np
+import pytest
+from conftest import WORLD
+
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Traction, adapt
+from fx_contact.errors import SolveError
+from fx_contact.scenes import punch
+from fx_contact.scenes.boxes import DOWN, UP, Boxes
+from fx_contact.stored import stored_energy
+
+DEPTH, THICKNESS, WIDTH, PULL = 1e-5, 0.05, 10.0, 1e-2
+
+
+def plates():
+    """Two wide thin plates pressed into each other, and a rod apart that stores a thousand times their energy."""
+    boxes = Boxes(1)
+    boxes.add("lower", (0.0, 0.0, -THICKNESS), (WIDTH, WIDTH, 0.0), (2, 2, 1))
+    boxes.add("upper", (0.0, 0.0, 0.0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1))
+    boxes.add("rod", (-3.0, 0.0, 0.0), (-2.0, 1.0, 5.0), (1, 1, 5))
+    surfaces = {"bottom": boxes.facets(DOWN, -THICKNESS), "top": boxes.facets(UP, THICKNESS, "upper")}
+    surfaces |= {"lower face": boxes.facets(UP, 0.0, "lower"), "upper face": boxes.facets(DOWN, 0.0, "upper")}
+    surfaces |= {"foot": boxes.facets(DOWN, 0.0, "rod"), "head": boxes.facets(UP, 5.0, "rod")}
+    return Scene(
+        "plates",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("lower", "upper", "rod"), Material(1.0, 0.0)),
+        (Dirichlet("bottom", 0, 0, 0), Dirichlet("top", 0, 0, -DEPTH), Dirichlet("foot", 0, 0, 0)),
+        (ContactPair("lower face", "upper face", direction=(0, 0, 1)),),
+        (Traction("head", (0.0, 0.0, PULL)),),
+    )
+
+
+def stored(step, force):
+    """As the forces of the scene's contact pairs store it, twice [J]: (npairs,)."""
+    energy = np.empty(len(step.forest))
+    energy[step.leaf_mesh.leaf] = step.estimate.energy
+    return stored_energy(step.forest, energy, step.pairs, force, step.pairs.contact, len(step.scene.contact))
+
+
+def test_thin_plates_store_less_than_a_half_space():
+    """What is in other bodies, however much, is no measure of it."""
+    step = next(iter(adapt(plates(), 0.3)))
+    force = DEPTH / (2 * THICKNESS) * WIDTH**2
+    assert step.estimate.energy_norm**2 > 5 * PULL**2 > 100 * force * DEPTH
+    assert abs(stored(step, step.contact.force)[0] / (force * DEPTH) - 1) < 1e-6
+    assert stored(step, 0.0 * step.contact.force)[0] == 0
+
+
+@pytest.mark.parametrize("factor", [None, 10.0, 300.0])
+def test_a_penalty_too_soft_for_thin_plates(factor):
+    """It is refused, whatever another body stores; its force would be a sixth to six sevenths of the exact one."""
+    with pytest.raises(SolveError, match="too soft"):
+        list(adapt(plates(), 0.1, enforcement=Enforcement("penalty", factor)))
+
+
+def test_a_half_space():
+    """A punch on a large block stores about what one on a half-space does; parts of the contact store parts of it."""
+    *_, step = adapt(punch(), 0.2)
+    force, pairs = step.contact.force, step.pairs
+    total, approach = pairs.pressing(force, pairs.contact, 1)
+    whole = stored(step, force)
+    assert abs(whole[0] / (total * approach)[0] - 1) < 0.2
+    inner = pairs.position[:, 0] < step.record["contact_radius"] / 2
+    assert 0.1 * whole[0] < stored(step, np.where(inner, force, 0.0))[0] < whole[0]
+    assert WORLD.allreduce(float(whole[0])) == WORLD.size * whole[0]
