@@ -12,7 +12,7 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import bump, in_two, ring, waves  # noqa: E402
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt, unseen  # noqa: E402
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt, unseen  # noqa: E402
 from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.enforcement import METHODS  # noqa: E402
@@ -244,7 +244,8 @@ def test_a_corner_of_a_contact_cut_out(method):
         replace(whole, first=f"{whole.first} {part}", second=f"{whole.second} {part}") for part in ("corner", "rest")
     )
     cut = replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=pairs)
-    one, two = (next(adapt(s, 0.1, max_steps=1, enforcement=Enforcement(method))) for s in (scene, cut))
+    options = {"enforcement": Enforcement(method, gap_tolerance=1e-8), "solver": Solver(tolerance=1e-10)}
+    one, two = (next(adapt(s, 0.1, max_steps=1, **options)) for s in (scene, cut))
     pressure = one.record["force"]  # of a square metre
     everywhere(np.abs(two.contact.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
     assert np.abs(np.array(two.record["pair_forces"]) / pressure - [0.25, 0.75]).max() < 1e-6
