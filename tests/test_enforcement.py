@@ -558,7 +558,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     assert max(count) <= 1.2 * min(count), count
 
 
-@pytest.mark.parametrize("make", COMPARED)
+@pytest.mark.parametrize("make", COMPARED[:3])
 def test_iterations_do_not_depend_on_the_penalty(make):
     """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
     scene, count = make(), []

@@ -55,7 +55,8 @@ def test_without_contact(calls):
         (fx_contact.step, "node_pairs"),
         (fx_contact.solve, "ActiveSet"),
         (fx_contact.solve, "Jump"),
-        (fx_contact.solve, "_relax"),
+        (fx_contact.solve, "relax"),
+        (fx_contact.step, "RigidMotions"),
     ):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)
