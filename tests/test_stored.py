@@ -13,22 +13,33 @@ from fx_contact.stored import stored_energy
 DEPTH, THICKNESS, WIDTH, PULL = 1e-5, 0.05, 10.0, 1e-2
 
 
-def plates():
-    """Two wide thin plates pressed into each other, and a rod apart that stores a thousand times their energy."""
+def plates(pressed=False):
+    """Two wide thin plates pressed into each other, and a rod apart that stores a thousand times their energy.
+
+    Or a rod in two halves, pressed into each other: a contact pair of its own.
+    """
     boxes = Boxes(1)
     boxes.add("lower", (0.0, 0.0, -THICKNESS), (WIDTH, WIDTH, 0.0), (2, 2, 1))
     boxes.add("upper", (0.0, 0.0, 0.0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1))
     boxes.add("rod", (-3.0, 0.0, 0.0), (-2.0, 1.0, 5.0), (1, 1, 5))
+    if pressed:
+        boxes.add("rest", (-3.0, 0.0, 5.0), (-2.0, 1.0, 10.0), (1, 1, 5))
     surfaces = {"bottom": boxes.facets(DOWN, -THICKNESS), "top": boxes.facets(UP, THICKNESS, "upper")}
     surfaces |= {"lower face": boxes.facets(UP, 0.0, "lower"), "upper face": boxes.facets(DOWN, 0.0, "upper")}
     surfaces |= {"foot": boxes.facets(DOWN, 0.0, "rod"), "head": boxes.facets(UP, 5.0, "rod")}
+    bodies, held = ["lower", "upper", "rod"], {"bottom": 0.0, "top": -DEPTH, "foot": 0.0}
+    pairs, loads = [ContactPair("lower face", "upper face", direction=(0, 0, 1))], [Traction("head", (0, 0, PULL))]
+    if pressed:
+        surfaces |= {"below": boxes.facets(DOWN, 5.0, "rest"), "end": boxes.facets(UP, 10.0, "rest")}
+        bodies, held, loads = [*bodies, "rest"], held | {"end": -10 * PULL}, []
+        pairs.append(ContactPair("head", "below", direction=(0, 0, 1)))
     return Scene(
         "plates",
         boxes.mesh(surfaces),
-        dict.fromkeys(("lower", "upper", "rod"), Material(1.0, 0.0)),
-        (Dirichlet("bottom", 0, 0, 0), Dirichlet("top", 0, 0, -DEPTH), Dirichlet("foot", 0, 0, 0)),
-        (ContactPair("lower face", "upper face", direction=(0, 0, 1)),),
-        (Traction("head", (0.0, 0.0, PULL)),),
+        dict.fromkeys(bodies, Material(1.0, 0.0)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(pairs),
+        tuple(loads),
     )
 
 
@@ -53,6 +64,12 @@ def test_a_penalty_too_soft_for_thin_plates(factor):
     """It is refused, whatever another body stores; its force would be a sixth to six sevenths of the exact one."""
     with pytest.raises(SolveError, match="too soft"):
         list(adapt(plates(), 0.1, enforcement=Enforcement("penalty", factor)))
+
+
+def test_each_contact_pair_is_judged_alone():
+    """A penalty that is stiff enough for one contact pair, which has most of the energy, is too soft for another."""
+    with pytest.raises(SolveError, match="overlaps take 16.67%"):
+        list(adapt(plates(pressed=True), 0.3, enforcement=Enforcement("penalty", 300.0)))
 
 
 def test_a_half_space():
