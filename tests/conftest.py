@@ -24,9 +24,24 @@ WORLD = MPI.COMM_WORLD
 
 
 def pytest_addoption(parser):
-    """How often the runs of `test_checkpoint` are killed, and how `test_readme` runs what takes long."""
+    """How often the runs of `test_checkpoint` are killed, and how what takes long is run."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the README prints to the letter, for hours")
+    parser.addoption("--in-turn", action="store_true", help="of tests that are whole runs, half on 2 and half on 3 ranks")
+
+
+#: Modules whose tests are whole adaptive runs, most of the time on 2 and 3 ranks.
+WHOLE_RUNS = {"test_accuracy", "test_enforcement", "test_hertz", "test_scenes", "test_unseen"}
+
+
+def pytest_collection_modifyitems(config, items):
+    """With `--in-turn` each test of `WHOLE_RUNS` runs on 1 rank and on 2 or 3, every other one on each."""
+    if not config.getoption("--in-turn") or WORLD.size not in (2, 3):
+        return
+    long = [item for item in items if item.module.__name__ in WHOLE_RUNS]
+    left = set(long[WORLD.size % 2 :: 2])
+    config.hook.pytest_deselected(items=sorted(left, key=items.index))
+    items[:] = [item for item in items if item not in left]
 
 
 def pytest_sessionfinish(session, exitstatus):
