@@ -207,7 +207,7 @@ class Scene:
         result = np.zeros((len(points), len(self.mesh.bodies), 6))
         direction = np.broadcast_to(direction, points.shape)
         result[np.arange(len(points)), bodies] = np.einsum("nmi,ni->nm", self.rigid_modes(points, bodies), direction)
-        return result.reshape(len(points), -1)
+        return result.reshape(len(points), 6 * len(self.mesh.bodies))
 
     def motion(self, points, bodies, direction):
         """What the free motions move at points along a direction.
