@@ -807,6 +807,23 @@ CASES = {
         SolveError,
         "take sor",
     ),
+    **{
+        f"{options} for a preconditioner": (
+            partial(lambda options: first(solver=Solver(options=options)), options),
+            SolveError,
+            words,
+        )
+        for options, words in (
+            (
+                {"pc_type": "composite", "pc_composite_pcs": "jacobi,eisenstat"},
+                "-fx_pc_composite_pcs eisenstat needs",
+            ),
+            ({"pc_type": "composite", "pc_composite_pcs": "none"}, "-fx_pc_composite_pcs none takes forces for"),
+            ({"pc_type": "ksp", "ksp_pc_type": "none"}, "-fx_ksp_pc_type none takes forces for energies"),
+            ({"pc_type": "mat"}, "-fx_pc_type mat multiplies by the matrix"),
+            ({"pc_type": "lmvm"}, "-fx_pc_type lmvm learns from the steps of a nonlinear solver"),
+        )
+    },
     "preconditioner that cannot be set up": (
         lambda: first(solver=Solver(options={"pc_type": "bddc"})),
         SolveError,
@@ -1109,6 +1126,7 @@ FALLBACK_OPTIONS = {
     ),
     "of a solver inside": ({"pc_type": "bjacobi", "sub_pc_type": "icc"}, 500, ""),
     "another preconditioner": ({"pc_type": "eisenstat"}, 500, "-fx_fallback_pc_type eisenstat needs the entries"),
+    "another inside": ({"sub_pc_type": "eisenstat"}, 500, "-fx_fallback_sub_pc_type eisenstat needs the entries"),
     "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
     "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
 }
@@ -1127,6 +1145,31 @@ def test_options_of_the_fallback(case):
         for name in options:
             typed.delValue(name)
     assert len(set(answers)) == 1 and words in answers[0][1] and bool(words) == bool(answers[0][1]), answers
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank agrees with itself")
+@pytest.mark.parametrize("prefix", ["fx_", "fx_fallback_"])
+def test_ranks_that_differ_in_options_of_petsc(prefix):
+    """PETSc has options on each rank for itself: the error says which are not the same, and nothing is left of it."""
+    typed = PETSc.Options(prefix)
+    if COMM.rank == COMM.size - 1:
+        typed["pc_type"] = "jacobi"
+    try:
+        answers = told(first)
+    finally:
+        typed.delValue("pc_type")
+    words = f'differ in PETSc\'s option -{prefix}pc_type (null on rank 0, "jacobi" on rank'
+    assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
+    assert first().record["preconditioner"] == "boomeramg"
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank has all of the solver inside")
+def test_option_that_some_ranks_read():
+    """What the ranks that have a solver inside read is no mistake; what none of them reads is one, on all."""
+    inside = {"pc_type": "telescope", "pc_telescope_reduction_factor": COMM.size, "telescope_pc_type": "jacobi"}
+    assert first(solver=Solver(options=inside)).record["preconditioner"] == "telescope"
+    (answer,) = set(told(lambda: first(solver=Solver(options=inside | {"telescope_pc_typ": "jacobi"}))))
+    assert answer[0] is SceneError and "does not read the option 'telescope_pc_typ'" in answer[1], answer
 
 
 def told(action):

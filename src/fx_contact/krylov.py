@@ -9,19 +9,23 @@ from fx_contact._mpi import together
 from fx_contact.errors import SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
-from fx_contact.petsc_options import PetscOptions, any_typed
+from fx_contact.petsc_options import PetscOptions, any_typed, check_typed
 from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS, preconditioner_options
 
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
-#: Kinds that the solver cannot have, and why.
+#: Kinds that the solver cannot have, nor solvers inside of it, and why.
 _UNFIT = {
     PETSc.PC.Type.NONE: "takes forces for energies, so that the error would depend on the units: take jacobi, which is "
     "as simple",
     PETSc.PC.Type.EISENSTAT: "needs the entries of the operator, and contact is beside its matrix: take sor, of which "
     "it is another form",
+    PETSc.PC.Type.MAT: "multiplies by the matrix in place of its inverse, so that the error would depend on the units: "
+    "take jacobi, which is as simple",
+    PETSc.PC.Type.LMVM: "learns from the steps of a nonlinear solver, of which there are none here: take jacobi, which "
+    "is as simple",
 }
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
 _FALLBACKS = ("cholesky", "boomeramg-robust")
@@ -58,6 +62,10 @@ class ConjugateGradients:
             have put in its place; where PCG fails a stronger one takes over.
         iterations: list of int, of each solve.
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
+
+    Raises:
+        SceneError: an option that is misspelt or not the user's, or that ranks do not share.
+        SolveError: options that PETSc cannot work with, or a solver that this one cannot be; no memory for factors.
     """
 
     PREFIX, FALLBACK_PREFIX = "fx_", "fx_fallback_"
@@ -65,6 +73,7 @@ class ConjugateGradients:
     def __init__(self, matrix, solver, energy_norm, objects):
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
         self.iterations, self._failures, self._unknowns = [], [], matrix.mat.getSize()[0]
+        check_typed(self._comm, self.PREFIX)
         self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
@@ -80,8 +89,9 @@ class ConjugateGradients:
         self._prefix = prefix
         others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
         options = preconditioner_options(preconditioner, self._unknowns)
-        self._options = PetscOptions(prefix, options, given, others, COVERED)
+        self._options = PetscOptions(self._comm, prefix, options, given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
+        self._options.check_kinds(_UNFIT)
         self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
@@ -101,8 +111,6 @@ class ConjugateGradients:
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
             )
-        if (kind := ksp.getPC().getType()) in _UNFIT:
-            raise SolveError(f"-{prefix}pc_type {kind} {_UNFIT[kind]}")
         self._pc, self._holding, self._rest = self._objects.add(ksp.getPC()), None, None
         self.preconditioner = _name(self._pc, preconditioner)
 
