@@ -466,6 +466,11 @@ CASES = {
         SceneError,
         "different names",
     ),
+    "Gmsh model that ends the program": (
+        lambda: root_mesh_from_gmsh(COMM, lambda: sys.exit("enough")),
+        SceneError,
+        "ends the program, by SystemExit: enough",
+    ),
     "vertex that is no corner": (
         lambda: RootMesh(*grid(order=2), ("a",), np.zeros(1, np.int32), {}, {"mid": np.array([13])}),
         SceneError,
@@ -1356,6 +1361,19 @@ def test_what_the_bad_cases_spoil_is_good():
     assert mesh.bodies == ("cube",) and mesh.surfaces["base"].tolist() == [[0, 0]]
     points, cells = grid()
     mesh = RootMesh(
+def test_function_that_ends_the_program():
+    """A function of the user that calls sys.exit, on one rank, has failed: the others would wait for that rank."""
+    calls = 0
+
+    def moved(x):
+        nonlocal calls
+        calls += 1
+        return np.full(x.shape[1], -0.01) if calls < 5 or COMM.rank < COMM.size - 1 else sys.exit("enough")
+
+    with pytest.raises(SceneError, match="is a function that fails at .* points, .*: SystemExit: enough"):
+        first(pressed_by(moved))
+
+
         points.tolist(), cells.tolist(), ["a"], [0], {"base": [[0, 0]]}, {"corner": [0]}, {"edge": [[0, 0]]}
     )
     scene = Scene("lists", mesh, {"a": STEEL}, [Dirichlet("base", 0, 0, 0), Dirichlet("corner", x=0)])
