@@ -343,6 +343,16 @@ def never_converges():
     list(adapt(scenes.hertz(order=1, coarse=4, comm=COMM), 0.5, COMM, solver=solver, max_steps=1))
 
 
+def nothing_takes_over():
+    """A solve that does not converge, and a preconditioner to fall back on that cannot be set up."""
+    typed = PETSc.Options("fx_fallback_")
+    typed["pc_type"] = "bddc"
+    try:
+        never_converges()
+    finally:
+        typed.delValue("pc_type")
+
+
 def unwritable_fields():
     write_fields(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null")
 
@@ -972,6 +982,11 @@ CASES = {
         SolveError,
         "PCG failed with boomeramg after 1 iteration (PETSc reason -3), then with cholesky after 1 iteration (",
     ),
+    "solver that nothing can take over from": (
+        nothing_takes_over,
+        SolveError,
+        "after 1 iteration (PETSc reason -3), and what was to take over cannot be used: PETSc cannot work with",
+    ),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
         OutputError,
@@ -1133,6 +1148,11 @@ FALLBACK_OPTIONS = {
     "another preconditioner": ({"pc_type": "eisenstat"}, 500, "-fx_fallback_pc_type eisenstat needs the entries"),
     "another inside": ({"sub_pc_type": "eisenstat"}, 500, "-fx_fallback_sub_pc_type eisenstat needs the entries"),
     "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
+    "misspelt, known late": (
+        {"pc_type": "bjacobi", "sub_pc_typ": "icc"},
+        4,
+        "failed with boomeramg after 4 iterations (PETSc reason -3), and what was to take over cannot be used: PETSc's",
+    ),
     "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
 }
 

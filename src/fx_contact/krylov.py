@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact._mpi import together
-from fx_contact.errors import SolveError
+from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
 from fx_contact.petsc_options import PetscOptions, any_typed, check_typed
@@ -216,8 +216,9 @@ class ConjugateGradients:
             (owned, 3) float64 [m].
 
         Raises:
-            SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
-                number.
+            SolveError: divergence, or too many iterations, also with a stronger preconditioner, or with one that
+                cannot be set up; an energy that is no number.
+            SceneError: a stronger one takes over, and does not read an option that is for it.
         """
         spent = 0
         while True:
@@ -230,8 +231,13 @@ class ConjugateGradients:
             self._failures.append(
                 f"with {self.preconditioner} after {count} iteration{plural} (PETSc reason {reason})"
             )
-            if not self._fall_back():
-                raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE.get(reason, _BETTER)}")
+            failed = f"PCG failed {', then '.join(self._failures)}"
+            try:
+                goes_on = self._fall_back()
+            except (SceneError, SolveError) as error:
+                raise type(error)(f"{failed}, and what was to take over cannot be used: {error}") from error
+            if not goes_on:
+                raise SolveError(f"{failed}; {_ADVICE.get(reason, _BETTER)}")
         self.iterations.append(spent + count)
         self._best = self.iterations[-1] if self._best is None else self._best
         return u
