@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import outside
+from conftest import everywhere, outside
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -466,6 +466,11 @@ CASES = {
         SolveError,
         "nothing holds body 'lower' once the contact opens",
     ),
+    "Gmsh model that ends the program": (
+        lambda: root_mesh_from_gmsh(COMM, lambda: sys.exit("enough")),
+        SceneError,
+        "ends the program, by SystemExit: enough",
+    ),
     "body in two parts": (
         lambda: RootMesh(*apart(), ("a",), np.zeros(2, np.int32)),
         SceneError,
@@ -475,11 +480,6 @@ CASES = {
         lambda: RootMesh(*apart(), ("a", "a"), np.array([0, 1], np.int32)),
         SceneError,
         "different names",
-    ),
-    "Gmsh model that ends the program": (
-        lambda: root_mesh_from_gmsh(COMM, lambda: sys.exit("enough")),
-        SceneError,
-        "ends the program, by SystemExit: enough",
     ),
     "vertex that is no corner": (
         lambda: RootMesh(*grid(order=2), ("a",), np.zeros(1, np.int32), {}, {"mid": np.array([13])}),
@@ -1197,6 +1197,30 @@ def test_option_that_some_ranks_read():
     assert answer[0] is SceneError and "does not read the option 'telescope_pc_typ'" in answer[1], answer
 
 
+@pytest.mark.parametrize("called", ["_Product.mult", "_Holding.apply"])
+@pytest.mark.parametrize(
+    "failure, kind, words",
+    [
+        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+        (MemoryError("no room"), MemoryError, "no room"),
+        (PETSc.Error(62), SolveError, "as they are: error code 62"),
+    ],
+)
+def test_error_of_python_inside_of_petsc(monkeypatch, called, failure, kind, words):
+    """What Python raises where PETSc calls it is raised as it is, not as a fault of PETSc's options."""
+
+    def fail(*_):
+        raise failure
+
+    penalty = Enforcement("penalty", 1e5)
+    monkeypatch.setattr(f"fx_contact.krylov.{called}", fail)
+    with pytest.raises(BaseException) as caught:
+        first(enforcement=penalty)
+    everywhere(caught.type is kind and words in str(caught.value), f"{caught.value!r}")
+    monkeypatch.undo()
+    assert first(enforcement=penalty).record["active_pairs"]
+
+
 def told(action):
     """Type and message of the error that an action ends in on each rank."""
     try:
@@ -1337,6 +1361,19 @@ def test_function_that_fails_late(tmp_path):
     assert needed > 1 and first(scene, checkpoint=folder).record["active_pairs"]
 
 
+def test_function_that_ends_the_program():
+    """A function of the user that calls sys.exit, on one rank, has failed: the others would wait for that rank."""
+    calls = 0
+
+    def moved(x):
+        nonlocal calls
+        calls += 1
+        return np.full(x.shape[1], -0.01) if calls < 5 or COMM.rank < COMM.size - 1 else sys.exit("enough")
+
+    with pytest.raises(SceneError, match="is a function that fails at .* points, .*: SystemExit: enough"):
+        first(pressed_by(moved))
+
+
 def test_file_that_keeps_gmsh_busy(monkeypatch):
     """A small file that announces a thousand million values is given up; a good one is read in time."""
     monkeypatch.setattr("fx_contact.gmsh_model._SECONDS", 3)
@@ -1381,19 +1418,6 @@ def test_what_the_bad_cases_spoil_is_good():
     assert mesh.bodies == ("cube",) and mesh.surfaces["base"].tolist() == [[0, 0]]
     points, cells = grid()
     mesh = RootMesh(
-def test_function_that_ends_the_program():
-    """A function of the user that calls sys.exit, on one rank, has failed: the others would wait for that rank."""
-    calls = 0
-
-    def moved(x):
-        nonlocal calls
-        calls += 1
-        return np.full(x.shape[1], -0.01) if calls < 5 or COMM.rank < COMM.size - 1 else sys.exit("enough")
-
-    with pytest.raises(SceneError, match="is a function that fails at .* points, .*: SystemExit: enough"):
-        first(pressed_by(moved))
-
-
         points.tolist(), cells.tolist(), ["a"], [0], {"base": [[0, 0]]}, {"corner": [0]}, {"edge": [[0, 0]]}
     )
     scene = Scene("lists", mesh, {"a": STEEL}, [Dirichlet("base", 0, 0, 0), Dirichlet("corner", x=0)])
@@ -1420,14 +1444,33 @@ comm.Barrier()
 """
 
 
+#: A program of which the last rank has too little memory while the others wait for it inside of PETSc.
+FAILS_IN_PETSC = """
+from mpi4py import MPI
+from fx_contact import adapt, krylov
+from fx_contact.scenes import patch
+comm, product, calls = MPI.COMM_WORLD, krylov._Product.mult, []
+def mult(self, *vectors):
+    calls.append(1)
+    if len(calls) == 3 and comm.rank == comm.size - 1:
+        raise MemoryError("no room")
+    product(self, *vectors)
+krylov._Product.mult = mult
+next(adapt(patch(cells=(2, 2, 2)), 0.1))
+"""
+
+
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_error_that_nobody_catches(ranks):
+@pytest.mark.parametrize(
+    "program, error", [(FAILS_ALONE, "SceneError: Poisson's ratio"), (FAILS_IN_PETSC, "MemoryError: no room")]
+)
+def test_error_that_nobody_catches(ranks, program, error):
     """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""
-    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", FAILS_ALONE]
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
     assert done.returncode == 1 and "Traceback" in done.stderr, done.stderr
-    assert "SceneError: Poisson's ratio" in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
+    assert error in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")

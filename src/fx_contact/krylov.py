@@ -139,18 +139,28 @@ class ConjugateGradients:
     def _named_errors(self):
         """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after.
 
-        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.
+        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.  An error of
+        Python that PETSc has met, like a Ctrl-C while it calls us or too little memory there, is raised as it is, by
+        this rank alone: others may be inside of PETSc, where nothing can reach them before it ends them too.
         """
+        failure = None
+        try:
+            yield
+        except PETSc.Error as error:
+            failure = error
+        while isinstance(failure, PETSc.Error) and failure.__cause__ is not None:  # met where PETSc has called us
+            failure = failure.__cause__
+        if failure is not None and not isinstance(failure, PETSc.Error):
+            self._objects.leave()
+            raise failure from None
         try:
             with together(self._comm):
-                try:
-                    yield
-                except PETSc.Error as error:
+                if failure is not None:
                     clear_hypre_errors()
                     raise SolveError(
                         f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
-                        f"{error}"
-                    ) from error
+                        f"{failure}"
+                    ) from failure
         except SolveError:
             self._objects.leave()
             raise
