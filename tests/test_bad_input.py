@@ -928,6 +928,25 @@ CASES = {
     "a material for a stack": (lambda: scenes.stack(STEEL), SceneError, "materials must be a tuple, got Material"),
     "one radius for two": (lambda: scenes.cylinders(1.0), SceneError, "radii must be a tuple of 2, got 1.0"),
     "radius of text": (lambda: scenes.spheres((1.0, "x")), SceneError, "radius must be a finite number, got 'x'"),
+    **{
+        f"length of {length:g} m: {place}": (
+            partial(action, length),
+            GeometryError,
+            f"is {length:.3g} m, volumes of such",
+        )
+        for length in (1e308, 1e160, 1e-200)
+        for place, action in {
+            "radius of a punch": lambda length: scenes.punch(length),
+            "radius of a punch with a force": lambda length: scenes.punch(length, force=1.0),
+            "side of a punch": lambda length: scenes.punch(side=length),
+            "radius": lambda length: scenes.hertz(length, comm=COMM),
+            "side of the cube": lambda length: scenes.indentation(side=length),
+            "radius of spheres": lambda length: scenes.spheres((1.0, -length)),
+            "radius of cylinders": lambda length: scenes.cylinders((length, 1.0)),
+            "radius of rings": lambda length: scenes.shrink_fit((length, 1.0, 2.0)),
+            "height of a stack": lambda length: scenes.stack(height=length),
+        }.items()
+    },
     "radius without end": (lambda: scenes.spheres((1, 10**400)), SceneError, "radius must be a finite number"),
     "force of nothing": (lambda: scenes.punch(force=()), SceneError, "force must be a finite number, got ()"),
     "a rotation of text": (lambda: scenes.turned(small_hertz(), "x"), SceneError, "an orthogonal 3 x 3 matrix"),
