@@ -20,12 +20,12 @@ from uuid import uuid4
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, leaves, outside, vertex_positions
+from conftest import WORLD, everywhere, leaves, outside, split, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt, forest
 from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import KIND, NAME, Checkpoint, _are_whole
+from fx_contact.checkpoint import KIND, NAME, Checkpoint, _are_whole, _is_balanced
 from fx_contact.errors import CheckpointError, FxContactError, GeometryError, OutputError, PartitionError, SceneError
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
@@ -349,6 +349,19 @@ def test_leaf_inside_another(inside, whole):
     mine = np.arange(15) % WORLD.size == WORLD.rank
     level, cell = np.repeat([1, 2], [7, 8]).astype(np.int8), np.zeros(15, dtype=np.int32)
     assert _are_whole(WORLD, SimpleNamespace(cells=[0]), cell[mine], level[mine], anchor[mine]) == whole
+
+
+@pytest.mark.parametrize("where, times, fits", [("all", 2, True), ("facing", 1, False), ("inside", 2, False)])
+def test_levels_that_do_not_fit_together(scene, where, times, fits):
+    """Facing leaves of two levels, and a leaf beside others a quarter as large, are not what refinement leaves."""
+    forest = Forest.of_roots(WORLD, scene.mesh, scene.pairing)
+    paired = (scene.pairing.pair >= 0).any(axis=1)
+    cells = {"all": slice(None), "facing": np.flatnonzero(paired)[0], "inside": np.flatnonzero(~paired)[0]}[where]
+    chosen = np.zeros(len(paired), dtype=bool)
+    chosen[cells] = True
+    for _ in range(times):
+        forest = split(forest, chosen[forest.cell])
+    assert _is_balanced(forest) == fits
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.write_text("mine")])

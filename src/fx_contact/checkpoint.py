@@ -22,6 +22,7 @@ from fx_contact.forest import Forest
 from fx_contact.lattice import MAX_LEVEL, SIDE, Lattice
 from fx_contact.pairing import decode_leaf, leaf_code
 from fx_contact.problem import problem
+from fx_contact.reference import EDGE_CORNERS
 from fx_contact.rowfile import RowFile, write
 from fx_contact.scene import check_scene
 
@@ -218,6 +219,22 @@ def _are_whole(comm, mesh, cell, level, anchor):
     return comm.allreduce(fits, op=MPI.LAND) and bool((filled == 1).all())
 
 
+def _is_balanced(forest):
+    """Whether facing leaves have the same level, and no edge of a leaf more than one vertex inside.  Collective."""
+    leaf, face = forest.contact_faces()
+    level = forest.level[leaf]
+    cell, anchor = forest.pairing.partners(forest.cell[leaf], level, forest.anchor[leaf], face)
+    directory = Directory(forest.comm, _names(forest.cell, forest.level, forest.anchor).view(np.int64))
+    _, found = directory.lookup(
+        _names(cell, level, anchor).view(np.int64), np.zeros(len(forest)), np.ones(len(forest), dtype=bool)
+    )
+    leaf, edge = forest.edges.example[forest.level[forest.edges.example[:, 0]] < MAX_LEVEL].T
+    ends = forest.corners[leaf[:, None], EDGE_CORNERS[edge]]
+    quarters = forest.lattice.keys(forest.cell[leaf], (3 * ends + ends[:, ::-1]) // 4)
+    crowded = forest.vertices.directory.asked(quarters.ravel()).any()
+    return forest.comm.allreduce(bool(found.all() and not crowded), op=MPI.LAND)
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """What a checkpoint holds, distributed in some way.
@@ -316,6 +333,7 @@ class Checkpoint:
             )
         self._see(_are_whole(comm, scene.mesh, *leaves), "its leaves do not fill the root cells, each of them once")
         forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *leaves)
+        self._see(_is_balanced(forest), "the levels of its leaves do not fit together")
         keys, rows = np.unique(keys[:, 0], return_index=True)
         values, found = Directory(comm, keys).lookup(
             forest.vertices.keys, values[rows], np.ones(len(keys), dtype=bool)
