@@ -192,7 +192,7 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     records = RecordWriter(arguments.output, comm, steps)
     show("\n".join([table_head(), *map(table_row, steps)]))
     for step in run:
-        if unread := unread_options("fx_"):
+        if unread := unread_options(comm, "fx_"):
             near = nearest(unread[0], ["fx_" + name for name in COMMON])
             raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_{near}")
         if step.record["step"] == len(steps):  # else the last one again, for its fields

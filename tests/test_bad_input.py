@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import outside
+from conftest import everywhere, outside
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -343,6 +343,16 @@ def never_converges():
     list(adapt(scenes.hertz(order=1, coarse=4, comm=COMM), 0.5, COMM, solver=solver, max_steps=1))
 
 
+def nothing_takes_over():
+    """A solve that does not converge, and a preconditioner to fall back on that cannot be set up."""
+    typed = PETSc.Options("fx_fallback_")
+    typed["pc_type"] = "bddc"
+    try:
+        never_converges()
+    finally:
+        typed.delValue("pc_type")
+
+
 def unwritable_fields():
     write_fields(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null")
 
@@ -455,6 +465,11 @@ CASES = {
         lambda: list(adapt(unheld(), 0.5, COMM)),
         SolveError,
         "nothing holds body 'lower' once the contact opens",
+    ),
+    "Gmsh model that ends the program": (
+        lambda: root_mesh_from_gmsh(COMM, lambda: sys.exit("enough")),
+        SceneError,
+        "ends the program, by SystemExit: enough",
     ),
     "body in two parts": (
         lambda: RootMesh(*apart(), ("a",), np.zeros(2, np.int32)),
@@ -807,6 +822,23 @@ CASES = {
         SolveError,
         "take sor",
     ),
+    **{
+        f"{options} for a preconditioner": (
+            partial(lambda options: first(solver=Solver(options=options)), options),
+            SolveError,
+            words,
+        )
+        for options, words in (
+            (
+                {"pc_type": "composite", "pc_composite_pcs": "jacobi,eisenstat"},
+                "-fx_pc_composite_pcs eisenstat needs",
+            ),
+            ({"pc_type": "composite", "pc_composite_pcs": "none"}, "-fx_pc_composite_pcs none takes forces for"),
+            ({"pc_type": "ksp", "ksp_pc_type": "none"}, "-fx_ksp_pc_type none takes forces for energies"),
+            ({"pc_type": "mat"}, "-fx_pc_type mat multiplies by the matrix"),
+            ({"pc_type": "lmvm"}, "-fx_pc_type lmvm learns from the steps of a nonlinear solver"),
+        )
+    },
     "preconditioner that cannot be set up": (
         lambda: first(solver=Solver(options={"pc_type": "bddc"})),
         SolveError,
@@ -896,6 +928,25 @@ CASES = {
     "a material for a stack": (lambda: scenes.stack(STEEL), SceneError, "materials must be a tuple, got Material"),
     "one radius for two": (lambda: scenes.cylinders(1.0), SceneError, "radii must be a tuple of 2, got 1.0"),
     "radius of text": (lambda: scenes.spheres((1.0, "x")), SceneError, "radius must be a finite number, got 'x'"),
+    **{
+        f"length of {length:g} m: {place}": (
+            partial(action, length),
+            GeometryError,
+            f"is {length:.3g} m, volumes of such",
+        )
+        for length in (1e308, 1e160, 1e-200)
+        for place, action in {
+            "radius of a punch": lambda length: scenes.punch(length),
+            "radius of a punch with a force": lambda length: scenes.punch(length, force=1.0),
+            "side of a punch": lambda length: scenes.punch(side=length),
+            "radius": lambda length: scenes.hertz(length, comm=COMM),
+            "side of the cube": lambda length: scenes.indentation(side=length),
+            "radius of spheres": lambda length: scenes.spheres((1.0, -length)),
+            "radius of cylinders": lambda length: scenes.cylinders((length, 1.0)),
+            "radius of rings": lambda length: scenes.shrink_fit((length, 1.0, 2.0)),
+            "height of a stack": lambda length: scenes.stack(height=length),
+        }.items()
+    },
     "radius without end": (lambda: scenes.spheres((1, 10**400)), SceneError, "radius must be a finite number"),
     "force of nothing": (lambda: scenes.punch(force=()), SceneError, "force must be a finite number, got ()"),
     "a rotation of text": (lambda: scenes.turned(small_hertz(), "x"), SceneError, "an orthogonal 3 x 3 matrix"),
@@ -949,6 +1000,11 @@ CASES = {
         never_converges,
         SolveError,
         "PCG failed with boomeramg after 1 iteration (PETSc reason -3), then with cholesky after 1 iteration (",
+    ),
+    "solver that nothing can take over from": (
+        nothing_takes_over,
+        SolveError,
+        "after 1 iteration (PETSc reason -3), and what was to take over cannot be used: PETSc cannot work with",
     ),
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
@@ -1109,7 +1165,13 @@ FALLBACK_OPTIONS = {
     ),
     "of a solver inside": ({"pc_type": "bjacobi", "sub_pc_type": "icc"}, 500, ""),
     "another preconditioner": ({"pc_type": "eisenstat"}, 500, "-fx_fallback_pc_type eisenstat needs the entries"),
+    "another inside": ({"sub_pc_type": "eisenstat"}, 500, "-fx_fallback_sub_pc_type eisenstat needs the entries"),
     "too weak": ({"pc_type": "jacobi"}, 4, "PCG"),
+    "misspelt, known late": (
+        {"pc_type": "bjacobi", "sub_pc_typ": "icc"},
+        4,
+        "failed with boomeramg after 4 iterations (PETSc reason -3), and what was to take over cannot be used: PETSc's",
+    ),
     "of either fallback": ({"pc_hypre_boomeramg_P_max": 5, "mat_mumps_icntl_14": 90}, 4, ""),
 }
 
@@ -1127,6 +1189,55 @@ def test_options_of_the_fallback(case):
         for name in options:
             typed.delValue(name)
     assert len(set(answers)) == 1 and words in answers[0][1] and bool(words) == bool(answers[0][1]), answers
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank agrees with itself")
+@pytest.mark.parametrize("prefix", ["fx_", "fx_fallback_"])
+def test_ranks_that_differ_in_options_of_petsc(prefix):
+    """PETSc has options on each rank for itself: the error says which are not the same, and nothing is left of it."""
+    typed = PETSc.Options(prefix)
+    if COMM.rank == COMM.size - 1:
+        typed["pc_type"] = "jacobi"
+    try:
+        answers = told(first)
+    finally:
+        typed.delValue("pc_type")
+    words = f'differ in PETSc\'s option -{prefix}pc_type (null on rank 0, "jacobi" on rank'
+    assert len(set(answers)) == 1 and answers[0][0] is SceneError and words in answers[0][1], answers
+    assert first().record["preconditioner"] == "boomeramg"
+
+
+@pytest.mark.skipif(COMM.size == 1, reason="one rank has all of the solver inside")
+def test_option_that_some_ranks_read():
+    """What the ranks that have a solver inside read is no mistake; what none of them reads is one, on all."""
+    inside = {"pc_type": "telescope", "pc_telescope_reduction_factor": COMM.size, "telescope_pc_type": "jacobi"}
+    assert first(solver=Solver(options=inside)).record["preconditioner"] == "telescope"
+    (answer,) = set(told(lambda: first(solver=Solver(options=inside | {"telescope_pc_typ": "jacobi"}))))
+    assert answer[0] is SceneError and "does not read the option 'telescope_pc_typ'" in answer[1], answer
+
+
+@pytest.mark.parametrize("called", ["_Product.mult", "_Holding.apply"])
+@pytest.mark.parametrize(
+    "failure, kind, words",
+    [
+        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+        (MemoryError("no room"), MemoryError, "no room"),
+        (PETSc.Error(62), SolveError, "as they are: error code 62"),
+    ],
+)
+def test_error_of_python_inside_of_petsc(monkeypatch, called, failure, kind, words):
+    """What Python raises where PETSc calls it is raised as it is, not as a fault of PETSc's options."""
+
+    def fail(*_):
+        raise failure
+
+    penalty = Enforcement("penalty", 1e5)
+    monkeypatch.setattr(f"fx_contact.krylov.{called}", fail)
+    with pytest.raises(BaseException) as caught:
+        first(enforcement=penalty)
+    everywhere(caught.type is kind and words in str(caught.value), f"{caught.value!r}")
+    monkeypatch.undo()
+    assert first(enforcement=penalty).record["active_pairs"]
 
 
 def told(action):
@@ -1269,6 +1380,19 @@ def test_function_that_fails_late(tmp_path):
     assert needed > 1 and first(scene, checkpoint=folder).record["active_pairs"]
 
 
+def test_function_that_ends_the_program():
+    """A function of the user that calls sys.exit, on one rank, has failed: the others would wait for that rank."""
+    calls = 0
+
+    def moved(x):
+        nonlocal calls
+        calls += 1
+        return np.full(x.shape[1], -0.01) if calls < 5 or COMM.rank < COMM.size - 1 else sys.exit("enough")
+
+    with pytest.raises(SceneError, match="is a function that fails at .* points, .*: SystemExit: enough"):
+        first(pressed_by(moved))
+
+
 def test_file_that_keeps_gmsh_busy(monkeypatch):
     """A small file that announces a thousand million values is given up; a good one is read in time."""
     monkeypatch.setattr("fx_contact.gmsh_model._SECONDS", 3)
@@ -1339,14 +1463,33 @@ comm.Barrier()
 """
 
 
+#: A program of which the last rank has too little memory while the others wait for it inside of PETSc.
+FAILS_IN_PETSC = """
+from mpi4py import MPI
+from fx_contact import adapt, krylov
+from fx_contact.scenes import patch
+comm, product, calls = MPI.COMM_WORLD, krylov._Product.mult, []
+def mult(self, *vectors):
+    calls.append(1)
+    if len(calls) == 3 and comm.rank == comm.size - 1:
+        raise MemoryError("no room")
+    product(self, *vectors)
+krylov._Product.mult = mult
+next(adapt(patch(cells=(2, 2, 2)), 0.1))
+"""
+
+
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_error_that_nobody_catches(ranks):
+@pytest.mark.parametrize(
+    "program, error", [(FAILS_ALONE, "SceneError: Poisson's ratio"), (FAILS_IN_PETSC, "MemoryError: no room")]
+)
+def test_error_that_nobody_catches(ranks, program, error):
     """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""
-    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", FAILS_ALONE]
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
     assert done.returncode == 1 and "Traceback" in done.stderr, done.stderr
-    assert "SceneError: Poisson's ratio" in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
+    assert error in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")

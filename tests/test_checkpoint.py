@@ -20,17 +20,19 @@ from uuid import uuid4
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere, leaves, outside, vertex_positions
+from conftest import WORLD, everywhere, leaves, outside, split, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt, forest
 from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import KIND, NAME, Checkpoint
+from fx_contact.checkpoint import KIND, NAME, Checkpoint, _are_whole, _is_balanced
 from fx_contact.errors import CheckpointError, FxContactError, GeometryError, OutputError, PartitionError, SceneError
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
+from fx_contact.lattice import SIDE
 from fx_contact.output import RecordWriter
 from fx_contact.pairing import leaf_code
+from fx_contact.reference import CORNERS
 from fx_contact.rowfile import RowFile, write
 from fx_contact.scenes import hertz
 
@@ -237,6 +239,11 @@ def with_content(**changes):
     }
 
 
+def with_gain(**changes):
+    """A function that changes what a header says of the gain."""
+    return lambda header: with_content(gain=header["content"]["gain"] | changes)(header)
+
+
 def with_tables(**changes):
     """A function that changes what a header says of each table."""
     return lambda header: header | {"tables": {name: table | changes for name, table in header["tables"].items()}}
@@ -251,6 +258,10 @@ def with_tables(**changes):
         with_content(records=["x"]),
         with_content(estimate=[1.0, "x", 1]),
         with_content(gain={"before": 1.0}),
+        with_content(estimate=[float("nan"), 1.0, 1]),
+        with_content(estimate=[1.0, -1.0, 1]),
+        with_content(estimate=[10**400, 1.0, 1]),
+        *(with_gain(effectivity=value) for value in (float("nan"), float("inf"), -1.0, 10**400)),
         with_tables(rows=-1),
         with_tables(rows="x"),
         with_tables(columns=None),
@@ -269,6 +280,88 @@ def test_header_that_makes_no_sense(scene, folder, change):
     alone(lambda: rewritten(folder / NAME, change))
     message = caught(CheckpointError, lambda: adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
     assert "is damaged or of another version" in message or "is not complete" in message
+
+
+@pytest.mark.parametrize("header", [b"{" * 8, b"\xff" * 8, b"9" * 5000, b"[" * 200_000])
+def test_header_that_is_no_json(scene, folder, header):
+    """Nor is it told as a fault of the program."""
+    head = struct.pack("<8sQQQ", b"fx-rows\n", 1, len(header), zlib.crc32(header))
+    alone(lambda: (folder / NAME).write_bytes(head + header))
+    assert "its header makes no sense" in caught(CheckpointError, lambda: Checkpoint(folder, scene, WORLD))
+
+
+def with_rows(path, name, change):
+    """Change a table of a file of rows by a function of this rank's rows, its checksum too.  Collective."""
+    file = RowFile(path, WORLD)
+    tables = {name: file.table(name) for name in file.tables}
+    tables[name] = change(tables[name].copy())
+    write(path, WORLD, file.content, tables)
+
+
+def first_row(value):
+    """A function that changes the first row of rank 0."""
+
+    def change(rows):
+        rows[:1] = rows[:1] if WORLD.rank else value(rows[:1])
+        return rows
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "table, change, words",
+    [
+        ("leaves", lambda rows: rows | np.uint64(15), "none of the root mesh"),
+        ("leaves", lambda rows: rows | np.uint64(1 << 63), "none of the root mesh"),
+        ("leaves", lambda rows: rows | np.uint64(16), "none of the root mesh"),
+        ("leaves", lambda rows: 0 * rows, "do not fill the root cells"),
+        ("leaves", first_row(lambda row: row + np.uint64(1)), "do not fill the root cells"),
+        ("values", first_row(lambda row: np.nan * row), "displacements are not finite"),
+        ("indicator", first_row(lambda row: np.nan * row), "errors are negative, or not finite"),
+        ("indicator", first_row(lambda row: -1 - row), "errors are negative, or not finite"),
+        ("vertices", lambda rows: 0 * rows - 1, "lacks vertices of its leaves"),
+        ("indicator", lambda rows: rows[:-1], "indicator in it is missing or makes no sense"),
+        ("vertices", lambda rows: rows[:-1], "values in it is missing or makes no sense"),
+    ],
+)
+def test_tables_that_make_no_sense(scene, folder, table, change, words):
+    """Whole by their checksums, but of nothing that a run could have left: a forest that is none would crash it."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    with_rows(folder / NAME, table, change)
+    assert words in caught(
+        CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    )
+
+
+def test_estimate_of_other_leaves(scene, folder):
+    """What it says of all leaves is of as many as there are."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: rewritten(folder / NAME, with_content(estimate=[0.1, 1.0, 1])))
+    message = caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
+    assert "another number of leaves than its estimate" in message
+
+
+@pytest.mark.parametrize("inside, whole", [(7, True), (0, False)])
+def test_leaf_inside_another(inside, whole):
+    """Seven octants of a cell, and eight small ones that fill the last, or lie in the first: the volume is the same."""
+    eighths = CORNERS * (SIDE // 2)
+    anchor = np.concatenate([eighths[:7], eighths[inside] + eighths // 2]).astype(np.int32)
+    mine = np.arange(15) % WORLD.size == WORLD.rank
+    level, cell = np.repeat([1, 2], [7, 8]).astype(np.int8), np.zeros(15, dtype=np.int32)
+    assert _are_whole(WORLD, SimpleNamespace(cells=[0]), cell[mine], level[mine], anchor[mine]) == whole
+
+
+@pytest.mark.parametrize("where, times, fits", [("all", 2, True), ("facing", 1, False), ("inside", 2, False)])
+def test_levels_that_do_not_fit_together(scene, where, times, fits):
+    """Facing leaves of two levels, and a leaf beside others a quarter as large, are not what refinement leaves."""
+    forest = Forest.of_roots(WORLD, scene.mesh, scene.pairing)
+    paired = (scene.pairing.pair >= 0).any(axis=1)
+    cells = {"all": slice(None), "facing": np.flatnonzero(paired)[0], "inside": np.flatnonzero(~paired)[0]}[where]
+    chosen = np.zeros(len(paired), dtype=bool)
+    chosen[cells] = True
+    for _ in range(times):
+        forest = split(forest, chosen[forest.cell])
+    assert _is_balanced(forest) == fits
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.write_text("mine")])

@@ -5,6 +5,7 @@ vertex with its displacement 32.  The displacement is also the start of the next
 problem it belongs to, and has the records of all steps so far.
 """
 
+import sys
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
 from uuid import uuid4
@@ -18,9 +19,10 @@ from fx_contact.checks import as_path, check_comm
 from fx_contact.errors import CheckpointError, OutputError
 from fx_contact.estimate import Estimate, Gain
 from fx_contact.forest import Forest
-from fx_contact.lattice import Lattice
+from fx_contact.lattice import MAX_LEVEL, SIDE, Lattice
 from fx_contact.pairing import decode_leaf, leaf_code
 from fx_contact.problem import problem
+from fx_contact.reference import EDGE_CORNERS
 from fx_contact.rowfile import RowFile, write
 from fx_contact.scene import check_scene
 
@@ -40,14 +42,15 @@ _CONTENT = {
     and gain.keys() == {entry.name for entry in fields(Gain)}
     and _are_numbers(gain.values()),
 }
-#: Types of the tables, and the least numbers of their columns.
+#: Types of the tables, the least numbers of their columns, and the table that has as many rows.
 _TABLES = {
-    "leaves": ("<u8", 1),
-    "indicator": ("<f8", 1),
-    "unseen": ("<f8", 1),
-    "vertices": ("<i8", 1),
-    "values": ("<f8", 3),
+    "leaves": ("<u8", 1, "leaves"),
+    "indicator": ("<f8", 1, "leaves"),
+    "unseen": ("<f8", 1, "leaves"),
+    "vertices": ("<i8", 1, "vertices"),
+    "values": ("<f8", 3, "vertices"),
 }
+_ADVICE = "take a copy of it if there is one, else remove it and begin anew"
 
 
 class CheckpointWriter:
@@ -100,8 +103,6 @@ class CheckpointWriter:
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         indicator = np.empty(len(forest))
         indicator[step.leaf_mesh.leaf] = error.error
-        names = leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS)
-        names |= forest.level.astype(np.uint64)
         leaf, corner = prolongation.vertices.example.T
         values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
         # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
@@ -119,7 +120,7 @@ class CheckpointWriter:
                 "gain": asdict(gain),
             },
             {
-                "leaves": names[:, None],
+                "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
                 "indicator": indicator[:, None],
                 "unseen": step.unseen[:, None].astype(float),
                 "vertices": prolongation.vertices.keys[rows, None],
@@ -165,20 +166,73 @@ def _content(file):
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise CheckpointError(f"{str(file.path)!r} is no {KIND}")
     wrong = [name for name, fits in _CONTENT.items() if not fits(content.get(name))]
-    for name, (kind, columns) in _TABLES.items():
-        table = file.tables.get(name, {"type": None})
-        if table["type"] != kind or table["columns"] < columns:
+    for name, (kind, columns, like) in _TABLES.items():
+        table, other = (file.tables.get(one, {"type": None, "rows": 0}) for one in (name, like))
+        if table["type"] != kind or table["columns"] < columns or table["rows"] != other["rows"]:
             wrong.append(name)
     if wrong:
         raise CheckpointError(
             f"{str(file.path)!r} is damaged or of another version, for {', '.join(wrong)} in it is missing or makes no "
-            "sense: take a copy of it if there is one, else remove it and begin anew"
+            f"sense: {_ADVICE}"
         )
     return content
 
 
 def _are_numbers(values):
-    return all(isinstance(value, Real) for value in values)
+    """Whether all are numbers that can be meant: finite, and not negative."""
+    return all(isinstance(value, Real) and 0 <= value <= sys.float_info.max for value in values)
+
+
+def _names(cell, level, anchor):
+    """Names of leaves: (n,) uint64."""
+    return leaf_code(cell, anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level.astype(np.uint64)
+
+
+def _named(names):
+    """Inverse of `_names`."""
+    level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
+    cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
+    return cell, level, anchor
+
+
+def _are_leaves(mesh, cell, level, anchor):
+    """Whether a root mesh can have such leaves.  Local."""
+    side = SIDE >> level.astype(np.int32)
+    return ((cell < len(mesh.cells)) & (level <= MAX_LEVEL) & ~(anchor % side[:, None]).any(axis=1)).all()
+
+
+def _are_whole(comm, mesh, cell, level, anchor):
+    """Whether leaves fill the root cells, and none is there twice or inside of another.  Collective on comm."""
+    filled = np.bincount(cell, np.ldexp(1.0, -3 * level.astype(np.int32)), len(mesh.cells))  # without rounding
+    comm.Allreduce(MPI.IN_PLACE, filled)
+    names = np.unique(_names(cell, level, anchor))
+    directory, fits = Directory(comm, names.view(np.int64)), len(names) == len(cell)
+    fits &= bool((directory.lowest(np.full(len(names), comm.rank)) == comm.rank).all())
+    above = [np.empty(0, dtype=np.uint64)]
+    while len(cell):
+        inner = level > 0
+        level = level[inner] - 1
+        anchor = anchor[inner] & -(SIDE >> level.astype(np.int32))[:, None]
+        above.append(np.unique(_names(cell[inner], level, anchor)))
+        cell, level, anchor = _named(above[-1])
+    fits &= not directory.asked(np.concatenate(above).view(np.int64)).any()
+    return comm.allreduce(fits, op=MPI.LAND) and bool((filled == 1).all())
+
+
+def _is_balanced(forest):
+    """Whether facing leaves have the same level, and no edge of a leaf more than one vertex inside.  Collective."""
+    leaf, face = forest.contact_faces()
+    level = forest.level[leaf]
+    cell, anchor = forest.pairing.partners(forest.cell[leaf], level, forest.anchor[leaf], face)
+    directory = Directory(forest.comm, _names(forest.cell, forest.level, forest.anchor).view(np.int64))
+    _, found = directory.lookup(
+        _names(cell, level, anchor).view(np.int64), np.zeros(len(forest)), np.ones(len(forest), dtype=bool)
+    )
+    leaf, edge = forest.edges.example[forest.level[forest.edges.example[:, 0]] < MAX_LEVEL].T
+    ends = forest.corners[leaf[:, None], EDGE_CORNERS[edge]]
+    quarters = forest.lattice.keys(forest.cell[leaf], (3 * ends + ends[:, ::-1]) // 4)
+    crowded = forest.vertices.directory.asked(quarters.ravel()).any()
+    return forest.comm.allreduce(bool(found.all() and not crowded), op=MPI.LAND)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,18 +322,29 @@ class Checkpoint:
             CheckpointError: the file is damaged.
         """
         scene, comm = self._scene, self.comm
-        leaves = self._file.table("leaves")[:, 0]
-        level = (leaves & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
-        cell, anchor = decode_leaf((leaves >> np.uint64(_LEVEL_BITS)).astype(np.int64))
-        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, cell, level, anchor)
-        keys, rows = np.unique(self._file.table("vertices")[:, 0], return_index=True)
-        values = self._file.table("values")[rows]
-        values, found = Directory(comm, keys).lookup(forest.vertices.keys, values, np.ones(len(keys), dtype=bool))
+        leaves, count = _named(self._file.table("leaves")[:, 0]), self._file.content["estimate"][-1]
+        keys, values, error, unseen = map(self._file.table, ("vertices", "values", "indicator", "unseen"))
         with together(comm):
-            if not found.all():
-                raise CheckpointError(f"{str(self.path)!r} is damaged: it lacks vertices of its leaves")
-        error = self._file.table("indicator")[:, 0]
-        estimate = Estimate(None, error, None, *self._file.content["estimate"])
+            self._see(_are_leaves(scene.mesh, *leaves), "some of its leaves are none of the root mesh")
+            self._see(np.isfinite(values).all(), "some of its displacements are not finite")
+            self._see(((error >= 0) & np.isfinite(error)).all(), "some of its errors are negative, or not finite")
+            self._see(
+                count == self._file.tables["leaves"]["rows"], "it has another number of leaves than its estimate"
+            )
+        self._see(_are_whole(comm, scene.mesh, *leaves), "its leaves do not fill the root cells, each of them once")
+        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *leaves)
+        self._see(_is_balanced(forest), "the levels of its leaves do not fit together")
+        keys, rows = np.unique(keys[:, 0], return_index=True)
+        values, found = Directory(comm, keys).lookup(
+            forest.vertices.keys, values[rows], np.ones(len(keys), dtype=bool)
+        )
+        with together(comm):
+            self._see(found.all(), "it lacks vertices of its leaves")
+        estimate = Estimate(None, error[:, 0], None, *self._file.content["estimate"])
         gain = Gain(**self._file.content["gain"])
-        unseen = self._file.table("unseen")[:, 0] > 0
-        return State(forest, values[forest.vertices.cells], estimate, unseen, gain)
+        return State(forest, values[forest.vertices.cells], estimate, unseen[:, 0] > 0, gain)
+
+    def _see(self, right, damage):
+        """Raises CheckpointError that says what the damage is, unless all is right.  Local."""
+        if not right:
+            raise CheckpointError(f"{str(self.path)!r} is damaged: {damage}; {_ADVICE}")

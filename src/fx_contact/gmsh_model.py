@@ -39,7 +39,8 @@ def root_mesh_from_gmsh(comm, build):
         RootMesh, the same on all ranks.
 
     Raises:
-        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, or an order above 6.
+        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6, a function that
+            ends the program.
     """
     check_comm(comm)
     parts = None
@@ -163,6 +164,10 @@ def _with_gmsh(build):
     try:
         build()
         return _read_model(gmsh.model)
+    except SystemExit as error:  # it would end this rank alone
+        raise SceneError(
+            f"what builds the Gmsh model ends the program, by SystemExit: {error}; let it raise another error"
+        ) from error
     finally:
         if ours:
             gmsh.finalize()

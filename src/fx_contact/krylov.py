@@ -6,22 +6,26 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact._mpi import together
-from fx_contact.errors import SolveError
+from fx_contact.errors import SceneError, SolveError
 from fx_contact.matrix import clear_hypre_errors
 from fx_contact.memory import check_memory, shortage
-from fx_contact.petsc_options import PetscOptions, any_typed
+from fx_contact.petsc_options import PetscOptions, any_typed, check_typed
 from fx_contact.solver import COVERED, METHODS, NOT_TO_SET, PRECONDITIONERS, preconditioner_options
 
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
-#: Kinds that the solver cannot have, and why.
+#: Kinds that the solver cannot have, nor solvers inside of it, and why.
 _UNFIT = {
     PETSc.PC.Type.NONE: "takes forces for energies, so that the error would depend on the units: take jacobi, which is "
     "as simple",
     PETSc.PC.Type.EISENSTAT: "needs the entries of the operator, and contact is beside its matrix: take sor, of which "
     "it is another form",
+    PETSc.PC.Type.MAT: "multiplies by the matrix in place of its inverse, so that the error would depend on the units: "
+    "take jacobi, which is as simple",
+    PETSc.PC.Type.LMVM: "learns from the steps of a nonlinear solver, of which there are none here: take jacobi, which "
+    "is as simple",
 }
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
 _FALLBACKS = ("cholesky", "boomeramg-robust")
@@ -58,6 +62,10 @@ class ConjugateGradients:
             have put in its place; where PCG fails a stronger one takes over.
         iterations: list of int, of each solve.
         energy_error: error of the last solution in the norm of the operator, as asked for [J^(1/2)].
+
+    Raises:
+        SceneError: an option that is misspelt or not the user's, or that ranks do not share.
+        SolveError: options that PETSc cannot work with, or a solver that this one cannot be; no memory for factors.
     """
 
     PREFIX, FALLBACK_PREFIX = "fx_", "fx_fallback_"
@@ -65,6 +73,7 @@ class ConjugateGradients:
     def __init__(self, matrix, solver, energy_norm, objects):
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
         self.iterations, self._failures, self._unknowns = [], [], matrix.mat.getSize()[0]
+        check_typed(self._comm, self.PREFIX)
         self._check_fallback_options(matrix.mat.comm)
         self._create_ksp(matrix.mat.comm, solver.preconditioner, self.PREFIX, solver.options)
         if self._ksp.getPC().getType() in _FACTORS:
@@ -80,8 +89,9 @@ class ConjugateGradients:
         self._prefix = prefix
         others = (self.FALLBACK_PREFIX,) if prefix == self.PREFIX else ()
         options = preconditioner_options(preconditioner, self._unknowns)
-        self._options = PetscOptions(prefix, options, given, others, COVERED)
+        self._options = PetscOptions(self._comm, prefix, options, given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
+        self._options.check_kinds(_UNFIT)
         self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)
@@ -101,8 +111,6 @@ class ConjugateGradients:
                 f"the Krylov method works in the norm of the energy: leave out -{prefix}ksp_norm_type, or set it to "
                 "natural"
             )
-        if (kind := ksp.getPC().getType()) in _UNFIT:
-            raise SolveError(f"-{prefix}pc_type {kind} {_UNFIT[kind]}")
         self._pc, self._holding, self._rest = self._objects.add(ksp.getPC()), None, None
         self.preconditioner = _name(self._pc, preconditioner)
 
@@ -131,18 +139,28 @@ class ConjugateGradients:
     def _named_errors(self):
         """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after.
 
-        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.
+        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.  An error of
+        Python that PETSc has met, like a Ctrl-C while it calls us or too little memory there, is raised as it is, by
+        this rank alone: others may be inside of PETSc, where nothing can reach them before it ends them too.
         """
+        failure = None
+        try:
+            yield
+        except PETSc.Error as error:
+            failure = error
+        while isinstance(failure, PETSc.Error) and failure.__cause__ is not None:  # met where PETSc has called us
+            failure = failure.__cause__
+        if failure is not None and not isinstance(failure, PETSc.Error):
+            self._objects.leave()
+            raise failure from None
         try:
             with together(self._comm):
-                try:
-                    yield
-                except PETSc.Error as error:
+                if failure is not None:
                     clear_hypre_errors()
                     raise SolveError(
                         f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
-                        f"{error}"
-                    ) from error
+                        f"{failure}"
+                    ) from failure
         except SolveError:
             self._objects.leave()
             raise
@@ -208,8 +226,9 @@ class ConjugateGradients:
             (owned, 3) float64 [m].
 
         Raises:
-            SolveError: divergence, or too many iterations, also with a stronger preconditioner; an energy that is no
-                number.
+            SolveError: divergence, or too many iterations, also with a stronger preconditioner, or with one that
+                cannot be set up; an energy that is no number.
+            SceneError: a stronger one takes over, and does not read an option that is for it.
         """
         spent = 0
         while True:
@@ -222,8 +241,13 @@ class ConjugateGradients:
             self._failures.append(
                 f"with {self.preconditioner} after {count} iteration{plural} (PETSc reason {reason})"
             )
-            if not self._fall_back():
-                raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE.get(reason, _BETTER)}")
+            failed = f"PCG failed {', then '.join(self._failures)}"
+            try:
+                goes_on = self._fall_back()
+            except (SceneError, SolveError) as error:
+                raise type(error)(f"{failed}, and what was to take over cannot be used: {error}") from error
+            if not goes_on:
+                raise SolveError(f"{failed}; {_ADVICE.get(reason, _BETTER)}")
         self.iterations.append(spent + count)
         self._best = self.iterations[-1] if self._best is None else self._best
         return u

@@ -6,8 +6,9 @@ from contextlib import contextmanager
 
 from petsc4py import PETSc
 
+from fx_contact.agreement import check_alike
 from fx_contact.checks import nearest
-from fx_contact.errors import SceneError
+from fx_contact.errors import SceneError, SolveError
 
 #: Options that users try most, to find the one that a misspelt name was to be.
 COMMON = (
@@ -21,14 +22,17 @@ COMMON = (
 ).split()
 #: Options that PETSc reads only when it sets a preconditioner up: of matrices, and of solvers inside of solvers.
 _LATE = re.compile("mat_|pc_mg_|(?!ksp_|pc_).+_(ksp|pc|mat)_")
+#: Ends of the names of options whose values are kinds of preconditioners, with commas between them.
+_KINDS = "pc_type", "pc_composite_pcs"
 
 
 class PetscOptions:
     """The options of one PETSc object.
 
-    Local.  PETSc takes no notice of case in names: here they are in small letters.
+    Local, but for `check_read`.  PETSc takes no notice of case in names: here they are in small letters.
 
     Args:
+        comm: MPI communicator of the ranks that have the object; all of them have the same options (`check_typed`).
         prefix: that the object has.
         defaults: dict of the program's options.
         given: dict of the user's options, which win over them; the command line wins over both.
@@ -36,11 +40,13 @@ class PetscOptions:
         covered: option of the user -> the defaults that it is to replace, as PETSc would let them win over it.
     """
 
-    def __init__(self, prefix, defaults, given, others, covered):
-        self._prefix = prefix
+    def __init__(self, comm, prefix, defaults, given, others, covered):
+        self._comm, self._prefix = comm, prefix
         defaults, given = ({name.lower(): value for name, value in some.items()} for some in (defaults, given))
-        typed = [name for name in _typed() if name.startswith(prefix) and not name.startswith(others)]
-        self._unread = {*given, *(name.removeprefix(prefix) for name in typed)}
+        self._typed = {
+            name.removeprefix(prefix): value for name, value in _typed(prefix).items() if not name.startswith(others)
+        }
+        self._unread = {*given, *self._typed}
         left_out = {name for option in self._unread & covered.keys() for name in covered[option]}
         self._values = {name: value for name, value in defaults.items() if name not in left_out} | given
 
@@ -51,6 +57,20 @@ class PetscOptions:
                 f"the PETSc option {name!r} (on the command line -{self._prefix}{name}) is not the user's: "
                 + taken[name]
             )
+
+    def check_kinds(self, unfit):
+        """See that no preconditioner, be it inside another one, is of a kind that the solver cannot have.
+
+        Args:
+            unfit: kind -> why it cannot.
+
+        Raises:
+            SolveError: an option names one of them.
+        """
+        for name, value in (self._values | self._typed).items():
+            for kind in str(value).split(",") if name.endswith(_KINDS) else ():
+                if kind in unfit:
+                    raise SolveError(f"-{self._prefix}{name} {kind} {unfit[kind]}")
 
     @contextmanager
     def there(self):
@@ -68,7 +88,9 @@ class PetscOptions:
                 database.delValue(name)
 
     def check_read(self, set_up=True):
-        """See that all options of the user were read in the blocks.
+        """See that all options of the user were read in the blocks, on some rank: solvers inside others may have few.
+
+        Collective on comm.
 
         Args:
             set_up: whether one of the blocks has set the preconditioner up; if not, options that only that reads are
@@ -77,27 +99,54 @@ class PetscOptions:
         Raises:
             SceneError: one was not: it is misspelt, or useless.
         """
-        for name in sorted(name for name in self._unread if set_up or not _LATE.match(name)):
+        for name in _unread_anywhere(self._comm, self._unread):
+            if not set_up and _LATE.match(name):
+                continue
             raise SceneError(
                 f"PETSc's solver does not read the option {name!r} (on the command line -{self._prefix}{name}): it is "
                 f"misspelt, or belongs to another solver or preconditioner{nearest(name, COMMON)}"
             )
 
 
-def unread_options(prefix):
-    """Options of the command line that nothing has read so far, but for those under a prefix: list of str.  Local."""
+def unread_options(comm, prefix):
+    """Options of the command line that no rank has read so far, but for those under a prefix: list of str.
+
+    Collective on comm.
+    """
     late = "options_left", "objects_dump"  # PETSc reads them when it ends
-    return [name for name in _typed() if not name.startswith((prefix, *late)) and not _is_used(name)]
+    mine = [name for name in _typed() if not name.startswith((prefix, *late)) and not _is_used(name)]
+    return _unread_anywhere(comm, mine)
+
+
+def _unread_anywhere(comm, unread):
+    """Those of the options that a rank has not read that no other has: sorted list of str.  Collective on comm."""
+    return sorted(set.intersection(*map(set, comm.allgather(sorted(unread)))))
+
+
+def check_typed(comm, prefix):
+    """See that all ranks have the same options under a prefix on the command line.
+
+    Collective on comm.  Ranks with other options than others would wait for each other for ever inside of PETSc.
+
+    Args:
+        comm: MPI communicator.
+        prefix: of the options.
+
+    Raises:
+        SceneError: ranks differ; it says in what.
+    """
+    check_alike(comm, {f"PETSc's option -{name}": value for name, value in _typed(prefix).items()})
 
 
 def any_typed(prefix):
     """Whether there is an option under a prefix on the command line.  Local."""
-    return any(name.startswith(prefix) for name in _typed())
+    return bool(_typed(prefix))
 
 
-def _typed():
-    """Names of all options in the database, in small letters."""
-    return [name.lower() for name in PETSc.Options().getAll()]
+def _typed(prefix=""):
+    """Options in the database under a prefix: dict of their values by their whole names, in small letters.  Local."""
+    options = {name.lower(): value for name, value in PETSc.Options().getAll().items()}
+    return {name: value for name, value in options.items() if name.startswith(prefix)}
 
 
 def _is_used(name):

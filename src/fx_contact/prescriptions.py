@@ -292,7 +292,7 @@ def evaluated(what, value, points, components):
         return np.empty((0, components))
     try:
         result = np.asarray(value(points.T.copy()))
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # one that ends the program would end it on this rank alone
         raise SceneError(
             f"{what} is a function that fails at {len(points)} points, an array of shape {(3, len(points))}: "
             f"{type(error).__name__}: {error}"

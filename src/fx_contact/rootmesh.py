@@ -21,7 +21,7 @@ MAX_ORDER = 6
 #: Lattices evaluated at once: few enough for the processor's cache.
 _CHUNK = 1 << 12
 #: Sizes below it, and above its inverse, have volumes or inertias that are no double precision numbers [m].
-_SMALLEST = 1e-60
+SMALLEST = 1e-60
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +251,7 @@ def _check_shapes(mesh):
     if len(mesh.cells) > 2_000_000:
         raise GeometryError("more than 2 million root cells: coarsen the root mesh, the leaves refine it")
     size = np.ptp(mesh.points, axis=0).max(initial=0.0)
-    if not _SMALLEST < size < 1 / _SMALLEST:
+    if not SMALLEST < size < 1 / SMALLEST:
         raise GeometryError(f"the root mesh is {size:.3g} m large, its volumes are no numbers: check the units")
 
 

@@ -206,7 +206,10 @@ def _header(path, file):
         raise _incomplete(path, size)
     if zlib.crc32(header) != checksum:
         raise CheckpointError(f"{str(path)!r} is damaged: the checksum of its header is wrong; {_ADVICE}")
-    header = json.loads(header)
+    try:
+        header = json.loads(header)
+    except (ValueError, RecursionError):  # no JSON, no text, or too deep
+        header = None
     if not _is_header(header):
         raise CheckpointError(f"{str(path)!r} is damaged or of another version: its header makes no sense; {_ADVICE}")
     header["starts"], end = _places(length, header["tables"])

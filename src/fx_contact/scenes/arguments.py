@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from fx_contact.checks import check_count, check_name, shown
+from fx_contact.checks import check_count, check_name, check_number, shown
 from fx_contact.errors import GeometryError, SceneError
-from fx_contact.rootmesh import MAX_ORDER
+from fx_contact.rootmesh import MAX_ORDER, SMALLEST
 from fx_contact.scene import Material
 
 #: Most root cells along a block: the root mesh is on every rank, it is for the leaves to be many.
@@ -27,6 +27,12 @@ def check_mesh_size(order, coarse):
         raise SceneError(
             f"coarse must be {_MOST} at most, got {coarse}: refinement makes the leaves, not the root mesh"
         )
+
+
+def check_length(what, value):
+    """Raises SceneError unless a value is a positive number, GeometryError for lengths no mesh can have.  Local."""
+    if not SMALLEST < (length := check_number(what, value, positive=True)) < 1 / SMALLEST:
+        raise GeometryError(f"{what} is {length:.3g} m, volumes of such a size are no numbers: check the units")
 
 
 def check_list(what, values, count=None):

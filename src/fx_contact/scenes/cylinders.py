@@ -6,7 +6,7 @@ from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.prescriptions import Dirichlet, SymmetryPlane
 from fx_contact.scene import ContactPair, Material, Scene
-from fx_contact.scenes.arguments import check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -45,7 +45,7 @@ def cylinders(
         ("radius of the upper", radii[1]),
         ("length", length),
     ):
-        check_number(name, value, positive=True)
+        check_length(name, value)
     check_number("displacement", displacement)
     check_mesh_size(order, coarse)
     if order == 1:

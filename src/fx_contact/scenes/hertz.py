@@ -9,7 +9,7 @@ from fx_contact.checks import check_comm, check_number
 from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.reference import CORNERS, FACE_CORNERS
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_length, check_mesh_size, check_symmetry
 from fx_contact.scenes.roundness import check_roundness
 
 
@@ -45,7 +45,7 @@ def hertz(
     check_comm(comm)
     with together(comm):
         check_symmetry(symmetry)
-        check_number("radius", radius, positive=True)
+        check_length("radius", radius)
         check_number("displacement", displacement)
         check_mesh_size(order, coarse)
         asked = {

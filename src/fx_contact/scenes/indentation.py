@@ -3,7 +3,7 @@
 from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene
-from fx_contact.scenes.arguments import check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_length, check_mesh_size, check_symmetry
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -35,7 +35,7 @@ def indentation(
         SceneError, GeometryError: an argument outside its range.
     """
     check_symmetry(symmetry)
-    check_number("side", side, positive=True)
+    check_length("side", side)
     check_number("displacement", displacement)
     check_mesh_size(order, coarse)
     if coarse % 2:

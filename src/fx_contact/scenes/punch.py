@@ -6,7 +6,7 @@ from fx_contact.checks import check_number
 from fx_contact.analytic import Hertz
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_material, check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_length, check_material, check_mesh_size, check_symmetry
 from fx_contact.scenes.indentation import cube_on_block, sideways
 from fx_contact.scenes.roundness import check_roundness
 
@@ -48,7 +48,7 @@ def punch(
     side = radius if side is None else side
     check_symmetry(symmetry)
     for name, value in (("radius", radius), ("side", side)):
-        check_number(name, value, positive=True)
+        check_length(name, value)
     for name, value in (("displacement", displacement), ("gap", gap), ("force", 0.0 if force is None else force)):
         check_number(name, value)
     for name, material in (("block", block), ("punch", punch)):

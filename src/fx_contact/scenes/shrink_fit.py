@@ -6,7 +6,7 @@ from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
 from fx_contact.prescriptions import SymmetryPlane
 from fx_contact.scene import ContactPair, Material, Scene
-from fx_contact.scenes.arguments import check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 
@@ -42,11 +42,11 @@ def shrink_fit(
     """
     check_list("radii", radii, 3)
     for radius in radii:
-        check_number("radius", radius, positive=True)
+        check_length("radius", radius)
     if not 0 < radii[0] < radii[1] < radii[2]:
         raise SceneError(f"radii must be three growing positive numbers, got {shown(radii)}")
     check_number("interference", interference)
-    check_number("height", height, positive=True)
+    check_length("height", height)
     check_mesh_size(order, coarse)
     if order == 1:
         raise SceneError("rings need a root mesh of order 2 at least to be round, got order 1")

@@ -6,7 +6,7 @@ from fx_contact.checks import check_number, shown
 from fx_contact.errors import SceneError
 from fx_contact.prescriptions import Dirichlet, SymmetryPlane
 from fx_contact.scene import ContactPair, Material, Scene
-from fx_contact.scenes.arguments import check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 from fx_contact.scenes.roundness import check_roundness
 
@@ -41,13 +41,16 @@ def spheres(
     """
     check_list("radii", radii, 2)
     for radius in radii:
-        if not (isinstance(radius, float) and np.isinf(radius)) and check_number("radius", radius) == 0:
+        if isinstance(radius, float) and np.isinf(radius):
+            continue
+        if check_number("radius", radius) == 0:
             raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
+        check_length("radius", abs(radius))
     curvature = 1 / np.array(radii, dtype=np.float64)
     if curvature.sum() <= 0:
         raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
     side = 1 / np.abs(curvature).max() if side is None else side
-    check_number("side", side, positive=True)
+    check_length("side", side)
     check_number("displacement", displacement)
     check_mesh_size(order, coarse)
     if side * np.abs(curvature).max() >= np.sqrt(2):

@@ -3,7 +3,7 @@
 from fx_contact.checks import check_number
 from fx_contact.errors import SceneError
 from fx_contact.scene import ContactPair, Dirichlet, Material, Scene, Traction
-from fx_contact.scenes.arguments import check_cells, check_list, check_material, check_mesh_size
+from fx_contact.scenes.arguments import check_cells, check_length, check_list, check_material, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -45,7 +45,7 @@ def stack(
     if len(materials) < 2:
         raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
     for name, value in (("side", side), ("height", height)):
-        check_number(name, value, positive=True)
+        check_length(name, value)
     for name, value in (
         ("displacement", displacement),
         ("gap", gap),
