@@ -27,7 +27,7 @@ def pytest_addoption(parser):
     """How often the runs of `test_checkpoint` are killed, and how what takes long is run."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the README prints to the letter, for hours")
-    parser.addoption("--in-turn", action="store_true", help="of tests that are whole runs, half on 2 and half on 3 ranks")
+    parser.addoption("--in-turn", action="store_true", help="of whole runs, half on 2 and half on 3 ranks")
 
 
 #: Modules whose tests are whole adaptive runs, most of the time on 2 and 3 ranks.
