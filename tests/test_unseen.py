@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import WORLD, corner_scene, everywhere, leaves
 from mpi4py import MPI
+from test_stored import measure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from stability_shapes import bump, in_two, ring, waves  # noqa: E402
@@ -59,7 +60,7 @@ def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
     *_, step = adapt(bump(4, 9 / 32, 0.005), 0.3, max_steps=2)
     assert step.record["active_pairs"] > 0 and step.record["unseen_contact"] > 0
-    named = unseen.unseen_contact(step.forest, step.pairs, step.contact, 1e6, step.estimate.energy)
+    named = unseen.unseen_contact(step.forest, step.pairs, step.contact, 1e6, measure(step))
     assert WORLD.allreduce(int(named.sum())) == 0
 
 
@@ -149,7 +150,7 @@ def test_overlaps_count_though_nothing_presses():
     """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
     *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
     idle = replace(step.contact, force=0.0 * step.contact.force)
-    named = unseen.unseen_contact(step.forest, step.pairs, idle, 0.3, step.estimate.energy)
+    named = unseen.unseen_contact(step.forest, step.pairs, idle, 0.3, measure(step))
     assert step.record["active_pairs"] > 0 and WORLD.allreduce(int(named.sum())) > 0
 
 
@@ -158,7 +159,7 @@ def test_facets_with_more_than_their_share():
     *_, step = adapt(punch(), 0.16)
 
     def named(tolerance):
-        marked = unseen.unseen_contact(step.forest, step.pairs, step.contact, tolerance, step.estimate.energy)
+        marked = unseen.unseen_contact(step.forest, step.pairs, step.contact, tolerance, measure(step))
         return WORLD.allreduce(int(marked.sum()))
 
     tolerance = 1.0

@@ -24,7 +24,7 @@ from fx_contact.scene import Scene, check_scene
 from fx_contact.solve import solve_contact
 from fx_contact.solver import Solver
 from fx_contact.stages import Stages
-from fx_contact.stored import stored_energy
+from fx_contact.stored import StoredEnergy
 from fx_contact.unseen import unseen_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
@@ -230,11 +230,10 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         gain.observe(error, change)
         unseen, share = np.zeros(len(forest), dtype=bool), 0.0
         if pairs is not None:
-            energy = np.empty(len(forest))
-            energy[cells.leaf] = error.energy
-            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, energy)
+            stored = StoredEnergy(forest, elasticity, materials[:, 1], error)
+            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, stored)
             if settings.enforcement.method != "exact":
-                share = _penalty_share(forest, energy, pairs, contact, len(scene.contact))
+                share = _penalty_share(stored, pairs, contact, len(scene.contact))
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
@@ -281,12 +280,12 @@ def _check_solver(contact, error, tolerance):
         )
 
 
-def _penalty_share(forest, energy, pairs, contact, count):
+def _penalty_share(stored, pairs, contact, count):
     """What overlaps hold of a contact pair's energy, at most.  Collective."""
-    stored = stored_energy(forest, energy, pairs, contact.force, pairs.contact, count)
+    energy = stored.of_forces(pairs, contact.force, pairs.contact, count)
     held = np.bincount(pairs.contact, contact.force * contact.penetration, count).astype(float)
     pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
-    return float(np.divide(held, stored, out=np.zeros(count), where=stored > 0).max(initial=0.0))
+    return float(np.divide(held, energy, out=np.zeros(count), where=energy > 0).max(initial=0.0))
 
 
 def _contact_results(scene, pairs, contact, comm):

@@ -4,57 +4,108 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from fx_contact.estimate import VOIGT
+
 #: Around a contact is what is no farther than so many times the root of its area: nearly all of a half-space's energy.
 _AROUND = 3.0
+#: A half-space's energy over that of the stress along the contact's normal, at most.
+_OF_NORMAL = 1.5
+#: Parts of the longest side of a contact's bounding box, by which its pairs are told apart.
+_PARTS = 16
 
 
-def stored_energy(forest, energy, pairs, force, group, count):
-    """Twice the energy that forces of groups of pairs store, about: what other loads store is no measure of contact.
+class StoredEnergy:
+    """The energy of this rank's leaves, and what of it the forces of groups of node pairs store.
 
     Collective on forest.comm.  A punch with the force F and the area A stores F^2 / (E* A^(1/2)) in a half-space.  In
-    bodies that are stiffer, like thin plates, it is less: no more than there is around the contact in its two bodies;
-    and all groups together store no more than there is in the bodies that they touch.
+    bodies that are stiffer, like thin plates, it is less: no more than there is in the contact's bodies next to it,
+    nearer than to others, and of that no more than a stress along its normal has.  What other loads store, in the same
+    bodies too, is no measure of contact.
 
     Args:
         forest: Forest.
-        energy: (nleaves,) float64, strain energy of this rank's leaves, twice [J].
-        pairs: NodePairs.
-        force: (n,) float64, compression positive [N].
-        group: (n,) int, the group of each pair that presses.
-        count: number of groups on all ranks.
+        elasticity: Elasticity.
+        poisson: (nbodies,) float64 [-].
+        estimate: Estimate.
+    """
+
+    def __init__(self, forest, elasticity, poisson, estimate):
+        self._forest, self._body = forest, forest.mesh.body[forest.cell]
+        self._energy = np.empty(len(forest))
+        self._energy[elasticity.leaf_mesh.leaf] = estimate.energy
+        stress = np.empty((len(forest.vertices), 6))
+        stress[elasticity.vertex_of_block] = estimate.stress.x.array.reshape(-1, 6)
+        stress = stress[forest.vertices.cells].mean(axis=1)
+        self._stress = np.empty((len(forest), 3, 3))
+        for component, (i, j) in enumerate(VOIGT):
+            self._stress[:, i, j] = self._stress[:, j, i] = stress[:, component]
+        square, trace = np.einsum("nij,nij->n", self._stress, self._stress), np.trace(self._stress, axis1=1, axis2=2)
+        self._density = (1 + poisson[self._body]) * square - poisson[self._body] * trace**2  # of energy
+        self._half = np.linalg.norm(forest.positions(np.arange(len(forest)), 0) - forest.centres, axis=1)
+
+    def of_forces(self, pairs, force, group, count):
+        """Twice the energy that the forces of groups of pairs store, about.
+
+        Collective on forest.comm.
+
+        Args:
+            pairs: NodePairs.
+            force: (n,) float64, compression positive [N].
+            group: (n,) int, the group of each pair that presses.
+            count: number of groups on all ranks.
+
+        Returns:
+            (count,) float64 [J].
+        """
+        total, approach = pairs.pressing(force, group, count)
+        touched, radius, owner, position, normal = _places(
+            pairs, force > 0, group, count, len(self._forest.mesh.bodies)
+        )
+        around = np.zeros((2, count))
+        for body in np.flatnonzero(touched.any(axis=0)):
+            leaf, place = np.flatnonzero(self._body == body), np.flatnonzero(touched[owner, body])
+            distance, nearest = cKDTree(position[place]).query(self._forest.centres[leaf])
+            near = distance <= radius[owner[place[nearest]]] + self._half[leaf]
+            leaf, place = leaf[near], place[nearest[near]]
+            along = np.einsum("ni,nij,nj->n", normal[place], self._stress[leaf], normal[place]) ** 2
+            share = np.divide(along, self._density[leaf], out=np.zeros(len(leaf)), where=along < self._density[leaf])
+            share[along >= self._density[leaf]] = 1.0
+            np.add.at(around, (0, owner[place]), self._energy[leaf])
+            np.add.at(around, (1, owner[place]), _OF_NORMAL * share * self._energy[leaf])
+        self._forest.comm.Allreduce(MPI.IN_PLACE, around)
+        return np.minimum(total * approach, around.min(axis=0))
+
+
+def _places(pairs, presses, group, count, bodies):
+    """Where groups press, with pairs that are close to each other taken together.
 
     Returns:
-        (count,) float64 [J].
+        (count, nbodies) bool, the bodies that they touch; (count,) float64, how far around is [m]; of k places the
+        group, (k,) int, the position (k, 3) [m] and the normal (k, 3).
     """
-    total, approach = pairs.pressing(force, group, count)
-    touched, centre, radius = _extents(pairs, force > 0, group, count, len(forest.mesh.bodies))
-    body, tree = forest.mesh.body[forest.cell], cKDTree(forest.centres)
-    half = np.linalg.norm(forest.positions(np.arange(len(forest)), 0) - forest.centres, axis=1)
-    widest = half.max(initial=0.0)
-    around = np.zeros(count + 1)
-    for spot in range(count):
-        near = np.array(tree.query_ball_point(centre[spot], radius[spot] + widest), dtype=np.int64)
-        near = near[touched[spot, body[near]]]
-        distance = np.linalg.norm(forest.centres[near] - centre[spot], axis=1)
-        around[spot] = energy[near[distance <= radius[spot] + half[near]]].sum()
-    around[-1] = energy[touched.any(axis=0)[body]].sum()
-    forest.comm.Allreduce(MPI.IN_PLACE, around)
-    stored = np.minimum(total * approach, around[:-1])
-    return stored * min(1.0, around[-1] / max(stored.sum(), np.finfo(float).tiny))
-
-
-def _extents(pairs, presses, group, count, bodies):
-    """(count, nbodies) bool, bodies that groups touch where they press; (count, 3), (count,) balls around that [m]."""
     comm, group = pairs.prolongation.comm, group[presses]
+    area, position, normal = pairs.area[presses], pairs.position[presses], pairs.normal[presses]
     touched = np.zeros((count, bodies), dtype=np.int32)
     touched[group[:, None], pairs.bodies[presses]] = 1
-    area, position = pairs.area[presses], pairs.position[presses]
-    sums = np.zeros((count, 4))
-    np.add.at(sums, group, np.column_stack([area, area[:, None] * position]))
-    comm.Allreduce(MPI.IN_PLACE, touched, op=MPI.MAX)
-    comm.Allreduce(MPI.IN_PLACE, sums)
-    centre = np.divide(sums[:, 1:], sums[:, :1], out=np.zeros((count, 3)), where=sums[:, :1] > 0)
-    reach = np.zeros(count)
-    np.maximum.at(reach, group, np.linalg.norm(position - centre[group], axis=1))
-    comm.Allreduce(MPI.IN_PLACE, reach, op=MPI.MAX)
-    return touched > 0, centre, reach + _AROUND * np.sqrt(pairs.symmetry * sums[:, 0])
+    ends, whole = np.full((2, count, 3), np.inf), np.bincount(group, area, count).astype(float)
+    np.minimum.at(ends, (0, group), position)
+    np.minimum.at(ends, (1, group), -position)
+    for values, operation in ((touched, MPI.MAX), (ends, MPI.MIN), (whole, MPI.SUM)):
+        comm.Allreduce(MPI.IN_PLACE, values, op=operation)
+
+    side = np.maximum((-ends[1] - ends[0]).max(axis=1), np.finfo(float).tiny) / _PARTS
+    bins = np.floor((position - ends[0, group]) / side[group, None]).astype(np.int64)
+    key = np.column_stack([group, bins])
+    sums = np.column_stack([area, area[:, None] * position, area[:, None] * normal])
+    key, sums = _added(key, sums)
+    key, sums = _added(*map(np.concatenate, zip(*comm.allgather((key, sums)))))
+    normal = sums[:, 4:] / np.maximum(np.linalg.norm(sums[:, 4:], axis=1), np.finfo(float).tiny)[:, None]
+    return touched > 0, _AROUND * np.sqrt(pairs.symmetry * whole), key[:, 0], sums[:, 1:4] / sums[:, :1], normal
+
+
+def _added(key, values):
+    """Distinct rows of integers, and the sums of the values of equal ones."""
+    key, which = np.unique(key, axis=0, return_inverse=True)
+    sums = np.zeros((len(key), values.shape[1]))
+    np.add.at(sums, which.ravel(), values)
+    return key, sums

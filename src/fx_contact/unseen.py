@@ -14,7 +14,6 @@ from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
 from fx_contact.gap import Gap
 from fx_contact.spots import Spots
-from fx_contact.stored import stored_energy
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from the linear solver,
 _VARIATION = 1e-8
@@ -24,7 +23,7 @@ _ROUNDING = 1e-9
 _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
 
 
-def unseen_contact(forest, pairs, contact, tolerance, energy):
+def unseen_contact(forest, pairs, contact, tolerance, stored):
     """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
     Collective on forest.comm.  On facets without closed pairs any overlap counts.  On others the gap differs from that
@@ -38,13 +37,13 @@ def unseen_contact(forest, pairs, contact, tolerance, energy):
         pairs: NodePairs.
         contact: ContactSolution.
         tolerance: prescribed accuracy e [-].
-        energy: (n,) float64, strain energy of this rank's leaves, twice [J].
+        stored: StoredEnergy.
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
     unseen, spots = np.zeros(len(forest), dtype=bool), Spots(forest, pairs, contact.active)
-    most = tolerance**2 * stored_energy(forest, energy, pairs, contact.force, spots.pair, spots.number)
+    most = tolerance**2 * stored.of_forces(pairs, contact.force, spots.pair, spots.number)
     most = np.maximum(most, contact.energy_error**2)
     left, closed_facets = np.zeros((2, spots.number)), []
     for index, spot in enumerate(spots.facet):
