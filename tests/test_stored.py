@@ -55,7 +55,7 @@ def measure(step):
 
 def stored(step, force):
     """As the forces of the scene's contact pairs store it, twice [J]: (npairs,)."""
-    return measure(step).of_forces(step.pairs, force, step.pairs.contact, len(step.scene.contact))
+    return measure(step).of_forces(step.pairs, force, step.pairs.contact, len(step.scene.contact))[0]
 
 
 def test_thin_plates_store_less_than_a_half_space():
@@ -87,6 +87,15 @@ def test_each_contact_pair_is_judged_alone():
     """A penalty that is stiff enough for one contact pair, which has most of the energy, is too soft for another."""
     with pytest.raises(SolveError, match="overlaps take 16.67%"):
         list(adapt(plates(pressed=True), 0.3, enforcement=Enforcement("penalty", 300.0)))
+
+
+def test_what_is_not_resolved_of_one_contact():
+    """The estimate of the whole says nothing of a light contact; that of its contact pair does."""
+    *_, step = adapt(plates(pressed=True), 0.3)
+    alone = step.record["pair_estimates"]
+    assert len(alone) == 2 and max(alone) < 1e-6 and step.record["reached"]  # uniform stresses
+    *_, step = adapt(punch(), 0.2)
+    assert 0.3 < step.record["pair_estimates"][0] / step.record["estimate"] < 1.5
 
 
 def test_a_half_space():

@@ -58,7 +58,7 @@ def test_what_is_unseen_is_refined_alone():
 
 def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
-    *_, step = adapt(bump(4, 9 / 32, 0.005), 0.3, max_steps=2)
+    *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, max_steps=2)
     assert step.record["active_pairs"] > 0 and step.record["unseen_contact"] > 0
     named = unseen.unseen_contact(step.forest, step.pairs, step.contact, 1e6, measure(step))
     assert WORLD.allreduce(int(named.sum())) == 0

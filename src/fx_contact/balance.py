@@ -5,7 +5,7 @@ import numpy as np
 from fx_contact.errors import SolveError
 
 #: Most of the forces that may be left unbalanced [-].
-MOST = 0.01
+MOST = 0.005
 #: Reactions count by this part of them: sums of magnitudes at many vertices, they may be rounding for the most part.
 _REACTIONS = 0.01
 

@@ -12,9 +12,9 @@ _NONE = np.iinfo(np.int64).max
 
 
 class Spots:
-    """The spot of each facet of the first contact surfaces that is closed at one of its vertices.
+    """The spots that facets of the first contact surfaces are in: those closed at a vertex, and those next to them.
 
-    Collective on forest.comm.  Facets of two contact pairs are in two spots, also where they share a vertex.
+    Collective on forest.comm.  Closed facets of two contact pairs are in two spots, also where they share a vertex.
 
     Args:
         forest: Forest.
@@ -24,7 +24,7 @@ class Spots:
     Attributes:
         number: int, of all ranks' spots.
         facet: for each contact pair of the scene (k,) int64, the spot of each facet that `facets_of` has, -1 where it
-            is open.
+            is next to none.
         pair: (n,) int64, the spot of each pair, -1 where its facets are open.
     """
 
@@ -48,7 +48,7 @@ class Spots:
         spots = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
         spot = np.full(len(vertices), -1)
         spot[here[known]] = self.number + np.searchsorted(spots, label[known])
-        self.facet.append(np.where(closed, spot[cells[:, 0]], -1))
+        self.facet.append(spot[cells].max(axis=1))
 
         of_conforming, conform = np.full(len(touched), -1), prolongation.conforming >= 0
         of_conforming[prolongation.conforming[conform]] = spot[conform]

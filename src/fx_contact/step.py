@@ -228,12 +228,13 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         if error.energy_norm:
             check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
-        unseen, share = np.zeros(len(forest), dtype=bool), 0.0
+        unseen, share, of_pairs = np.zeros(len(forest), dtype=bool), 0.0, []
         if pairs is not None:
             stored = StoredEnergy(forest, elasticity, materials[:, 1], error)
             unseen = unseen_contact(forest, pairs, contact, settings.tolerance, stored)
-            if settings.enforcement.method != "exact":
-                share = _penalty_share(stored, pairs, contact, len(scene.contact))
+            energy, error2 = stored.of_forces(pairs, contact.force, pairs.contact, len(scene.contact))
+            share = _penalty_share(energy, pairs, contact)
+            of_pairs = np.sqrt(np.divide(error2, energy, out=np.zeros(len(energy)), where=energy > 0)).tolist()
         leaves_unseen = comm.allreduce(int(unseen.sum()))
         fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
@@ -256,6 +257,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "assumed_effectivity": gain.effectivity,
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
+        "pair_estimates": of_pairs,
         "unseen_contact": leaves_unseen,
         "penalty_share": share,
         "reached": bool(fine and share <= settings.tolerance**2),
@@ -280,9 +282,9 @@ def _check_solver(contact, error, tolerance):
         )
 
 
-def _penalty_share(stored, pairs, contact, count):
-    """What overlaps hold of a contact pair's energy, at most.  Collective."""
-    energy = stored.of_forces(pairs, contact.force, pairs.contact, count)
+def _penalty_share(energy, pairs, contact):
+    """What overlaps hold of the energy of each contact pair, at most.  Collective."""
+    count = len(energy)
     held = np.bincount(pairs.contact, contact.force * contact.penetration, count).astype(float)
     pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
     return float(np.divide(held, energy, out=np.zeros(count), where=energy > 0).max(initial=0.0))

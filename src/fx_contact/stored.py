@@ -15,7 +15,7 @@ _PARTS = 16
 
 
 class StoredEnergy:
-    """The energy of this rank's leaves, and what of it the forces of groups of node pairs store.
+    """Energy and error of this rank's leaves, and what of the energy the forces of groups of node pairs store.
 
     Collective on forest.comm.  A punch with the force F and the area A stores F^2 / (E* A^(1/2)) in a half-space.  In
     bodies that are stiffer, like thin plates, it is less: no more than there is in the contact's bodies next to it,
@@ -31,8 +31,11 @@ class StoredEnergy:
 
     def __init__(self, forest, elasticity, poisson, estimate):
         self._forest, self._body = forest, forest.mesh.body[forest.cell]
-        self._energy = np.empty(len(forest))
-        self._energy[elasticity.leaf_mesh.leaf] = estimate.energy
+        self._energy, self._error = np.empty((2, len(forest)))
+        self._energy[elasticity.leaf_mesh.leaf], self._error[elasticity.leaf_mesh.leaf] = (
+            estimate.energy,
+            estimate.error,
+        )
         stress = np.empty((len(forest.vertices), 6))
         stress[elasticity.vertex_of_block] = estimate.stress.x.array.reshape(-1, 6)
         stress = stress[forest.vertices.cells].mean(axis=1)
@@ -44,7 +47,7 @@ class StoredEnergy:
         self._half = np.linalg.norm(forest.positions(np.arange(len(forest)), 0) - forest.centres, axis=1)
 
     def of_forces(self, pairs, force, group, count):
-        """Twice the energy that the forces of groups of pairs store, about.
+        """Twice the energy that the forces of groups of pairs store, about, and the estimated error next to them.
 
         Collective on forest.comm.
 
@@ -55,13 +58,13 @@ class StoredEnergy:
             count: number of groups on all ranks.
 
         Returns:
-            (count,) float64 [J].
+            two (count,) float64: the energy [J], and the square of the error [J].
         """
         total, approach = pairs.pressing(force, group, count)
         touched, radius, owner, position, normal = _places(
             pairs, force > 0, group, count, len(self._forest.mesh.bodies)
         )
-        around = np.zeros((2, count))
+        around = np.zeros((3, count))
         for body in np.flatnonzero(touched.any(axis=0)):
             leaf, place = np.flatnonzero(self._body == body), np.flatnonzero(touched[owner, body])
             distance, nearest = cKDTree(position[place]).query(self._forest.centres[leaf])
@@ -72,8 +75,9 @@ class StoredEnergy:
             share[along >= self._density[leaf]] = 1.0
             np.add.at(around, (0, owner[place]), self._energy[leaf])
             np.add.at(around, (1, owner[place]), _OF_NORMAL * share * self._energy[leaf])
+            np.add.at(around, (2, owner[place]), self._error[leaf] ** 2)
         self._forest.comm.Allreduce(MPI.IN_PLACE, around)
-        return np.minimum(total * approach, around.min(axis=0))
+        return np.minimum(total * approach, around[:2].min(axis=0)), around[2]
 
 
 def _places(pairs, presses, group, count, bodies):

@@ -26,11 +26,11 @@ _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
 def unseen_contact(forest, pairs, contact, tolerance, stored):
     """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
-    Collective on forest.comm.  On facets without closed pairs any overlap counts.  On others the gap differs from that
-    interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it and of what
-    it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2, each contact
-    spot may leave e^2 of the energy that its force stores, or what the linear solver leaves.  Where it leaves more,
-    facets with more than their share are named.
+    Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
+    from that interpolated from the nodes, by d, on any mesh of a round body: of what the pressures p would do on it
+    and of what it would take to press an overlap o beyond that of the nodes apart, the sum of p |d| and (E*/h) o^2,
+    each contact spot may leave e^2 of the energy that its force stores, or what the linear solver leaves.  Where it
+    leaves more, facets with more than their share are named.
 
     Args:
         forest: Forest.
@@ -43,19 +43,19 @@ def unseen_contact(forest, pairs, contact, tolerance, stored):
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
     unseen, spots = np.zeros(len(forest), dtype=bool), Spots(forest, pairs, contact.active)
-    most = tolerance**2 * stored.of_forces(pairs, contact.force, spots.pair, spots.number)
-    most = np.maximum(most, contact.energy_error**2)
-    left, closed_facets = np.zeros((2, spots.number)), []
+    energy, _ = stored.of_forces(pairs, contact.force, spots.pair, spots.number)
+    most = np.maximum(tolerance**2 * energy, contact.energy_error**2)
+    left, around = np.zeros((2, spots.number)), []
     for index, spot in enumerate(spots.facet):
         leaf, face, corner = facets_of(index, forest)
         vertex = forest.vertices.cells[leaf[:, None], corner]
-        closed, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
-        unseen[leaf[~closed][facets.where(~closed).overlap()]] = True
-        closed_facets.append((leaf[closed], spot[closed], facets.where(closed).energy()))
-        np.add.at(left, (0, spot[closed]), closed_facets[-1][-1])
-        np.add.at(left, (1, spot[closed]), closed_facets[-1][-1] > 0)
+        near, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
+        unseen[leaf[~near][facets.where(~near).overlap()]] = True
+        around.append((leaf[near], spot[near], facets.where(near).energy()))
+        np.add.at(left, (0, spot[near]), around[-1][-1])
+        np.add.at(left, (1, spot[near]), around[-1][-1] > 0)
     total, count = forest.comm.allreduce(left)
-    for leaf, spot, own in closed_facets:
+    for leaf, spot, own in around:
         unseen[leaf[(total > most)[spot] & (own > (most / np.maximum(count, 1))[spot])]] = True
     return unseen
 
