@@ -98,6 +98,37 @@ def test_what_is_not_resolved_of_one_contact():
     assert 0.3 < step.record["pair_estimates"][0] / step.record["estimate"] < 1.5
 
 
+def side_by_side(light, heavy):
+    """Two thin plates on a base as thin, one pressed by a light and one by a heavy displacement."""
+    boxes = Boxes(1)
+    boxes.add("base", (0.0, 0.0, -THICKNESS), (2 * WIDTH, WIDTH, 0.0), (4, 2, 1))
+    boxes.add("heavy", (0.0, 0.0, 0.0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1))
+    boxes.add("light", (WIDTH, 0.0, 0.0), (2 * WIDTH, WIDTH, THICKNESS), (2, 2, 1))
+    base, surfaces = boxes.facets(UP, 0.0, "base"), {"bottom": boxes.facets(DOWN, -THICKNESS)}
+    column, held, pairs = base[:, 0] % 4, {"bottom": 0.0}, []  # cells along x
+    for body, below, depth in (("heavy", base[column < 2], heavy), ("light", base[column >= 2], light)):
+        surfaces |= {f"below {body}": below, f"{body} face": boxes.facets(DOWN, 0.0, body)}
+        surfaces[f"{body} top"] = boxes.facets(UP, THICKNESS, body)
+        held[f"{body} top"] = -depth
+        pairs.append(ContactPair(f"below {body}", f"{body} face", direction=(0, 0, 1)))
+    return Scene(
+        "side by side",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("base", "heavy", "light"), Material(1.0, 0.0)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(pairs),
+    )
+
+
+def test_a_light_plate_beside_a_heavy_one():
+    """The README's limit: the light force is 4.7 times too large, and its own estimate says that it is not resolved."""
+    light = 1e-4
+    *_, last = (step.record for step in adapt(side_by_side(light, 500 * light), 0.1))
+    force = light / (2 * THICKNESS) * WIDTH**2
+    assert last["reached"] and 4 < last["pair_forces"][1] / force < 5
+    assert last["pair_estimates"][1] > 5 * max(last["pair_estimates"][0], last["estimate"])
+
+
 def test_a_half_space():
     """A punch on a large block stores about what one on a half-space does; parts of the contact store parts of it."""
     *_, step = adapt(punch(), 0.2)
