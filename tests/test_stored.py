@@ -129,6 +129,17 @@ def test_a_light_plate_beside_a_heavy_one():
     assert last["pair_estimates"][1] > 5 * max(last["pair_estimates"][0], last["estimate"])
 
 
+def test_bodies_that_begin_apart():
+    """What is around a contact is so on each body, however far apart they begin: the mesh is the same."""
+    soft, stiff = Material(1.0, 0.3), Material(1e3, 0.3)
+    near, far = (
+        list(adapt(punch(gap=gap, displacement=gap + 0.01, block=stiff, punch=soft), 0.2))[-1].record
+        for gap in (0.0, 1.0)
+    )
+    assert far["dofs"] == near["dofs"] and abs(far["force"] / near["force"] - 1) < 1e-6
+    assert abs(far["pair_estimates"][0] / near["pair_estimates"][0] - 1) < 1e-4
+
+
 def test_a_half_space():
     """A punch on a large block stores about what one on a half-space does; parts of the contact store parts of it."""
     *_, step = adapt(punch(), 0.2)

@@ -61,12 +61,10 @@ class StoredEnergy:
             two (count,) float64: the energy [J], and the square of the error [J].
         """
         total, approach = pairs.pressing(force, group, count)
-        touched, radius, owner, position, normal = _places(
-            pairs, force > 0, group, count, len(self._forest.mesh.bodies)
-        )
+        radius, owner, bodies, position, normal = _places(pairs, force > 0, group, count)
         around = np.zeros((3, count))
-        for body in np.flatnonzero(touched.any(axis=0)):
-            leaf, place = np.flatnonzero(self._body == body), np.flatnonzero(touched[owner, body])
+        for body in np.unique(bodies):
+            leaf, place = np.flatnonzero(self._body == body), np.flatnonzero(bodies == body)
             distance, nearest = cKDTree(position[place]).query(self._forest.centres[leaf])
             near = distance <= radius[owner[place[nearest]]] + self._half[leaf]
             leaf, place = leaf[near], place[nearest[near]]
@@ -80,31 +78,34 @@ class StoredEnergy:
         return np.minimum(total * approach, around[:2].min(axis=0)), around[2]
 
 
-def _places(pairs, presses, group, count, bodies):
-    """Where groups press, with pairs that are close to each other taken together.
+def _places(pairs, presses, group, count):
+    """Where groups press, on both bodies, with pairs that are close to each other taken together.
 
     Returns:
-        (count, nbodies) bool, the bodies that they touch; (count,) float64, how far around is [m]; of k places the
-        group, (k,) int, the position (k, 3) [m] and the normal (k, 3).
+        (count,) float64, how far around is [m]; of k places the group and the body, (k,) int, the undeformed position
+        (k, 3) [m] and the normal (k, 3).
     """
-    comm, group = pairs.prolongation.comm, group[presses]
-    area, position, normal = pairs.area[presses], pairs.position[presses], pairs.normal[presses]
-    touched = np.zeros((count, bodies), dtype=np.int32)
-    touched[group[:, None], pairs.bodies[presses]] = 1
-    ends, whole = np.full((2, count, 3), np.inf), np.bincount(group, area, count).astype(float)
-    np.minimum.at(ends, (0, group), position)
-    np.minimum.at(ends, (1, group), -position)
-    for values, operation in ((touched, MPI.MAX), (ends, MPI.MIN), (whole, MPI.SUM)):
-        comm.Allreduce(MPI.IN_PLACE, values, op=operation)
+    comm, area, normal = pairs.prolongation.comm, pairs.area[presses], pairs.normal[presses]
+    whole = np.bincount(group[presses], area, count).astype(float)
+    comm.Allreduce(MPI.IN_PLACE, whole)
+    across = pairs.position[presses] + pairs.gap[presses, None] * normal
+    position = np.concatenate([pairs.position[presses], across])
+    surface = np.concatenate([2 * group[presses], 2 * group[presses] + 1])
+    body = pairs.bodies[presses].T.ravel()
+    ends = np.full((2, 2 * count, 3), np.inf)
+    np.minimum.at(ends, (0, surface), position)
+    np.minimum.at(ends, (1, surface), -position)
+    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
 
     side = np.maximum((-ends[1] - ends[0]).max(axis=1), np.finfo(float).tiny) / _PARTS
-    bins = np.floor((position - ends[0, group]) / side[group, None]).astype(np.int64)
-    key = np.column_stack([group, bins])
-    sums = np.column_stack([area, area[:, None] * position, area[:, None] * normal])
-    key, sums = _added(key, sums)
+    bins = np.floor((position - ends[0, surface]) / side[surface, None]).astype(np.int64)
+    area, normal = np.tile(area, 2), np.tile(normal, (2, 1))
+    key = np.column_stack([surface, body, bins])
+    key, sums = _added(key, np.column_stack([area, area[:, None] * position, area[:, None] * normal]))
     key, sums = _added(*map(np.concatenate, zip(*comm.allgather((key, sums)))))
     normal = sums[:, 4:] / np.maximum(np.linalg.norm(sums[:, 4:], axis=1), np.finfo(float).tiny)[:, None]
-    return touched > 0, _AROUND * np.sqrt(pairs.symmetry * whole), key[:, 0], sums[:, 1:4] / sums[:, :1], normal
+    radius = _AROUND * np.sqrt(pairs.symmetry * whole)
+    return radius, key[:, 0] // 2, key[:, 1], sums[:, 1:4] / sums[:, :1], normal
 
 
 def _added(key, values):
