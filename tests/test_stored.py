@@ -78,7 +78,7 @@ def test_stretched_plates_store_no_more():
 @pytest.mark.parametrize("stretched", [0.0, 0.1])
 @pytest.mark.parametrize("factor", [None, 10.0, 300.0])
 def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
-    """It is refused, whatever other loads store; its force would be a sixth to six sevenths of the exact one."""
+    """It would lose a seventh to five sixths of the force, whatever other bodies or loads across the normal store."""
     with pytest.raises(SolveError, match="too soft"):
         list(adapt(plates(stretched=stretched), 0.1, enforcement=Enforcement("penalty", factor)))
 
@@ -89,8 +89,8 @@ def test_each_contact_pair_is_judged_alone():
         list(adapt(plates(pressed=True), 0.3, enforcement=Enforcement("penalty", 300.0)))
 
 
-def test_what_is_not_resolved_of_one_contact():
-    """The estimate of the whole says nothing of a light contact; that of its contact pair does."""
+def test_estimates_of_contact_pairs():
+    """That of a contact pair is nothing where stresses are uniform, and about the whole one where it is alone."""
     *_, step = adapt(plates(pressed=True), 0.3)
     alone = step.record["pair_estimates"]
     assert len(alone) == 2 and max(alone) < 1e-6 and step.record["reached"]  # uniform stresses

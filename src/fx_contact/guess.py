@@ -58,6 +58,7 @@ class RigidMotions:
             x, y = map(objects.add, matrix.createVecs())
 
             def product(values):
+                """The matrix times a displacement, both (owned, 3); overwritten by the next."""
                 x.array[:] = values.ravel()
                 matrix.mult(x, y)
                 return y.array.reshape(-1, 3)

@@ -8,7 +8,8 @@ from fx_contact.estimate import VOIGT
 
 #: Around a contact is what is no farther than so many times the root of its area: nearly all of a half-space's energy.
 _AROUND = 3.0
-#: A half-space's energy over that of the stress along the contact's normal, at most.
+#: So many times the energy of the stress along the contact's normal is all of a half-space's, and more than a plate's.
+#: In rings that are shrunk on each other, which hoop stresses fill, it is a seventh: they are refined for less.
 _OF_NORMAL = 1.5
 #: Parts of the longest side of a contact's bounding box, by which its pairs are told apart.
 _PARTS = 16
@@ -19,8 +20,8 @@ class StoredEnergy:
 
     Collective on forest.comm.  A punch with the force F and the area A stores F^2 / (E* A^(1/2)) in a half-space.  In
     bodies that are stiffer, like thin plates, it is less: no more than there is in the contact's bodies next to it,
-    nearer than to others, and of that no more than a stress along its normal has.  What other loads store, in the same
-    bodies too, is no measure of contact.
+    nearer than to others, and of that no more than a stress along its normal has.  What loads on other bodies, or
+    across the normal, store is no measure of contact; one along the normal, next to it, is not told apart.
 
     Args:
         forest: Forest.
