@@ -268,7 +268,8 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         last.forest, last.displacement = forest, start
         # The last step of a run that goes on again: what its refinement changed has been observed.
         seen, again = replace(gain, refined=False) if again else gain, False
-        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
+        before = records[-1] if records else None
+        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen, before)
         last.record, last.displacement = step.record, step.contact.displacement
         records.append(step.record)
         if writer is not None:
@@ -292,7 +293,7 @@ def _check_penalty(step, gain, tolerance):
         SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
     """
     record = step.record
-    if gain.aim(step.estimate, tolerance) is None and not record["unseen_contact"]:
+    if gain.aim(step.estimate, tolerance) is None and not step.contact_error.leaves:
         raise SolveError(
             f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
             f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
@@ -332,15 +333,15 @@ def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     times = np.zeros(len(step.forest), dtype=np.int8)
     times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
-    times = np.maximum(times, step.unseen)
+    times = np.maximum(times, step.contact_error.refine)
     return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
 
 
 def _resumed(checkpoint, tolerance, max_steps):
     """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
     state, records = checkpoint.load(), list(checkpoint.records)
-    gain, unseen = state.gain, state.forest.comm.allreduce(bool(state.unseen.any()), op=MPI.LOR)
-    if (gain.aim(state.estimate, tolerance) is None and not unseen) or len(records) >= max_steps:
+    gain, more = state.gain, state.forest.comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
+    if (gain.aim(state.estimate, tolerance) is None and not more) or len(records) >= max_steps:
         return state.forest, state.values, records[:-1], gain
-    times = np.maximum(gain.marked(state.estimate, tolerance, state.forest.comm), state.unseen)
+    times = np.maximum(gain.marked(state.estimate, tolerance, state.forest.comm), state.refine)
     return *state.forest.refined_with(times, state.values), records, gain

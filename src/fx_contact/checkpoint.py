@@ -27,7 +27,7 @@ from fx_contact.rowfile import RowFile, write
 from fx_contact.scene import check_scene
 
 NAME = "checkpoint"
-KIND = "checkpoint of fx_contact, version 4"
+KIND = "checkpoint of fx_contact, version 5"
 _LEVEL_BITS = 4
 #: What the content must hold besides its kind, as functions that tell whether a value can be meant.
 _CONTENT = {
@@ -46,7 +46,7 @@ _CONTENT = {
 _TABLES = {
     "leaves": ("<u8", 1, "leaves"),
     "indicator": ("<f8", 1, "leaves"),
-    "unseen": ("<f8", 1, "leaves"),
+    "refine": ("<f8", 1, "leaves"),
     "vertices": ("<i8", 1, "vertices"),
     "values": ("<f8", 3, "vertices"),
 }
@@ -122,7 +122,7 @@ class CheckpointWriter:
             {
                 "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
                 "indicator": indicator[:, None],
-                "unseen": step.unseen[:, None].astype(float),
+                "refine": step.contact_error.refine[:, None].astype(float),
                 "vertices": prolongation.vertices.keys[rows, None],
                 "values": values[rows],
             },
@@ -243,14 +243,14 @@ class State:
         forest: Forest.
         values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
-        unseen: (n,) bool, leaves to refine for contact between their nodes.
+        refine: (n,) bool, leaves to refine for contact, whatever the estimate says.
         gain: Gain of the run, before it has marked this step.
     """
 
     forest: Forest
     values: np.ndarray
     estimate: Estimate
-    unseen: np.ndarray
+    refine: np.ndarray
     gain: Gain
 
 
@@ -323,7 +323,7 @@ class Checkpoint:
         """
         scene, comm = self._scene, self.comm
         leaves, count = _named(self._file.table("leaves")[:, 0]), self._file.content["estimate"][-1]
-        keys, values, error, unseen = map(self._file.table, ("vertices", "values", "indicator", "unseen"))
+        keys, values, error, refine = map(self._file.table, ("vertices", "values", "indicator", "refine"))
         with together(comm):
             self._see(_are_leaves(scene.mesh, *leaves), "some of its leaves are none of the root mesh")
             self._see(np.isfinite(values).all(), "some of its displacements are not finite")
@@ -342,7 +342,7 @@ class Checkpoint:
             self._see(found.all(), "it lacks vertices of its leaves")
         estimate = Estimate(None, error[:, 0], None, *self._file.content["estimate"])
         gain = Gain(**self._file.content["gain"])
-        return State(forest, values[forest.vertices.cells], estimate, unseen[:, 0] > 0, gain)
+        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0] > 0, gain)
 
     def _see(self, right, damage):
         """Raises CheckpointError that says what the damage is, unless all is right.  Local."""

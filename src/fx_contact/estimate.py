@@ -135,6 +135,10 @@ class Gain:
             seen = float(np.sqrt(self.before) / on_last_mesh) if on_last_mesh else 1.0
             self.effectivity = min(max(seen, LEAST_SEEN), 1.0)
 
+    def trusted(self, tolerance):
+        """The estimate at which a tolerance is reached: less where a part of the error is not seen.  Local."""
+        return tolerance if self.effectivity >= ENOUGH_SEEN else self.effectivity * tolerance
+
     def aim(self, error, tolerance):
         """The tolerance to refine for, or None where the prescribed one is reached, (6).
 
@@ -146,7 +150,7 @@ class Gain:
         """
         if error.relative > tolerance:
             return tolerance
-        trusted = tolerance if self.effectivity >= ENOUGH_SEEN else self.effectivity * tolerance
+        trusted = self.trusted(tolerance)
         return trusted if error.relative > trusted or not self.compared else None
 
     def marked(self, error, tolerance, comm):

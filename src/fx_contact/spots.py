@@ -26,10 +26,12 @@ class Spots:
         facet: for each contact pair of the scene (k,) int64, the spot of each facet that `facets_of` has, -1 where it
             is next to none.
         pair: (n,) int64, the spot of each pair, -1 where its facets are open.
+        contact: (number,) int64, the contact pair of each spot.
     """
 
     def __init__(self, forest, pairs, active):
         self.number, self.facet, self.pair = 0, [], np.full(len(pairs), -1)
+        self.contact = np.empty(0, dtype=np.int64)
         for index in range(int(forest.pairing.pair.max()) + 1):
             self._add(index, forest, pairs, active & (pairs.contact == index))
 
@@ -55,6 +57,7 @@ class Spots:
         ours = pairs.contact == index
         self.pair[ours] = of_conforming[pairs.first[ours]]
         self.number += len(spots)
+        self.contact = np.append(self.contact, np.full(len(spots), index))
 
 
 def _lowest_connected(directory, facets):

@@ -10,6 +10,7 @@ from fx_contact.balance import check_balance
 from fx_contact.checks import check_number, shown
 from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs, resultants
+from fx_contact.contact_error import ContactError, contact_error
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
@@ -24,8 +25,6 @@ from fx_contact.scene import Scene, check_scene
 from fx_contact.solve import solve_contact
 from fx_contact.solver import Solver
 from fx_contact.stages import Stages
-from fx_contact.stored import StoredEnergy
-from fx_contact.unseen import unseen_contact
 
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
@@ -122,7 +121,7 @@ class Step:
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         contact: ContactSolution.
         estimate: Estimate.
-        unseen: (n,) bool, leaves to refine for contact between their nodes (`unseen_contact`).
+        contact_error: ContactError.
         stages: Stages of this step, from the refinement that led to it.
         along: (n, 8, k) float64 at the corners of the leaves, further fields that go along.
     """
@@ -136,7 +135,7 @@ class Step:
     start: np.ndarray
     contact: object
     estimate: object
-    unseen: np.ndarray
+    contact_error: ContactError
     stages: Stages
     along: np.ndarray
 
@@ -168,7 +167,7 @@ def check_step(step, contact=False):
         raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, of which to show something")
 
 
-def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain):
+def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain, before):
     """Solve on a forest and estimate the error.
 
     Collective on forest.comm.
@@ -183,6 +182,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         stages: Stages, with the times so far.
         quality: dict, `partition` of the record.
         gain: Gain of the run so far; it learns from this step.
+        before: record of the step before, or None.
 
     Returns:
         Step.
@@ -228,16 +228,21 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         if error.energy_norm:
             check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
         gain.observe(error, change)
-        unseen, share, of_pairs = np.zeros(len(forest), dtype=bool), 0.0, []
-        if pairs is not None:
-            stored = StoredEnergy(forest, elasticity, materials[:, 1], error)
-            unseen = unseen_contact(forest, pairs, contact, settings.tolerance, stored)
-            energy, error2 = stored.of_forces(pairs, contact.force, pairs.contact, len(scene.contact))
-            share = _penalty_share(energy, pairs, contact)
-            of_pairs = np.sqrt(np.divide(error2, energy, out=np.zeros(len(energy)), where=energy > 0)).tolist()
-        leaves_unseen = comm.allreduce(int(unseen.sum()))
-        fine = gain.aim(error, settings.tolerance) is None and not leaves_unseen
         results = _contact_results(scene, pairs, contact, comm)
+        of_contact = ContactError(np.zeros(len(forest), dtype=bool))
+        if pairs is not None:
+            of_contact = contact_error(
+                forest,
+                elasticity,
+                pairs,
+                contact,
+                error,
+                materials[:, 1],
+                settings.tolerance,
+                gain.trusted(settings.tolerance),
+                _change(results["pair_forces"], before),
+            )
+        fine = gain.aim(error, settings.tolerance) is None and not of_contact.leaves
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     record = {
         "scene": scene.name,
@@ -257,15 +262,16 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "assumed_effectivity": gain.effectivity,
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
-        "pair_estimates": of_pairs,
-        "unseen_contact": leaves_unseen,
-        "penalty_share": share,
-        "reached": bool(fine and share <= settings.tolerance**2),
+        "pair_estimates": of_contact.of_pairs,
+        "pair_leaves": of_contact.leaves_of_pairs,
+        "unseen_contact": of_contact.unseen,
+        "penalty_share": of_contact.penalty_share,
+        "reached": bool(fine and of_contact.penalty_share <= settings.tolerance**2),
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, unseen, stages, along)
+    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, of_contact, stages, along)
 
 
 def _check_solver(contact, error, tolerance):
@@ -282,12 +288,13 @@ def _check_solver(contact, error, tolerance):
         )
 
 
-def _penalty_share(energy, pairs, contact):
-    """What overlaps hold of the energy of each contact pair, at most.  Collective."""
-    count = len(energy)
-    held = np.bincount(pairs.contact, contact.force * contact.penetration, count).astype(float)
-    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, held)
-    return float(np.divide(held, energy, out=np.zeros(count), where=energy > 0).max(initial=0.0))
+def _change(forces, before):
+    """Relative changes of contact pairs' forces by refinement for their sake, inf where there was none: (n,) [-]."""
+    if before is None:
+        return np.full(len(forces), np.inf)
+    forces, last, refined = np.array(forces), np.array(before["pair_forces"]), np.array(before["pair_leaves"]) > 0
+    known = refined & (forces != 0)
+    return np.divide(np.abs(forces - last), np.abs(forces), out=np.full(len(forces), np.inf), where=known)
 
 
 def _contact_results(scene, pairs, contact, comm):

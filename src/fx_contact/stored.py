@@ -1,5 +1,7 @@
 """The energy that contact forces store, which the tolerance of each contact is relative to."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
@@ -15,98 +17,142 @@ _OF_NORMAL = 1.5
 _PARTS = 16
 
 
-class StoredEnergy:
-    """Energy and error of this rank's leaves, and what of the energy the forces of groups of node pairs store.
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """What the forces of groups of node pairs store, and of this rank's leaves that which is nearest to a group.
+
+    Attributes:
+        energy: (count,) float64, twice the energy of each group [J].
+        leaf, group: (k,) int, a leaf around a group, and the group.
+        of_leaf: (k,) float64, the most of the leaf's energy, twice, that is the group's [J].
+    """
+
+    energy: np.ndarray
+    leaf: np.ndarray
+    group: np.ndarray
+    of_leaf: np.ndarray
+
+
+def stored_by_forces(forest, elasticity, poisson, estimate, pairs, force, group, count):
+    """The energy that the forces of groups of node pairs store, about.
 
     Collective on forest.comm.  A punch with the force F and the area A stores F^2 / (E* A^(1/2)) in a half-space.  In
     bodies that are stiffer, like thin plates, it is less: no more than there is in the contact's bodies next to it,
-    nearer than to others, and of that no more than a stress along its normal has.  What loads on other bodies, or
-    across the normal, store is no measure of contact; one along the normal, next to it, is not told apart.
+    nearer than to others, and of that no more than a stress along its normal has, as far as its own pressure can cause
+    that: in a half-space, F 3 z^3 / (2 pi R^5) at the depth z, the distance R from all of it (Boussinesq).  What other
+    loads store is no measure of contact.
 
     Args:
         forest: Forest.
         elasticity: Elasticity.
         poisson: (nbodies,) float64 [-].
         estimate: Estimate.
-    """
-
-    def __init__(self, forest, elasticity, poisson, estimate):
-        self._forest, self._body = forest, forest.mesh.body[forest.cell]
-        self._energy, self._error = np.empty((2, len(forest)))
-        self._energy[elasticity.leaf_mesh.leaf], self._error[elasticity.leaf_mesh.leaf] = (
-            estimate.energy,
-            estimate.error,
-        )
-        stress = np.empty((len(forest.vertices), 6))
-        stress[elasticity.vertex_of_block] = estimate.stress.x.array.reshape(-1, 6)
-        stress = stress[forest.vertices.cells].mean(axis=1)
-        self._stress = np.empty((len(forest), 3, 3))
-        for component, (i, j) in enumerate(VOIGT):
-            self._stress[:, i, j] = self._stress[:, j, i] = stress[:, component]
-        square, trace = np.einsum("nij,nij->n", self._stress, self._stress), np.trace(self._stress, axis1=1, axis2=2)
-        self._density = (1 + poisson[self._body]) * square - poisson[self._body] * trace**2  # of energy
-        self._half = np.linalg.norm(forest.positions(np.arange(len(forest)), 0) - forest.centres, axis=1)
-
-    def of_forces(self, pairs, force, group, count):
-        """Twice the energy that the forces of groups of pairs store, about, and the estimated error next to them.
-
-        Collective on forest.comm.
-
-        Args:
-            pairs: NodePairs.
-            force: (n,) float64, compression positive [N].
-            group: (n,) int, the group of each pair that presses.
-            count: number of groups on all ranks.
-
-        Returns:
-            two (count,) float64: the energy [J], and the square of the error [J].
-        """
-        total, approach = pairs.pressing(force, group, count)
-        radius, owner, bodies, position, normal = _places(pairs, force > 0, group, count)
-        around = np.zeros((3, count))
-        for body in np.unique(bodies):
-            leaf, place = np.flatnonzero(self._body == body), np.flatnonzero(bodies == body)
-            distance, nearest = cKDTree(position[place]).query(self._forest.centres[leaf])
-            near = distance <= radius[owner[place[nearest]]] + self._half[leaf]
-            leaf, place = leaf[near], place[nearest[near]]
-            along = np.einsum("ni,nij,nj->n", normal[place], self._stress[leaf], normal[place]) ** 2
-            share = np.divide(along, self._density[leaf], out=np.zeros(len(leaf)), where=along < self._density[leaf])
-            share[along >= self._density[leaf]] = 1.0
-            np.add.at(around, (0, owner[place]), self._energy[leaf])
-            np.add.at(around, (1, owner[place]), _OF_NORMAL * share * self._energy[leaf])
-            np.add.at(around, (2, owner[place]), self._error[leaf] ** 2)
-        self._forest.comm.Allreduce(MPI.IN_PLACE, around)
-        return np.minimum(total * approach, around[:2].min(axis=0)), around[2]
-
-
-def _places(pairs, presses, group, count):
-    """Where groups press, on both bodies, with pairs that are close to each other taken together.
+        pairs: NodePairs.
+        force: (n,) float64, compression positive [N].
+        group: (n,) int, the group of each pair that presses.
+        count: number of groups on all ranks.
 
     Returns:
-        (count,) float64, how far around is [m]; of k places the group and the body, (k,) int, the undeformed position
-        (k, 3) [m] and the normal (k, 3).
+        Stored.
     """
-    comm, area, normal = pairs.prolongation.comm, pairs.area[presses], pairs.normal[presses]
-    whole = np.bincount(group[presses], area, count).astype(float)
-    comm.Allreduce(MPI.IN_PLACE, whole)
-    across = pairs.position[presses] + pairs.gap[presses, None] * normal
-    position = np.concatenate([pairs.position[presses], across])
-    surface = np.concatenate([2 * group[presses], 2 * group[presses] + 1])
-    body = pairs.bodies[presses].T.ravel()
-    ends = np.full((2, 2 * count, 3), np.inf)
-    np.minimum.at(ends, (0, surface), position)
-    np.minimum.at(ends, (1, surface), -position)
-    comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
+    body, leaves = forest.mesh.body[forest.cell], np.arange(len(forest))
+    energy = np.empty(len(forest))
+    energy[elasticity.leaf_mesh.leaf] = estimate.energy
+    stress = _stress(forest, elasticity, estimate)
+    square, trace = np.einsum("nij,nij->n", stress, stress), np.trace(stress, axis1=1, axis2=2)
+    density = (1 + poisson[body]) * square - poisson[body] * trace**2  # of energy, times Young's modulus
+    half = np.linalg.norm(forest.positions(leaves, 0) - forest.centres, axis=1)
 
-    side = np.maximum((-ends[1] - ends[0]).max(axis=1), np.finfo(float).tiny) / _PARTS
-    bins = np.floor((position - ends[0, surface]) / side[surface, None]).astype(np.int64)
-    area, normal = np.tile(area, 2), np.tile(normal, (2, 1))
-    key = np.column_stack([surface, body, bins])
-    key, sums = _added(key, np.column_stack([area, area[:, None] * position, area[:, None] * normal]))
-    key, sums = _added(*map(np.concatenate, zip(*comm.allgather((key, sums)))))
-    normal = sums[:, 4:] / np.maximum(np.linalg.norm(sums[:, 4:], axis=1), np.finfo(float).tiny)[:, None]
-    radius = _AROUND * np.sqrt(pairs.symmetry * whole)
-    return radius, key[:, 0] // 2, key[:, 1], sums[:, 1:4] / sums[:, :1], normal
+    total, approach = pairs.pressing(force, group, count)
+    places, found = _Places(pairs, force, group, count), []
+    for one in np.unique(places.body):
+        leaf, place = np.flatnonzero(body == one), np.flatnonzero(places.body == one)
+        distance, nearest = cKDTree(places.position[place]).query(forest.centres[leaf])
+        near = distance <= places.radius[places.group[place[nearest]]] + half[leaf]
+        leaf, place = leaf[near], place[nearest[near]]
+        along = np.einsum("ni,nij,nj->n", places.normal[place], stress[leaf], places.normal[place]) ** 2
+        possible = places.stress(place, forest.centres[leaf], half[leaf]) ** 2
+        share = _OF_NORMAL * _quotient(along, density[leaf]) * _quotient(possible, along)
+        found.append((leaf, places.group[place], np.minimum(share, 1.0) * energy[leaf]))
+    leaf, owner, of_leaf = map(np.concatenate, zip(*found)) if found else (leaves[:0], leaves[:0], energy[:0])
+    around = forest.comm.allreduce(np.bincount(owner, of_leaf, count))
+    return Stored(np.minimum(total * approach, around), leaf, owner, of_leaf)
+
+
+def _stress(forest, elasticity, estimate):
+    """Means of the recovered stress in this rank's leaves: (n, 3, 3) float64 [Pa]."""
+    nodal, stress = np.empty((len(forest.vertices), 6)), np.empty((len(forest), 3, 3))
+    nodal[elasticity.vertex_of_block] = estimate.stress.x.array.reshape(-1, 6)
+    for component, (i, j) in enumerate(VOIGT):
+        stress[:, i, j] = stress[:, j, i] = nodal[forest.vertices.cells, component].mean(axis=1)
+    return stress
+
+
+def _quotient(part, whole):
+    """The quotient of two non-negative arrays, at most 1, also where both are 0."""
+    return np.divide(part, whole, out=np.ones(len(part)), where=part < whole)
+
+
+class _Places:
+    """Where groups of pairs press, on both bodies: pairs that are close to each other are one place.
+
+    Collective on the pairs' communicator.  All ranks have all places, a few hundred for each group.
+
+    Args:
+        pairs: NodePairs.
+        force: (n,) float64, compression positive [N].
+        group: (n,) int, the group of each pair that presses.
+        count: number of groups on all ranks.
+
+    Attributes:
+        radius: (count,) float64, how far around each group is [m].
+        group, body: (k,) int, those of each place.
+        position, normal: (k, 3) float64, undeformed [m], and along the contact.
+    """
+
+    def __init__(self, pairs, force, group, count):
+        comm, presses = pairs.prolongation.comm, force > 0
+        group, area, normal = group[presses], pairs.area[presses], pairs.normal[presses]
+        self._pressure, whole = np.zeros(count), np.bincount(group, area, count).astype(float)
+        np.maximum.at(self._pressure, group, force[presses] / area)
+        comm.Allreduce(MPI.IN_PLACE, self._pressure, op=MPI.MAX)
+        comm.Allreduce(MPI.IN_PLACE, whole)
+        self._area = pairs.symmetry * whole
+        self.radius = _AROUND * np.sqrt(self._area)
+
+        across = pairs.position[presses] + pairs.gap[presses, None] * normal
+        position = np.concatenate([pairs.position[presses], across])
+        surface = np.concatenate([2 * group, 2 * group + 1])
+        ends = np.full((2, 2 * count, 3), np.inf)
+        np.minimum.at(ends, (0, surface), position)
+        np.minimum.at(ends, (1, surface), -position)
+        comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
+        side = np.maximum((-ends[1] - ends[0]).max(axis=1), np.finfo(float).tiny) / _PARTS
+        bins = np.floor((position - ends[0, surface]) / side[surface, None]).astype(np.int64)
+        area, normal = np.tile(area, 2), np.tile(normal, (2, 1))
+        key = np.column_stack([surface, pairs.bodies[presses].T.ravel(), bins])
+        key, sums = _added(key, np.column_stack([area, area[:, None] * position, area[:, None] * normal]))
+        key, sums = _added(*map(np.concatenate, zip(*comm.allgather((key, sums)))))
+        self.group, self.body, self._side = key[:, 0] // 2, key[:, 1], side[key[:, 0]]
+        self.position, self.normal = sums[:, 1:4] / sums[:, :1], sums[:, 4:]
+        self.normal /= np.maximum(np.linalg.norm(self.normal, axis=1, keepdims=True), np.finfo(float).tiny)
+
+    def stress(self, place, points, size):
+        """The most stress along normals that the pressure of groups causes in half-spaces: (n,) float64 [Pa].
+
+        Local.
+
+        Args:
+            place: (n,) int, the place nearest to each point.
+            points: (n, 3) float64 [m].
+            size: (n,) float64, half of what points stand for across [m].
+        """
+        group, offset = self.group[place], points - self.position[place]
+        depth = np.abs(np.einsum("ni,ni->n", offset, self.normal[place]))
+        aside = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0)) - size - self._side[place]
+        distance2 = depth**2 + np.maximum(aside, 0.0) ** 2
+        decay = _quotient(3 / (2 * np.pi) * self._area[group] * depth**3, distance2**2.5)
+        return decay * self._pressure[group]
 
 
 def _added(key, values):

@@ -13,7 +13,6 @@ import numpy as np
 from fx_contact import reference
 from fx_contact.contact import facets_of, positions_across
 from fx_contact.gap import Gap
-from fx_contact.spots import Spots
 
 #: Overlaps up to this part of what the gap varies by on a facet may come from the linear solver,
 _VARIATION = 1e-8
@@ -23,7 +22,7 @@ _ROUNDING = 1e-9
 _PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
 
 
-def unseen_contact(forest, pairs, contact, tolerance, stored):
+def unseen_contact(forest, pairs, contact, tolerance, spots, energy):
     """Leaves whose contact facets overlap with others between their nodes, or are apart there though they press.
 
     Collective on forest.comm.  Away from closed pairs any overlap counts.  On the facets around them the gap differs
@@ -37,14 +36,13 @@ def unseen_contact(forest, pairs, contact, tolerance, stored):
         pairs: NodePairs.
         contact: ContactSolution.
         tolerance: prescribed accuracy e [-].
-        stored: StoredEnergy.
+        spots: Spots of the closed pairs.
+        energy: (spots.number,) float64, what the forces of each spot store, twice [J].
 
     Returns:
         (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
-    unseen, spots = np.zeros(len(forest), dtype=bool), Spots(forest, pairs, contact.active)
-    energy, _ = stored.of_forces(pairs, contact.force, spots.pair, spots.number)
-    most = np.maximum(tolerance**2 * energy, contact.energy_error**2)
+    unseen, most = np.zeros(len(forest), dtype=bool), np.maximum(tolerance**2 * energy, contact.energy_error**2)
     left, around = np.zeros((2, spots.number)), []
     for index, spot in enumerate(spots.facet):
         leaf, face, corner = facets_of(index, forest)
