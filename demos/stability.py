@@ -184,7 +184,7 @@ def show(one):
 def main():
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a tenth of the scenes, spread over all rows")
+    parser.add_argument("--quick", action="store_true", help="a tenth of each row, at least one: a sixth of all")
     parser.add_argument("--only", metavar="NAME", help="run one scene, whether it has a score or not")
     parser.add_argument("--list", action="store_true", help="print the names of the scenes")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")

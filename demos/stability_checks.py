@@ -91,6 +91,7 @@ class Twin:
         curved: whether the contact is round.
         tolerance: of the twin's run, relative to that of the run.
         default: whether its contact is enforced as the program chooses, however that of the run is.
+        each: whether the force of each contact pair is compared, to the tolerance: it may be light beside other loads.
     """
 
     scene: object
@@ -102,6 +103,7 @@ class Twin:
     curved: bool = False
     tolerance: float = 1.0
     default: bool = False
+    each: bool = False
 
 
 class State:
@@ -251,6 +253,11 @@ class State:
             Check("force against the twin", _off(force[0] * twin.force, force[1]), allowed),
             Check("energy against the twin", _off(energy[0] * twin.energy, energy[1]), allowed + rounded),
         ]
+        if twin.each:  # held to e of it, or e^2 of the largest
+            tolerance = self.record["tolerance"]
+            one, two = (np.array(record["pair_forces"]) for record in (self.record, other.record))
+            off = np.abs(one * twin.force - two) / np.maximum(two, tolerance * two.max())
+            result[0] = Check("force of each pair against the twin", off.max(), tolerance)
         if same and twin.same_contact:
             pressure = self.record["max_pressure"] * twin.pressure
             allowed *= np.sqrt(len(self.pairs))

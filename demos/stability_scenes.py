@@ -13,11 +13,14 @@ from stability_shapes import (
     PLAIN,
     about,
     all_held,
+    beam,
     bump,
     clamped,
     corner,
+    films,
     in_two,
     oblique,
+    on_a_base,
     ring,
     sheared_nodes,
     waves,
@@ -440,6 +443,29 @@ def gaps():
     yield Case("gap", "spheres apart", "0.01", partial(hertz, 1.0, -0.01), nothing)
 
 
+def other_loads():
+    """Contact beside loads that store more than it does, and at the tip of a beam that they bend towards it."""
+    finer = {"same_mesh": False, "tolerance": 0.5, "each": True}
+
+    def case(row, value, make, twin):
+        return Case("other loads", row, value, make, Twin(twin, **finer), tolerance=0.25)
+
+    for ratio in (1.0, 5.0, 20.0, 1e3):
+        make = partial(on_a_base, heavy=1e-4 * ratio)
+        yield case("heavier plate beside", exponent(ratio), make, partial(make, cells=4))
+    for pressure in (0.02, 0.5):
+        make = partial(on_a_base, pressure=pressure)
+        yield case("pressure beside a plate", f"{pressure:g}", make, partial(make, cells=4))
+    for weight in (0.4, 4.0):
+        make = partial(films, order=1, weight=weight)
+        yield case("weight of a film", f"{weight:g}", make, partial(make, cells=4))
+    make = partial(films, 1e-4, pressure=0.1)
+    yield case("waves of a film beside a pressure", "1e-4", make, make)  # with other cells they were others
+    for closing in (0.0, 0.5, 0.9):
+        make = partial(beam, closing)
+        yield case("beam, gap over deflection", f"{closing:g}", make, make)
+
+
 def orders():
     """Order of the root mesh."""
     for order in range(1, 7):
@@ -455,8 +481,8 @@ def orders():
             "order", "indentation", value, partial(indentation, order=order), Twin(indentation), tolerance=0.25
         )
         if order > 1:
-            finest = Twin(partial(punch, order=6), curved=True, **OTHER_MESH)
-            yield Case("order", "punch", value, partial(punch, order=order), finest)
+            finer = Twin(partial(punch, order=6), curved=True, **OTHER_MESH | {"tolerance": 0.5})
+            yield Case("order", "punch", value, partial(punch, order=order), finer)
 
 
 def cases(methods):
@@ -469,7 +495,7 @@ def cases(methods):
         dict name -> Case, axis by axis.
     """
     tables = [ratios, compressibility, aspects, degenerate, depths, units, grading, many_bodies, tilts]
-    tables += [held_by_contact, gaps, between_nodes, orders]
+    tables += [held_by_contact, gaps, between_nodes, other_loads, orders]
     listed = [*enforcements(methods), *(case for table in tables for case in table())]
     result = {case.name: case for case in listed}
     if len(result) < len(listed):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, reference
+from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, reference
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 PLAIN = Material(young=1.0, poisson=0.3)
@@ -110,6 +110,100 @@ def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
         order: of the root mesh.
     """
     return _pressed_on("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
+
+
+def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2, displacement=1e-4):
+    """Two thin films pressed into each other, the upper one with four waves on its face, the lower one loaded too.
+
+    Args:
+        wave: height of the waves, all of whose nodes touch at once on two cells [m].
+        order: of the root mesh.
+        pressure: on the end of the lower film, beside the upper one [Pa].
+        weight: of the lower film [N/m^3].
+        cells: root cells along a film's width.
+        displacement: of the top, besides that of the lower film by its weight [m].
+    """
+    boxes, thick = Boxes(order), 0.05
+    boxes.add("lower", (0.0, 0.0, -thick), (3.0, 1.0, 0.0), (3 * cells, cells, 1))
+    boxes.add("upper", (0.0, 0.0, 0.0), (1.0, 1.0, thick), (cells, cells, 1))
+
+    def place(name, x):
+        down = (1 - x[:, 2] / thick) * wave * np.cos(8 * np.pi * x[:, 0]) * (name == "upper")
+        return x - np.outer(down, [0, 0, 1])
+
+    face = boxes.facets(UP, 0.0, "lower")
+    column = face[:, 0] % (3 * cells)
+    surfaces = {"bottom": boxes.facets(DOWN, -thick), "top": boxes.facets(UP, thick)}
+    surfaces |= {"below": face[column < cells], "above": boxes.facets(DOWN, 0.0, "upper")}
+    surfaces |= {"end": face[column >= 2 * cells]}
+    return Scene(
+        "films",
+        boxes.mesh(surfaces, place=place),
+        dict.fromkeys(("lower", "upper"), Material(1.0, 0.0)),
+        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -displacement - weight * thick**2 / 2)),
+        (ContactPair("below", "above", direction=(0, 0, 1)),),
+        (Pressure("end", pressure),) if pressure else (),
+        body_forces=(BodyForce("lower", (0.0, 0.0, -weight)),) if weight else (),
+    )
+
+
+def on_a_base(heavy=0.0, pressure=0.0, cells=2, light=1e-4):
+    """A plate on one half of a base as thin; the other half carries a plate pressed harder, or a pressure at its end.
+
+    Args:
+        heavy: displacement of the other plate; 0: there is none [m].
+        pressure: on the farther half of the other half [Pa].
+        cells: root cells along a plate's width.
+        light: displacement of the plate [m].
+    """
+    boxes, thick, wide, bodies = Boxes(1), 0.05, 10.0, ["base"]
+    boxes.add("base", (0.0, 0.0, -thick), (2 * wide, wide, 0.0), (2 * cells, cells, 1))
+    base, pairs, loads = boxes.facets(UP, 0.0, "base"), [], []
+    column, surfaces, held = base[:, 0] // cells % 2, {"bottom": boxes.facets(DOWN, -thick)}, {"bottom": 0.0}
+    for half, (body, depth) in enumerate((("light", light), ("heavy", heavy))):
+        if depth:
+            bodies.append(body)
+            boxes.add(body, (half * wide, 0.0, 0.0), ((half + 1) * wide, wide, thick), (cells, cells, 1))
+            surfaces |= {f"below {body}": base[column == half], f"{body} face": boxes.facets(DOWN, 0.0, body)}
+            surfaces[f"{body} top"] = boxes.facets(UP, thick, body)
+            held[f"{body} top"] = -depth
+            pairs.append(ContactPair(f"below {body}", f"{body} face", direction=(0, 0, 1)))
+    if pressure:
+        surfaces["end"] = base[base[:, 0] % (2 * cells) >= 3 * cells // 2]
+        loads.append(Pressure("end", pressure))
+    return Scene(
+        "on a base",
+        boxes.mesh(surfaces),
+        dict.fromkeys(bodies, Material(1.0, 0.0)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(pairs),
+        tuple(loads),
+    )
+
+
+def beam(closing, cells=10):
+    """A cantilever that a pressure bends towards a block under its tip.
+
+    Args:
+        closing: gap before the tip, relative to its deflection by the theory of slender beams, p L^4 / (8 E I) [-].
+        cells: root cells along the beam.
+    """
+    boxes, long, pressure = Boxes(1), 10.0, 1e-5
+    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, 1.0), (cells, cells // 10, cells // 10))
+    boxes.add("block", (long - 1.0, 0.0, -1.0), (long, 1.0, 0.0), (cells // 10,) * 3)
+    below = boxes.facets(DOWN, 0.0, "beam")
+    surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, 1.0, "beam")}
+    surfaces |= {"tip": below[below[:, 0] % cells >= cells - cells // 10]}
+    surfaces |= {"head": boxes.facets(UP, 0.0, "block"), "foot": boxes.facets(DOWN, -1.0, "block")}
+    gap = closing * 1.5 * pressure * long**4
+    return Scene(
+        "beam",
+        boxes.mesh(surfaces, place=lambda name, x: x - np.array([0, 0, gap]) * (name == "block")),
+        dict.fromkeys(("beam", "block"), Material(1.0, 0.0)),
+        (Dirichlet("wall", 0.0, 0.0, 0.0), Dirichlet("foot", 0.0, 0.0, 0.0)),
+        (ContactPair("tip", "head", direction=(0, 0, -1)),),
+        (Pressure("load", pressure),),
+    )
 
 
 def oblique(degrees, direction=None):

@@ -9,6 +9,7 @@ from fx_contact._mpi import together
 from fx_contact.agreement import check_alike
 from fx_contact.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.checks import check_comm, check_count, check_name, check_same_comm, shown
+from fx_contact.contact_error import aim_of_forces
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import FxContactError, PartitionError, SceneError, SolveError
 from fx_contact.estimate import Gain
@@ -171,8 +172,8 @@ def adapt(
 
     Returns:
         Iterator of Step, until xi / (e omega) <= 1, xi divided by the part of the error that the estimate is found to
-        see if that is less than `estimate.ENOUGH_SEEN`, or max_steps are done.  The first mesh is never the last one
-        but for that: only a second one shows what its estimate is worth.
+        see if that is less than `estimate.ENOUGH_SEEN`, and contact is resolved (`contact_error`), or max_steps are
+        done.  The first mesh is never the last one but for that: only a second one shows what its estimate is worth.
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
@@ -293,7 +294,8 @@ def _check_penalty(step, gain, tolerance):
         SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
     """
     record = step.record
-    if gain.aim(step.estimate, tolerance) is None and not step.contact_error.leaves:
+    resolved = not step.contact_error.leaves and aim_of_forces(record, tolerance) is None
+    if resolved and gain.aim(step.estimate, tolerance) is None:
         raise SolveError(
             f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
             f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
@@ -332,7 +334,8 @@ def _first_forest(scene, comm, kind):
 def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     times = np.zeros(len(step.forest), dtype=np.int8)
-    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    aim = aim_of_forces(step.record, tolerance) or tolerance
+    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, min(aim, tolerance), step.forest.comm)
     times = np.maximum(times, step.contact_error.refine)
     return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
 
@@ -341,7 +344,9 @@ def _resumed(checkpoint, tolerance, max_steps):
     """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
     state, records = checkpoint.load(), list(checkpoint.records)
     gain, more = state.gain, state.forest.comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
-    if (gain.aim(state.estimate, tolerance) is None and not more) or len(records) >= max_steps:
+    aim = aim_of_forces(records[-1], tolerance)
+    if (gain.aim(state.estimate, tolerance) is None and aim is None and not more) or len(records) >= max_steps:
         return state.forest, state.values, records[:-1], gain
-    times = np.maximum(gain.marked(state.estimate, tolerance, state.forest.comm), state.refine)
+    marked = gain.marked(state.estimate, min(aim or tolerance, tolerance), state.forest.comm)
+    times = np.maximum(marked, state.refine)
     return *state.forest.refined_with(times, state.values), records, gain

@@ -8,6 +8,9 @@ from fx_contact.spots import Spots
 from fx_contact.stored import stored_by_forces
 from fx_contact.unseen import unseen_contact
 
+#: The estimate that forces need is aimed at below, and not at less than so much of the present one.
+_AIM, _LEAST_AIM = 0.9, 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class ContactError:
@@ -18,6 +21,8 @@ class ContactError:
         leaves: number of these on all ranks.
         unseen: number of those on all ranks that contact between nodes needs (`unseen_contact`).
         of_pairs: list of float, for each contact pair the estimated error of its work, relative to it [-].
+        of_forces: list of float, for each contact pair the error of its force, extrapolated, relative to it; None where
+            nothing is known [-].
         leaves_of_pairs: list of int, number of those on all ranks that the force of each contact pair needs.
         penalty_share: the most that overlaps take of a contact pair's force, about [-].
     """
@@ -26,11 +31,12 @@ class ContactError:
     leaves: int = 0
     unseen: int = 0
     of_pairs: list = field(default_factory=list)
+    of_forces: list = field(default_factory=list)
     leaves_of_pairs: list = field(default_factory=list)
     penalty_share: float = 0.0
 
 
-def contact_error(forest, elasticity, pairs, contact, estimate, poisson, tolerance, trusted, change):
+def contact_error(forest, elasticity, pairs, contact, estimate, poisson, tolerance, trusted, forces, before):
     """Judge the contact of a step.
 
     Collective on forest.comm.  A spot's force times its approach is about the energy E that it stores.  What the error
@@ -39,7 +45,8 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
     where contact alone loads bodies, and more next to heavier loads.  As errors are orthogonal to what the mesh can
     resolve, its square is about the relative error of the force; less if refining there has changed that by less.
     Contact pairs may have e of their force, e^2 of the largest one, or what the linear solver leaves; where they have
-    more, leaves with more than their share are to be refined.
+    more, leaves with more than their share are to be refined.  Of what is wrong far from a contact, as where a load
+    bends a beam towards it, the changes of its force tell (`aim_of_forces`).
 
     Args:
         forest: Forest.
@@ -50,12 +57,13 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
         poisson: (nbodies,) float64 [-].
         tolerance: prescribed accuracy e [-].
         trusted: the same, less where the estimate sees only a part of the error [-].
-        change: (npairs,) float64, relative change of each contact pair's force by the last refinement, inf where that
-            was not for its sake [-].
+        forces: list of float, `pair_forces` of the record [N].
+        before: record of the step before, or None.
 
     Returns:
         ContactError.
     """
+    extrapolated, change = _extrapolated(forces, estimate.relative, before)
     spots = Spots(forest, pairs, contact.active)
     stored = stored_by_forces(forest, elasticity, poisson, estimate, pairs, contact.force, spots.pair, spots.number)
     unseen = unseen_contact(forest, pairs, contact, tolerance, spots, stored.energy)
@@ -72,21 +80,76 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
 
     def of_pairs(of_spots):
         """Sums over the spots of each contact pair: (npairs,) float64."""
-        return np.bincount(spots.contact, of_spots, len(change))
+        return np.bincount(spots.contact, of_spots, len(forces))
 
-    force_of_pair = of_pairs(force)
-    share = _over(force, force_of_pair[spots.contact]) / np.maximum(stored.energy, np.finfo(float).tiny)
+    share = _over(_over(force, of_pairs(force)[spots.contact]), stored.energy)
     of_force, held = of_pairs(share * off), of_pairs(share * overlap)
-    most = np.maximum(trusted, _over(tolerance**2 * force_of_pair.max(initial=0.0), force_of_pair))
+    most = _allowed(forces, tolerance, trusted)
     resolved = np.minimum(of_force**2, change) <= most
     share_of_leaf = np.where(resolved, np.inf, np.sqrt(most) / np.maximum(of_pairs(leaves), 1))
     pair = spots.contact[stored.group]
     more = share[stored.group] * error > share_of_leaf[pair]
     refine = unseen.copy()
     refine[stored.leaf[more]] = True
-    totals = [*np.bincount(pair[more], minlength=len(change)), unseen.sum(), refine.sum()]
+    totals = [*np.bincount(pair[more], minlength=len(forces)), unseen.sum(), refine.sum()]
     *of_leaves, unseen, leaves = forest.comm.allreduce(np.array(totals, dtype=int)).tolist()
-    return ContactError(refine, leaves, unseen, of_force.tolist(), of_leaves, float(held.max(initial=0.0)))
+    return ContactError(
+        refine, leaves, unseen, of_force.tolist(), extrapolated, of_leaves, float(held.max(initial=0.0))
+    )
+
+
+def aim_of_forces(record, tolerance):
+    """The estimate that the forces of contact pairs need, or None where they are as right as they should be.
+
+    Local.
+
+    Args:
+        record: of the step.
+        tolerance: prescribed accuracy e [-].
+    """
+    errors = _known(record["pair_errors"]) / _allowed(record["pair_forces"], tolerance, tolerance)
+    worst = errors.max(initial=0.0)
+    return record["estimate"] * max(_LEAST_AIM, _AIM / np.sqrt(worst)) if worst > 1 and record["estimate"] else None
+
+
+def _allowed(forces, tolerance, trusted):
+    """Relative errors that forces of contact pairs [N] may have: (npairs,) float64 [-]."""
+    forces = np.abs(forces)
+    return np.maximum(trusted, _over(tolerance**2 * forces.max(initial=0.0), forces))
+
+
+def _extrapolated(forces, estimate, before):
+    """Errors of contact pairs' forces, as what is left falls with the square of the estimate, and their changes.
+
+    Where refinement has lowered that by less than a half, it has been local, and tells nothing of the rest.
+
+    Args:
+        forces: list of float, `pair_forces` of the record [N].
+        estimate: xi / omega [-].
+        before: record of the step before, or None.
+
+    Returns:
+        list of float, relative errors, 1 where contact is new, or None; and (npairs,) float64, relative changes by
+        refinement for the sake of these forces, inf where there was none [-].
+    """
+    forces = np.array(forces)
+    if before is None:
+        return [None] * len(forces), np.full(len(forces), np.inf)
+    last, lowered = np.array(before["pair_forces"]), (
+        (estimate / before["estimate"]) ** 2 if before["estimate"] else 1.0
+    )
+    change = _over(np.abs(forces - last), np.abs(forces))
+    if lowered <= 0.5:
+        error = change * lowered / (1 - lowered)
+    else:
+        error = change + _known(before["pair_errors"]) * min(lowered, 1.0)
+    error[(last == 0) & (forces != 0)] = 1.0
+    return np.minimum(error, 1.0).tolist(), np.where(np.array(before["pair_leaves"]) > 0, change, np.inf)
+
+
+def _known(errors):
+    """Errors of a record as (npairs,) float64, 0 where they are not known."""
+    return np.nan_to_num(np.array(errors, dtype=float))
 
 
 def _over(part, whole):

@@ -10,7 +10,7 @@ from fx_contact.balance import check_balance
 from fx_contact.checks import check_number, shown
 from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs, resultants
-from fx_contact.contact_error import ContactError, contact_error
+from fx_contact.contact_error import ContactError, aim_of_forces, contact_error
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
@@ -240,7 +240,8 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
                 materials[:, 1],
                 settings.tolerance,
                 gain.trusted(settings.tolerance),
-                _change(results["pair_forces"], before),
+                results["pair_forces"],
+                before,
             )
         fine = gain.aim(error, settings.tolerance) is None and not of_contact.leaves
         max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
@@ -263,14 +264,17 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
         "pair_estimates": of_contact.of_pairs,
+        "pair_errors": of_contact.of_forces,
         "pair_leaves": of_contact.leaves_of_pairs,
         "unseen_contact": of_contact.unseen,
         "penalty_share": of_contact.penalty_share,
-        "reached": bool(fine and of_contact.penalty_share <= settings.tolerance**2),
+        "reached": False,
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
     }
+    fine = fine and aim_of_forces(record, settings.tolerance) is None
+    record["reached"] = bool(fine and of_contact.penalty_share <= settings.tolerance**2)
     return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, of_contact, stages, along)
 
 
@@ -286,15 +290,6 @@ def _check_solver(contact, error, tolerance):
             f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
             "let the bodies begin closer to each other, whose rigid motions are large against their strains"
         )
-
-
-def _change(forces, before):
-    """Relative changes of contact pairs' forces by refinement for their sake, inf where there was none: (n,) [-]."""
-    if before is None:
-        return np.full(len(forces), np.inf)
-    forces, last, refined = np.array(forces), np.array(before["pair_forces"]), np.array(before["pair_leaves"]) > 0
-    known = refined & (forces != 0)
-    return np.divide(np.abs(forces - last), np.abs(forces), out=np.full(len(forces), np.inf), where=known)
 
 
 def _contact_results(scene, pairs, contact, comm):
