@@ -31,7 +31,7 @@ def pytest_addoption(parser):
 
 
 #: Modules whose tests are whole adaptive runs, most of the time on 2 and 3 ranks.
-WHOLE_RUNS = {"test_accuracy", "test_enforcement", "test_hertz", "test_scenes", "test_unseen"}
+WHOLE_RUNS = {"test_accuracy", "test_contact_error", "test_enforcement", "test_hertz", "test_scenes", "test_unseen"}
 
 
 def pytest_collection_modifyitems(config, items):
