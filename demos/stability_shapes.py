@@ -206,6 +206,42 @@ def beam(closing, cells=10):
     )
 
 
+def sinking(deeper, pressure=0.1, radius=1.0):
+    """A light round body on a block that sinks under a pressure beside it, a quarter of both.
+
+    Args:
+        deeper: displacement of the body beyond the 0.02228 m by which the block sinks below it without contact [m].
+        pressure: on the farther half of the block's face [Pa].
+        radius: of the body's face [m].
+    """
+    boxes, side = Boxes(2), 0.5
+    boxes.add("block", (0.0, 0.0, -2.0), (2.0, 2.0, 0.0), (4, 4, 4))
+    boxes.add("body", (0.0, 0.0, 0.0), (side, side, side), (1, 1, 1))
+
+    def place(name, x):
+        return x + np.outer(
+            (name == "body") * (1 - x[:, 2] / side) * (x[:, :2] ** 2).sum(axis=1) / 2 / radius, [0, 0, 1]
+        )
+
+    face = boxes.facets(UP, 0.0, "block")
+    surfaces = {"bottom": boxes.facets(DOWN, -2.0), "top": boxes.facets(UP, side, "body")}
+    surfaces |= {"below": boxes.facets(UP, 0.0, "block", within=side), "above": boxes.facets(DOWN, 0.0, "body")}
+    surfaces |= {
+        "load": face[face[:, 0] % 4 >= 2],
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+    }
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", z=-0.02228 - deeper)
+    return Scene(
+        "sinking",
+        boxes.mesh(surfaces, place=place),
+        dict.fromkeys(("block", "body"), PLAIN),
+        (*held, SymmetryPlane("x = 0"), SymmetryPlane("y = 0")),
+        (ContactPair("below", "above", direction=(0, 0, 1)),),
+        (Pressure("load", pressure),),
+    )
+
+
 def oblique(degrees, direction=None):
     """Two blocks that meet in a plane, its normal so many degrees from z; ends are held, the upper one is lowered."""
     boxes, slope = Boxes(1), np.tan(np.radians(degrees))

@@ -264,6 +264,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "tolerance": settings.tolerance,
         "ratio": error.relative / settings.tolerance,
         "pair_estimates": of_contact.of_pairs,
+        "pair_gaps": of_contact.gaps,
         "pair_errors": of_contact.of_forces,
         "pair_leaves": of_contact.leaves_of_pairs,
         "unseen_contact": of_contact.unseen,
