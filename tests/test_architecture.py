@@ -18,7 +18,7 @@ ORDER = """
     forest leafgraph units _compat smoothing partition hanging quality mesh
     petsc_objects matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
-    activeset guess estimate solve balance gap spots stored unseen contact_error
+    activeset guess estimate solve balance gap spots stored unseen force_error contact_error
     step checkpoint
     accuracy
     adapt manufactured

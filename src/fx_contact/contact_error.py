@@ -1,20 +1,16 @@
-"""What of the error is contact's own: between its nodes, in its forces, and of a penalty."""
+"""What of the error is contact's own: between its nodes, next to it, and of a penalty."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 
+from fx_contact.force_error import allowed_errors, extrapolated_errors, least_gaps, quotient
 from fx_contact.spots import Spots
 from fx_contact.stored import stored_by_forces
 from fx_contact.unseen import unseen_contact
 
-#: The estimate that forces need is aimed at below, and not at less than so much of the present one.
-_AIM, _LEAST_AIM = 0.9, 0.5
 #: Near a contact beside heavier loads forces may be wrong by so many times more than what refinement changed tells.
 _HIDDEN = 10.0
-#: The error that a gap may have so that it is one, relative to it; and the least, relative to what it has changed by.
-_OPEN, _CLOSED = 0.5, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +49,7 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
     resolve, its square is about the relative error of the force; less if refining has changed that by less.
     Contact pairs may have e of their force, e^2 of the largest one, or what the linear solver leaves; where they have
     more, leaves with more than their share are to be refined.  Of what is wrong far from a contact, as where a load
-    bends a beam towards it, the changes of its force tell (`aim_of_forces`).
+    bends a beam towards it, the changes of its force tell (`force_error`).
 
     Args:
         forest: Forest.
@@ -70,8 +66,8 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
     Returns:
         ContactError.
     """
-    gaps, closed = _gaps(pairs, contact, len(forces))
-    extrapolated, change = _extrapolated(np.array(forces), gaps, closed, estimate.relative, before)
+    gaps, closed = least_gaps(pairs, contact, len(forces))
+    extrapolated, change = extrapolated_errors(np.array(forces), gaps, closed, estimate.relative, before)
     spots = Spots(forest, pairs, contact.active)
     stored = stored_by_forces(forest, elasticity, poisson, estimate, pairs, contact.force, spots.pair, spots.number)
     unseen = unseen_contact(forest, pairs, contact, tolerance, spots, stored.energy)
@@ -90,9 +86,9 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
         """Sums over the spots of each contact pair: (npairs,) float64."""
         return np.bincount(spots.contact, of_spots, len(forces))
 
-    share = _over(_over(force, of_pairs(force)[spots.contact]), stored.energy)
+    share = quotient(quotient(force, of_pairs(force)[spots.contact]), stored.energy)
     of_force, held = of_pairs(share * off), of_pairs(share * overlap)
-    most = _allowed(forces, tolerance, trusted)
+    most = allowed_errors(forces, tolerance, trusted)
     # Before the whole is resolved, refining it may do for the forces too.
     resolved = (estimate.relative > trusted) | (
         np.minimum.reduce([of_force**2, change, _HIDDEN * extrapolated]) <= most
@@ -114,80 +110,3 @@ def contact_error(forest, elasticity, pairs, contact, estimate, poisson, toleran
         of_leaves,
         float(held.max(initial=0.0)),
     )
-
-
-def aim_of_forces(record, tolerance):
-    """The estimate that the forces of contact pairs need, or None where they are as right as they should be.
-
-    Local.
-
-    Args:
-        record: of the step.
-        tolerance: prescribed accuracy e [-].
-    """
-    errors = _known(record["pair_errors"]) / _allowed(record["pair_forces"], tolerance, tolerance)
-    worst = errors.max(initial=0.0)
-    return record["estimate"] * max(_LEAST_AIM, _AIM / np.sqrt(worst)) if worst > 1 and record["estimate"] else None
-
-
-def _allowed(forces, tolerance, trusted):
-    """Relative errors that forces of contact pairs [N], or gaps without one, may have: (npairs,) float64 [-]."""
-    forces = np.abs(forces)
-    most = np.maximum(trusted, _over(tolerance**2 * forces.max(initial=0.0), forces))
-    return np.where(forces > 0, most, _OPEN)
-
-
-def _gaps(pairs, contact, count):
-    """The least gap of each contact pair's nodes, and the most that one has changed: two (count,) float64 [m].
-
-    Collective.
-    """
-    ends = np.full((2, count), np.inf)
-    np.minimum.at(ends[0], pairs.contact, -contact.penetration)
-    np.minimum.at(ends[1], pairs.contact, -np.abs(pairs.gap + contact.penetration))
-    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    return np.maximum(ends[0], 0.0), -ends[1]
-
-
-def _extrapolated(forces, gaps, closed, estimate, before):
-    """Errors of contact pairs' forces and gaps, as what is left falls with the square of the estimate.
-
-    Local.  Where refinement has lowered that by less than a half, it has been local, and tells nothing of the rest.
-
-    Args:
-        forces: (npairs,) float64, `pair_forces` of the record [N].
-        gaps: (npairs,) float64, the least that are left [m].
-        closed: (npairs,) float64, the most that gaps have changed [m].
-        estimate: xi / omega [-].
-        before: record of the step before, or None.
-
-    Returns:
-        two (npairs,) float64: relative errors, of forces, at most 1 and that where contact is new, of gaps where there
-        is no force, inf where nothing is known; and the relative changes of forces by refinement for their sake, inf
-        where there was none [-].
-    """
-    if before is None:
-        return np.full((2, len(forces)), np.inf)
-    last, last_gaps = np.array(before["pair_forces"]), np.array(before["pair_gaps"])
-    lowered = min((estimate / before["estimate"]) ** 2, 1.0) if before["estimate"] else 1.0
-    change = _over(np.abs(forces - last), np.abs(forces))
-    opened = np.abs(gaps - last_gaps)
-    opened[opened <= _CLOSED * closed] = 0.0
-    error = np.where(forces != 0, change, opened / np.maximum(gaps, _CLOSED * closed + np.finfo(float).tiny))
-    if lowered <= 0.5:
-        error *= lowered / (1 - lowered)
-    else:
-        error += _known(before["pair_errors"]) * lowered
-    error[forces != 0] = np.minimum(error, 1.0)[forces != 0]
-    error[(last == 0) & (forces != 0)] = 1.0
-    return error, np.where(np.array(before["pair_leaves"]) > 0, change, np.inf)
-
-
-def _known(errors):
-    """Errors of a record as (npairs,) float64, 0 where they are not known."""
-    return np.nan_to_num(np.array(errors, dtype=float))
-
-
-def _over(part, whole):
-    """The quotient of two non-negative numbers or arrays, 0 where the second is."""
-    return np.divide(part, whole, out=np.zeros(len(whole)), where=whole > 0)

@@ -10,11 +10,12 @@ from fx_contact.balance import check_balance
 from fx_contact.checks import check_number, shown
 from fx_contact.conditions import prescribed_displacements, shear_free_components
 from fx_contact.contact import node_pairs, resultants
-from fx_contact.contact_error import ContactError, aim_of_forces, contact_error
+from fx_contact.contact_error import ContactError, contact_error
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.estimate import estimate
+from fx_contact.force_error import aim_of_forces
 from fx_contact.forest import Forest
 from fx_contact.guess import RigidMotions
 from fx_contact.loads import load
