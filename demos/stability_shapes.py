@@ -112,8 +112,8 @@ def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
     return _pressed_on("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
 
 
-def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2, displacement=1e-4):
-    """Two thin films pressed into each other, the upper one with four waves on its face, the lower one loaded too.
+def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2):
+    """Two thin films pressed into each other by 1e-4 m: the upper with four waves on its face, the lower loaded too.
 
     Args:
         wave: height of the waves, all of whose nodes touch at once on two cells [m].
@@ -121,9 +121,9 @@ def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2, displacement=1e-
         pressure: on the end of the lower film, beside the upper one [Pa].
         weight: of the lower film [N/m^3].
         cells: root cells along a film's width.
-        displacement: of the top, besides that of the lower film by its weight [m].
     """
     boxes, thick = Boxes(order), 0.05
+    sunk = weight * thick**2 / 2  # the lower film by its weight
     boxes.add("lower", (0.0, 0.0, -thick), (3.0, 1.0, 0.0), (3 * cells, cells, 1))
     boxes.add("upper", (0.0, 0.0, 0.0), (1.0, 1.0, thick), (cells, cells, 1))
 
@@ -140,27 +140,26 @@ def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2, displacement=1e-
         "films",
         boxes.mesh(surfaces, place=place),
         dict.fromkeys(("lower", "upper"), Material(1.0, 0.0)),
-        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -displacement - weight * thick**2 / 2)),
+        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -1e-4 - sunk)),
         (ContactPair("below", "above", direction=(0, 0, 1)),),
         (Pressure("end", pressure),) if pressure else (),
         body_forces=(BodyForce("lower", (0.0, 0.0, -weight)),) if weight else (),
     )
 
 
-def on_a_base(heavy=0.0, pressure=0.0, cells=2, light=1e-4):
-    """A plate on one half of a base as thin; the other half carries a plate pressed harder, or a pressure at its end.
+def on_a_base(heavy=0.0, pressure=0.0, cells=2):
+    """A plate pressed by 1e-4 m on half of a base as thin, whose other half carries a heavier plate or a pressure.
 
     Args:
         heavy: displacement of the other plate; 0: there is none [m].
         pressure: on the farther half of the other half [Pa].
         cells: root cells along a plate's width.
-        light: displacement of the plate [m].
     """
     boxes, thick, wide, bodies = Boxes(1), 0.05, 10.0, ["base"]
     boxes.add("base", (0.0, 0.0, -thick), (2 * wide, wide, 0.0), (2 * cells, cells, 1))
     base, pairs, loads = boxes.facets(UP, 0.0, "base"), [], []
     column, surfaces, held = base[:, 0] // cells % 2, {"bottom": boxes.facets(DOWN, -thick)}, {"bottom": 0.0}
-    for half, (body, depth) in enumerate((("light", light), ("heavy", heavy))):
+    for half, (body, depth) in enumerate((("light", 1e-4), ("heavy", heavy))):
         if depth:
             bodies.append(body)
             boxes.add(body, (half * wide, 0.0, 0.0), ((half + 1) * wide, wide, thick), (cells, cells, 1))
@@ -206,22 +205,19 @@ def beam(closing, cells=10):
     )
 
 
-def sinking(deeper, pressure=0.1, radius=1.0):
-    """A light round body on a block that sinks under a pressure beside it, a quarter of both.
+def sinking(deeper):
+    """A round body that lightly touches a block, which sinks under a pressure of 0.1 Pa beside it, a quarter of both.
 
     Args:
         deeper: displacement of the body beyond the 0.02228 m by which the block sinks below it without contact [m].
-        pressure: on the farther half of the block's face [Pa].
-        radius: of the body's face [m].
     """
     boxes, side = Boxes(2), 0.5
     boxes.add("block", (0.0, 0.0, -2.0), (2.0, 2.0, 0.0), (4, 4, 4))
     boxes.add("body", (0.0, 0.0, 0.0), (side, side, side), (1, 1, 1))
 
     def place(name, x):
-        return x + np.outer(
-            (name == "body") * (1 - x[:, 2] / side) * (x[:, :2] ** 2).sum(axis=1) / 2 / radius, [0, 0, 1]
-        )
+        up = (name == "body") * (1 - x[:, 2] / side) * (x[:, :2] ** 2).sum(axis=1) / 2  # of radius 1 m
+        return x + np.outer(up, [0, 0, 1])
 
     face = boxes.facets(UP, 0.0, "block")
     surfaces = {"bottom": boxes.facets(DOWN, -2.0), "top": boxes.facets(UP, side, "body")}
@@ -238,7 +234,7 @@ def sinking(deeper, pressure=0.1, radius=1.0):
         dict.fromkeys(("block", "body"), PLAIN),
         (*held, SymmetryPlane("x = 0"), SymmetryPlane("y = 0")),
         (ContactPair("below", "above", direction=(0, 0, 1)),),
-        (Pressure("load", pressure),),
+        (Pressure("load", 0.1),),
     )
 
 
