@@ -539,8 +539,10 @@ COMPARED = [
         ("hertz", hertz, (1,)),
         ("spheres", spheres, (1, 2)),
         ("punch", punch, (1, 3)),
-        ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), (1,)),
+        ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), (1, 2, 3)),
         ("stack of three", stack, (1, 2, 3)),
+        ("stack of four", lambda: stack([Material(1.0, 0.3)] * 4), (1, 2, 3)),
+        ("tall cells", lambda: stack(cells=(5, 5, 3)), (1, 2, 3)),
         ("finer stack", lambda: stack(cells=(4, 4, 4)), (1, 2, 3)),
     )
 ]

@@ -41,9 +41,9 @@ PRECONDITIONERS = {
         "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
     },
 }
-#: Unknowns up to which BoomerAMG does not coarsen aggressively: of 162 that would leave 6, and half as many iterations
-#: again.
-_FEW = 1200
+#: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity: its levels cost nothing there, and
+#: what aggressive coarsening leaves of so few (6 of 162) tells little, and less of equal bodies in a row than of others.
+_FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
 #: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
 METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
 #: PETSc options that would undo what the solver states of its error, and why they are not the user's.
@@ -80,8 +80,8 @@ def preconditioner_options(name, unknowns):
     Returns:
         dict.
     """
-    options, levels = PRECONDITIONERS[name], "pc_hypre_boomeramg_agg_nl"
-    return options | {levels: 0} if levels in options and unknowns <= _FEW else options
+    options = PRECONDITIONERS[name]
+    return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 
 
 @dataclass(frozen=True)
