@@ -54,7 +54,7 @@ from fx_contact.overrefined import true_error  # noqa: E402
 from fx_contact.partition import KINDS  # noqa: E402
 from fx_contact.petsc_options import COMMON, unread_options  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
-from fx_contact.report import table_head, table_row, total_seconds  # noqa: E402
+from fx_contact.report import doubts, table_head, table_row, total_seconds  # noqa: E402
 from fx_contact.solver import PRECONDITIONERS  # noqa: E402
 
 
@@ -220,6 +220,8 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
     if not record["active_pairs"]:
         show("The bodies do not touch.")
+    for line in doubts(record):
+        show(line)
     show(f"force {record['force']:.6g} N, largest pressure {record['max_pressure']:.5g} Pa")
     if compared:
         radii = f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m"

@@ -444,7 +444,7 @@ def gaps():
 
 
 def other_loads():
-    """Contact beside loads that store more than it does, and at the tip of a beam that they bend towards it."""
+    """Contact beside loads that store more than it does, and of beams that they bend towards it."""
     finer = {"same_mesh": False, "tolerance": 0.5, "each": True}
 
     def case(row, value, make, twin):
@@ -464,6 +464,14 @@ def other_loads():
     for closing in (0.0, 0.5, 0.9):
         make = partial(beam, closing)
         yield case("beam, gap over deflection", f"{closing:g}", make, make)
+    for closing in (0.8, 0.9):
+        for row, known in {
+            "in tension, nu = 0.4": {"poisson": 0.4, "tension": 1e-2},
+            "over a tapered gap": {"tension": 3e-3, "tapered": True},
+            "beside a heavy load": {"beside": 0.1},
+        }.items():
+            make = partial(beam, closing, **known)
+            yield case(f"beam {row}, gap over deflection", f"{closing:g}", make, make)
 
 
 def orders():

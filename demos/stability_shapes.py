@@ -4,7 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, reference
+from fx_contact import (
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    Traction,
+    reference,
+)
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 PLAIN = Material(young=1.0, poisson=0.3)
@@ -180,28 +190,47 @@ def on_a_base(heavy=0.0, pressure=0.0, cells=2):
     )
 
 
-def beam(closing, cells=10):
+def beam(closing, cells=10, poisson=0.0, tension=0.0, tapered=False, beside=0.0):
     """A cantilever that a pressure bends towards a block under its tip.
 
     Args:
         closing: gap before the tip, relative to its deflection by the theory of slender beams, p L^4 / (8 E I) [-].
         cells: root cells along the beam.
+        poisson: of both [-].
+        tension: along the beam, on its end [Pa].
+        tapered: whether the block is under all of the beam, as near to it beside the wall as a thousandth of the gap.
+        beside: pressure on a block that is wider, far from the tip [Pa].
     """
-    boxes, long, pressure = Boxes(1), 10.0, 1e-5
-    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, 1.0), (cells, cells // 10, cells // 10))
-    boxes.add("block", (long - 1.0, 0.0, -1.0), (long, 1.0, 0.0), (cells // 10,) * 3)
-    below = boxes.facets(DOWN, 0.0, "beam")
-    surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, 1.0, "beam")}
-    surfaces |= {"tip": below[below[:, 0] % cells >= cells - cells // 10]}
-    surfaces |= {"head": boxes.facets(UP, 0.0, "block"), "foot": boxes.facets(DOWN, -1.0, "block")}
+    boxes, long, pressure, n = Boxes(1), 10.0, 1e-5, cells // 10
     gap = closing * 1.5 * pressure * long**4
+    near = np.array([0.0 if tapered else long - 1.0, 0.0, -4.0 if beside else -1.0])
+    far = np.array([long + 5.0, 4.0, 0.0]) if beside else np.array([long, 1.0, 0.0])
+    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, 1.0), (cells, n, n))
+    boxes.add("block", near, far, tuple(n * (far - near).astype(int)))
+    below, above = boxes.facets(DOWN, 0.0, "beam"), boxes.facets(UP, 0.0, "block")
+    column, row = np.divmod(above[:, 0] - cells * n * n, (far - near)[0].astype(int) * n)[::-1]
+    row %= (far - near)[1].astype(int) * n
+    surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, 1.0, "beam")}
+    surfaces |= {"end": boxes.facets(RIGHT, long, "beam"), "foot": boxes.facets(DOWN, near[2], "block")}
+    surfaces |= {"tip": below if tapered else below[below[:, 0] % cells >= cells - n]}
+    surfaces |= {"head": above[(column < n) & (row < n)] if beside else above}
+    if beside:
+        surfaces |= {"patch": above[(column >= 4 * n) & (row >= 2 * n)]}
+
+    def place(name, x):
+        share = np.maximum(x[:, 0] / long, 1e-3) if tapered else np.ones(len(x))
+        return x - np.outer(gap * share * (name == "block"), [0, 0, 1])
+
+    loads = [Pressure("load", pressure)]
+    loads += [Traction("end", (tension, 0.0, 0.0))] if tension else []
+    loads += [Pressure("patch", beside)] if beside else []
     return Scene(
         "beam",
-        boxes.mesh(surfaces, place=lambda name, x: x - np.array([0, 0, gap]) * (name == "block")),
-        dict.fromkeys(("beam", "block"), Material(1.0, 0.0)),
+        boxes.mesh(surfaces, place=place),
+        dict.fromkeys(("beam", "block"), Material(1.0, poisson)),
         (Dirichlet("wall", 0.0, 0.0, 0.0), Dirichlet("foot", 0.0, 0.0, 0.0)),
         (ContactPair("tip", "head", direction=(0, 0, -1)),),
-        (Pressure("load", pressure),),
+        tuple(loads),
     )
 
 

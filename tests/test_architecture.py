@@ -12,14 +12,14 @@ FOLDER = Path(fx_contact.__file__).parent
 
 #: The modules, or folders of modules, from the ground up: each may import those before it, and nothing else of ours.
 ORDER = """
-    errors _mpi checks agreement stages memory report rowfile
+    errors _mpi checks agreement stages memory rowfile
     reference rootmesh gmsh_model lattice pairing curve prescriptions plausibility analytic references
     scene problem scenes
     forest leafgraph units _compat smoothing partition hanging quality mesh
     petsc_objects matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
-    activeset guess estimate solve balance gap spots stored unseen force_error contact_error
-    step checkpoint
+    activeset guess contact_system solve estimate balance gap spots stored unseen force_error contact_error
+    report step checkpoint
     accuracy
     adapt manufactured
     overrefined

@@ -319,6 +319,7 @@ def first_row(value):
         ("values", first_row(lambda row: np.nan * row), "displacements are not finite"),
         ("indicator", first_row(lambda row: np.nan * row), "errors are negative, or not finite"),
         ("indicator", first_row(lambda row: -1 - row), "errors are negative, or not finite"),
+        ("refine", first_row(lambda row: row + 3), "refined other than once or twice"),
         ("vertices", lambda rows: 0 * rows - 1, "lacks vertices of its leaves"),
         ("indicator", lambda rows: rows[:-1], "indicator in it is missing or makes no sense"),
         ("vertices", lambda rows: rows[:-1], "values in it is missing or makes no sense"),

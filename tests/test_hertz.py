@@ -20,7 +20,7 @@ from fx_contact.scenes import hertz
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
 krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
-pair_estimates, pair_errors, pair_gaps, pair_leaves, max_pressure, max_penetration, partition, seconds,
+pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds,
 cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share"""
 
 

@@ -12,7 +12,6 @@ from fx_contact.checks import check_comm, check_count, check_name, check_same_co
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import FxContactError, PartitionError, SceneError, SolveError
 from fx_contact.estimate import Gain
-from fx_contact.force_error import aim_of_forces
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.solver import Solver
@@ -269,8 +268,7 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         last.forest, last.displacement = forest, start
         # The last step of a run that goes on again: what its refinement changed has been observed.
         seen, again = replace(gain, refined=False) if again else gain, False
-        before = records[-1] if records else None
-        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen, before)
+        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
         last.record, last.displacement = step.record, step.contact.displacement
         records.append(step.record)
         if writer is not None:
@@ -294,7 +292,7 @@ def _check_penalty(step, gain, tolerance):
         SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
     """
     record = step.record
-    if not step.contact_error.leaves and _aim(gain, step.estimate, record, tolerance) is None:
+    if not step.contact_error.leaves and gain.aim(step.estimate, tolerance) is None:
         raise SolveError(
             f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
             f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
@@ -330,16 +328,10 @@ def _first_forest(scene, comm, kind):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
-def _aim(gain, estimate, record, tolerance):
-    """The tolerance to refine for: the whole first, then what contact forces need; None where both are reached."""
-    return aim_of_forces(record, tolerance) if gain.aim(estimate, tolerance) is None else tolerance
-
-
 def _refine(step, tolerance, gain):
     """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
     times = np.zeros(len(step.forest), dtype=np.int8)
-    aim = _aim(gain, step.estimate, step.record, tolerance)
-    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, aim or tolerance, step.forest.comm)
+    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
     times = np.maximum(times, step.contact_error.refine)
     return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
 
@@ -348,9 +340,8 @@ def _resumed(checkpoint, tolerance, max_steps):
     """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
     state, records = checkpoint.load(), list(checkpoint.records)
     gain, more = state.gain, state.forest.comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
-    aim = _aim(gain, state.estimate, records[-1], tolerance)
-    if (aim is None and not more) or len(records) >= max_steps:
+    if (gain.aim(state.estimate, tolerance) is None and not more) or len(records) >= max_steps:
         return state.forest, state.values, records[:-1], gain
-    marked = gain.marked(state.estimate, aim or tolerance, state.forest.comm)
+    marked = gain.marked(state.estimate, tolerance, state.forest.comm)
     times = np.maximum(marked, state.refine)
     return *state.forest.refined_with(times, state.values), records, gain

@@ -27,7 +27,7 @@ from fx_contact.rowfile import RowFile, write
 from fx_contact.scene import check_scene
 
 NAME = "checkpoint"
-KIND = "checkpoint of fx_contact, version 5"
+KIND = "checkpoint of fx_contact, version 6"
 _LEVEL_BITS = 4
 #: What the content must hold besides its kind, as functions that tell whether a value can be meant.
 _CONTENT = {
@@ -243,7 +243,7 @@ class State:
         forest: Forest.
         values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
-        refine: (n,) bool, leaves to refine for contact, whatever the estimate says.
+        refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
         gain: Gain of the run, before it has marked this step.
     """
 
@@ -329,6 +329,9 @@ class Checkpoint:
             self._see(np.isfinite(values).all(), "some of its displacements are not finite")
             self._see(((error >= 0) & np.isfinite(error)).all(), "some of its errors are negative, or not finite")
             self._see(
+                np.isin(refine, (0, 1, 2)).all(), "some of its leaves are to be refined other than once or twice"
+            )
+            self._see(
                 count == self._file.tables["leaves"]["rows"], "it has another number of leaves than its estimate"
             )
         self._see(_are_whole(comm, scene.mesh, *leaves), "its leaves do not fill the root cells, each of them once")
@@ -342,7 +345,7 @@ class Checkpoint:
             self._see(found.all(), "it lacks vertices of its leaves")
         estimate = Estimate(None, error[:, 0], None, *self._file.content["estimate"])
         gain = Gain(**self._file.content["gain"])
-        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0] > 0, gain)
+        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), gain)
 
     def _see(self, right, damage):
         """Raises CheckpointError that says what the damage is, unless all is right.  Local."""

@@ -5,6 +5,7 @@ have B u = D.  A penalty lets them overlap by what their force takes (1); an aug
 missing (J. C. Simo, T. A. Laursen, Comput. Struct. 42(1), 1992); elimination holds them exactly.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -167,6 +168,16 @@ class Jump:
         self.matrix = PairRows(pairs, self.rows)
         self.movable = np.logical_or(*(row.any(axis=1) for row in self.rows))
         self.gap = pairs.gap - np.einsum("ni,ni->n", pairs.normal, known[pairs.first] - known[pairs.second])
+
+    def with_gap(self, gap):
+        """The same across other gaps: Jump.  Local.
+
+        Args:
+            gap: (n,) float64, less what prescribed components contribute [m].
+        """
+        other = copy(self)
+        other.gap = gap
+        return other
 
 
 class Springs:

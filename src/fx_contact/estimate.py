@@ -135,9 +135,10 @@ class Gain:
             seen = float(np.sqrt(self.before) / on_last_mesh) if on_last_mesh else 1.0
             self.effectivity = min(max(seen, LEAST_SEEN), 1.0)
 
-    def trusted(self, tolerance):
-        """The estimate at which a tolerance is reached: less where a part of the error is not seen.  Local."""
-        return tolerance if self.effectivity >= ENOUGH_SEEN else self.effectivity * tolerance
+    @property
+    def sees(self):
+        """The part of the error that the estimate sees, 1 if that is enough to take it at its word [-]."""
+        return 1.0 if self.effectivity >= ENOUGH_SEEN else self.effectivity
 
     def aim(self, error, tolerance):
         """The tolerance to refine for, or None where the prescribed one is reached, (6).
@@ -150,7 +151,7 @@ class Gain:
         """
         if error.relative > tolerance:
             return tolerance
-        trusted = self.trusted(tolerance)
+        trusted = self.sees * tolerance
         return trusted if error.relative > trusted or not self.compared else None
 
     def marked(self, error, tolerance, comm):

@@ -1,106 +1,163 @@
-"""Errors of contact forces, and of gaps that are left, as what refinement changes of them tells."""
+"""Errors of contact forces and of open gaps: goal-oriented estimates, by the solutions of dual problems.
+
+The force of a contact pair is F = L(z) - a(u, z): its dual solution z is how the bodies answer if its closed node pairs
+overlap by 1 and nothing else moves or loads them.  With the solutions u_h and z_h on a mesh, F - F_h = a(u - u_h,
+z - z_h), at most the sum of xi_T(u) xi_T(z) over the cells.  The same holds of the mean of a gap, if z is how they
+answer to forces that widen it (J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta
+Numer. 10, 2001).  So a light contact is refined where its force is made, wherever that is, and whatever else stores
+energy.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
-#: The estimate that forces need is aimed at below, and not at less than so much of the present one.
-_AIM, _LEAST_AIM = 0.9, 0.5
-#: The error that a gap may have so that it is one, relative to it; and the least, relative to what it has changed by.
-_OPEN, _CLOSED = 0.5, 1e-6
+from fx_contact.estimate import estimate
+
+#: The error that the mean of a gap may have so that it is one, relative to it: the least is a half of the mean.
+OPEN = 0.25
+#: The part of the allowed error that refinement aims at, and that which cells that are not refined keep at most.
+_AIM, _KEPT = 0.8, 0.25
+#: Errors of a child and of all eight, relative to their parent's, where both solutions are smooth.
+_CHILD, _CHILDREN = 1 / 32, 1 / 4
+#: Gaps up to this part of what they have changed by are rounding.
+_CLOSED = 1e-6
+#: Thresholds between which marking chooses, down to so much of the largest error.
+_THRESHOLDS, _LEAST = 1024, 1e-12
 
 
-def aim_of_forces(record, tolerance):
-    """The estimate that the forces of contact pairs need, or None where they are as right as they should be.
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A force or a gap, and what is wrong with it.
+
+    Attributes:
+        value: the force of the modelled part [N], or the mean gap [m].
+        error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, in the unit of the value.
+        total: sum of these on all ranks.
+        moved: of a gap, how much the strains of the bodies contribute to it [m]; 0 of a force.
+    """
+
+    value: float
+    error: np.ndarray
+    total: float
+    moved: float = 0.0
+
+
+class Goals:
+    """The goals of a step: forces of contact pairs, and gaps of those that have none.
 
     Local.
 
     Args:
-        record: of the step.
-        tolerance: prescribed accuracy e [-].
+        elasticity: Elasticity; its `u` is the displacement, and is so again after each goal.
+        system: ContactSystem of the solution.
+        shear_free, stages: as for `estimate`.
+        pairs: NodePairs.
+        contact: ContactSolution.
+        error: Estimate of its error.
     """
-    errors = _known(record["pair_errors"]) / allowed_errors(record["pair_forces"], tolerance, tolerance)
-    worst = errors.max(initial=0.0)
-    return record["estimate"] * max(_LEAST_AIM, _AIM / np.sqrt(worst)) if worst > 1 and record["estimate"] else None
+
+    def __init__(self, elasticity, system, shear_free, stages, pairs, contact, error):
+        self._elasticity, self._system, self._shear_free, self._stages = elasticity, system, shear_free, stages
+        self._pairs, self._contact, self._error = pairs, contact, error
+        self._comm = pairs.prolongation.comm
+
+    def force(self, index):
+        """The force of a contact pair: Goal.  Collective.
+
+        Args:
+            index: of the contact pair.
+        """
+        ours = (self._pairs.contact == index) & self._contact.active
+        value = self._comm.allreduce(float(self._contact.force[ours].sum()))
+        error, _ = self._weighted(ours.astype(float), np.zeros(len(ours)))
+        return Goal(value, error, self._sum(error))
+
+    def gap(self, index):
+        """The mean gap of an open contact pair where it has changed most for what is left of it: Goal, None if nowhere.
+
+        Collective.  A gap that is least where nothing moves tells nothing.
+
+        Args:
+            index: of the contact pair.
+        """
+        pairs = self._pairs
+        left = np.maximum(-self._contact.penetration, 0.0)
+        changed = np.abs(pairs.gap + self._contact.penetration)
+        ours = pairs.contact == index
+        ratio = np.where(ours, changed / np.maximum(left, _CLOSED * changed + np.finfo(float).tiny), 0.0)
+        most = self._comm.allreduce(float(ratio.max(initial=0.0)), op=MPI.MAX)
+        there = (ratio >= most / 2) & (ratio > 0)
+        area = self._sum(there * pairs.area)
+        if not area:
+            return None
+        weight = there * pairs.area / area
+        error, dual = self._weighted(np.zeros(len(ours)), -weight)
+        return Goal(self._sum(weight * left), error, self._sum(error), self._moved(dual))
+
+    def _weighted(self, overlap, force):
+        """What the errors of cells may do to a goal, (ncells,) float64, and its dual solution, (owned, 3) float64."""
+        with self._stages("solve"):
+            dual = self._system.dual(overlap, force)
+        self._elasticity.set_displacement(dual)
+        error = self._error.error * estimate(self._elasticity, self._shear_free, self._stages).error
+        self._elasticity.set_displacement(self._contact.displacement)
+        return error, dual
+
+    def _moved(self, dual):
+        """|a(u, z)|, what strains contribute to the goal of a dual solution."""
+        norm, u = self._elasticity.energy_norm, self._contact.displacement
+        own, other = norm(u), norm(dual)
+        scale = own / other if own and other else 1.0  # that makes both alike
+        above, below = norm(u + scale * dual), norm(u - scale * dual)
+        self._elasticity.set_displacement(u)
+        return abs(above**2 - below**2) / (4 * scale)
+
+    def _sum(self, values):
+        return self._comm.allreduce(float(values.sum()))
 
 
-def allowed_errors(forces, tolerance, trusted):
-    """Relative errors that forces of contact pairs, or gaps without one, may have.
+def allowed_errors(forces, tolerance, effectivity):
+    """Relative errors that forces of contact pairs may have: e of what each should be, or e^2 of the largest.
 
     Local.
 
     Args:
         forces: (npairs,) float64, or a list, `pair_forces` of a record [N].
         tolerance: prescribed accuracy e [-].
-        trusted: the same, less where the estimate sees only a part of the error [-].
+        effectivity: the part of the error that the estimate sees [-].
 
     Returns:
-        (npairs,) float64 [-].
+        (npairs,) float64, relative to the forces that they have [-].
     """
     forces = np.abs(forces)
-    most = np.maximum(trusted, quotient(tolerance**2 * forces.max(initial=0.0), forces))
-    return np.where(forces > 0, most, _OPEN)
+    light = np.divide(forces.max(initial=0.0), forces, out=np.full(len(forces), np.inf), where=forces > 0)
+    allowed = np.maximum(tolerance, tolerance**2 * light)
+    return effectivity / (1 + 1 / allowed)
 
 
-def least_gaps(pairs, contact, count):
-    """The least gap that is left at the nodes of each contact pair, and the most that one has changed.
+def marked(error, allowed, comm):
+    """How often to refine each cell: the fewest that bring the sum of the errors below what is allowed.
 
-    Collective.
-
-    Args:
-        pairs: NodePairs.
-        contact: ContactSolution.
-        count: number of contact pairs.
-
-    Returns:
-        two (count,) float64, 0 where a contact pair has no nodes [m].
-    """
-    ends = np.full((2, count), np.inf)
-    np.minimum.at(ends[0], pairs.contact, -contact.penetration)
-    np.minimum.at(ends[1], pairs.contact, -np.abs(pairs.gap + contact.penetration))
-    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    ends[~np.isfinite(ends)] = 0.0
-    return np.maximum(ends[0], 0.0), -ends[1]
-
-
-def extrapolated_errors(forces, gaps, closed, estimate, before):
-    """Errors of contact pairs' forces and gaps, as what is left falls with the square of the estimate.
-
-    Local.  Where refinement has lowered that by less than a half, it has been local, and tells nothing of the rest.
+    Collective on comm.  Cells whose children would be among the largest again are refined twice.  Where that does not
+    suffice, the others keep little of what is allowed.
 
     Args:
-        forces: (npairs,) float64, `pair_forces` of the record [N].
-        gaps: (npairs,) float64, the least that are left [m].
-        closed: (npairs,) float64, the most that gaps have changed [m].
-        estimate: xi / omega [-].
-        before: record of the step before, or None.
+        error: (ncells,) float64, of this rank's cells.
+        allowed: sum of the errors of all ranks' cells that is allowed.
+        comm: MPI communicator.
 
     Returns:
-        two (npairs,) float64: relative errors, of forces, at most 1 and that where contact is new, of gaps where there
-        is no force, inf where nothing is known; and the relative changes of forces by refinement for their sake, inf
-        where there was none [-].
+        (ncells,) int8, 0, 1 or 2.
     """
-    if before is None:
-        return np.full((2, len(forces)), np.inf)
-    last, last_gaps = np.array(before["pair_forces"]), np.array(before["pair_gaps"])
-    lowered = min((estimate / before["estimate"]) ** 2, 1.0) if before["estimate"] else 1.0
-    change = quotient(np.abs(forces - last), np.abs(forces))
-    opened = np.abs(gaps - last_gaps)
-    opened[opened <= _CLOSED * closed] = 0.0
-    error = np.where(forces != 0, change, opened / np.maximum(gaps, _CLOSED * closed + np.finfo(float).tiny))
-    if lowered <= 0.5:
-        error *= lowered / (1 - lowered)
-    else:
-        error += _known(before["pair_errors"]) * lowered
-    error[forces != 0] = np.minimum(error, 1.0)[forces != 0]
-    error[(last == 0) & (forces != 0)] = 1.0
-    return error, np.where(np.array(before["pair_leaves"]) > 0, change, np.inf)
-
-
-def _known(errors):
-    """Errors of a record as (npairs,) float64, 0 where they are not known."""
-    return np.nan_to_num(np.array(errors, dtype=float))
-
-
-def quotient(part, whole):
-    """The quotient of two non-negative numbers or arrays, 0 where the second is.  Local."""
-    return np.divide(part, whole, out=np.zeros(len(whole)), where=whole > 0)
+    largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
+    thresholds = np.geomspace(1.0, _LEAST, _THRESHOLDS) * largest
+    # The first threshold, from the highest down, that a cell exceeds, and that its children would.
+    places = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, _CHILD)]
+    sums = np.stack([np.bincount(place, error, _THRESHOLDS + 1) for place in places])
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    once, twice = np.cumsum(sums, axis=1)
+    left = once[-1] - (1 - _CHILDREN) * (once + _CHILDREN * twice)
+    enough = (left <= _AIM * allowed) | (once[-1] - once <= _KEPT * allowed)
+    return sum((place <= int(np.argmax(enough))).astype(np.int8) for place in places)

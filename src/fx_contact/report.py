@@ -7,6 +7,7 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from fx_contact.force_error import OPEN
 from fx_contact.stages import STAGES
 
 
@@ -63,6 +64,27 @@ def table_row(record):
         record: dict, as in `steps.jsonl`.
     """
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
+
+
+def doubts(record):
+    """Lines on contact pairs whose force the tolerance leaves open, as they are so light beside others.
+
+    Args:
+        record: dict, as in `steps.jsonl`, of the last step.
+    """
+    lines = []
+    for index, (force, error) in enumerate(zip(record["pair_forces"], record["pair_errors"])):
+        if force and (error or 0) > record["tolerance"]:
+            lines.append(
+                f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it is lighter than "
+                "the square of the tolerance times the largest"
+            )
+        elif not force and (error or 0) > OPEN:
+            lines.append(
+                f"contact pair {index}: it may close, with a force of less than the square of the tolerance times that "
+                "which would undo the strains there"
+            )
+    return lines
 
 
 def total_seconds(steps):

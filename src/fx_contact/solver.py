@@ -42,7 +42,7 @@ PRECONDITIONERS = {
     },
 }
 #: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity: its levels cost nothing there, and
-#: what aggressive coarsening leaves of so few (6 of 162) tells little, and less of equal bodies in a row than of others.
+#: what aggressive coarsening leaves of so few, 6 of 162, tells little, least of equal bodies in a row.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
 #: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
 METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")

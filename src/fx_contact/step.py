@@ -15,15 +15,16 @@ from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
 from fx_contact.estimate import estimate
-from fx_contact.force_error import aim_of_forces
+from fx_contact.force_error import Goals
 from fx_contact.forest import Forest
 from fx_contact.guess import RigidMotions
 from fx_contact.loads import load
 from fx_contact.mesh import leaf_mesh, sufficient_order
+from fx_contact.petsc_objects import PetscObjects
 from fx_contact.problem import problem
 from fx_contact.report import versions
 from fx_contact.scene import Scene, check_scene
-from fx_contact.solve import solve_contact
+from fx_contact.solve import solve_system
 from fx_contact.solver import Solver
 from fx_contact.stages import Stages
 
@@ -168,7 +169,7 @@ def check_step(step, contact=False):
         raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, of which to show something")
 
 
-def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain, before):
+def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain):
     """Solve on a forest and estimate the error.
 
     Collective on forest.comm.
@@ -183,7 +184,6 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         stages: Stages, with the times so far.
         quality: dict, `partition` of the record.
         gain: Gain of the run so far; it learns from this step.
-        before: record of the step before, or None.
 
     Returns:
         Step.
@@ -206,46 +206,42 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         motions = RigidMotions(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
-    contact = solve_contact(
-        matrix,
-        forces,
-        pairs,
-        prescribed,
-        start,
-        elasticity.energy_norm,
-        settings.solver,
-        stages,
-        settings.enforcement,
-        scene,
-        motions,
-    )
-    with stages("estimate"):
-        change = elasticity.change_norm(contact.displacement - start)
-        elasticity.set_displacement(contact.displacement)
-        shear_free = shear_free_components(scene, forest, prolongation)
-        touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
-        error = estimate(elasticity, shear_free, stages, 0.0 if touches else RIGID * contact.rounding)
-        _check_solver(contact, error, settings.tolerance)
-        if error.energy_norm:
-            check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
-        gain.observe(error, change)
-        results = _contact_results(scene, pairs, contact, comm)
-        of_contact = ContactError(np.zeros(len(forest), dtype=bool))
-        if pairs is not None:
-            of_contact = contact_error(
-                forest,
-                elasticity,
-                pairs,
-                contact,
-                error,
-                materials[:, 1],
-                settings.tolerance,
-                gain.trusted(settings.tolerance),
-                results["pair_forces"],
-                before,
-            )
-        fine = gain.aim(error, settings.tolerance) is None and not of_contact.leaves
-        max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
+    with PetscObjects(matrix.mat) as objects:
+        contact, system = solve_system(
+            objects,
+            matrix,
+            forces,
+            pairs,
+            prescribed,
+            start,
+            elasticity.energy_norm,
+            settings.solver,
+            stages,
+            settings.enforcement,
+            scene,
+            motions,
+        )
+        with stages("estimate"):
+            change = elasticity.change_norm(contact.displacement - start)
+            elasticity.set_displacement(contact.displacement)
+            shear_free = shear_free_components(scene, forest, prolongation)
+            touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
+            error = estimate(elasticity, shear_free, stages, 0.0 if touches else RIGID * contact.rounding)
+            _check_solver(contact, error, settings.tolerance)
+            if error.energy_norm:
+                check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
+            gain.observe(error, change)
+            results = _contact_results(scene, pairs, contact, comm)
+            of_contact = ContactError(np.zeros(len(forest), dtype=np.int8))
+            if pairs is not None:
+                goals = Goals(elasticity, system, shear_free, stages, pairs, contact, error)
+                pressed, poisson = results["pair_forces"], materials[:, 1]
+                of_contact = contact_error(
+                    forest, elasticity, poisson, pairs, contact, error, goals, pressed, settings.tolerance, gain
+                )
+            max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
+    tolerance = settings.tolerance
+    fine = gain.aim(error, tolerance) is None and not of_contact.leaves
     record = {
         "scene": scene.name,
         "step": number,
@@ -262,21 +258,17 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "preconditioner": contact.preconditioner,
         "estimate": error.relative,
         "assumed_effectivity": gain.effectivity,
-        "tolerance": settings.tolerance,
-        "ratio": error.relative / settings.tolerance,
-        "pair_estimates": of_contact.of_pairs,
-        "pair_gaps": of_contact.gaps,
-        "pair_errors": of_contact.of_forces,
+        "tolerance": tolerance,
+        "ratio": error.relative / tolerance,
+        "pair_errors": of_contact.of_pairs,
         "pair_leaves": of_contact.leaves_of_pairs,
         "unseen_contact": of_contact.unseen,
         "penalty_share": of_contact.penalty_share,
-        "reached": False,
+        "reached": bool(fine and of_contact.penalty_share <= tolerance**2),
         "partition": quality,
         **stages.costs(comm),
         "versions": versions(),
     }
-    fine = fine and aim_of_forces(record, settings.tolerance) is None
-    record["reached"] = bool(fine and of_contact.penalty_share <= settings.tolerance**2)
     return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, of_contact, stages, along)
 
 

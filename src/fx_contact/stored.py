@@ -1,7 +1,5 @@
 """The energy that contact forces store, which the tolerance of each contact is relative to."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
@@ -15,22 +13,6 @@ _AROUND = 3.0
 _OF_NORMAL = 1.5
 #: Parts of the longest side of a contact's bounding box, by which its pairs are told apart.
 _PARTS = 16
-
-
-@dataclass(frozen=True, eq=False)
-class Stored:
-    """What the forces of groups of node pairs store, and of this rank's leaves that which is nearest to a group.
-
-    Attributes:
-        energy: (count,) float64, twice the energy of each group [J].
-        leaf, group: (k,) int, a leaf around a group, and the group.
-        of_leaf: (k,) float64, the most of the leaf's energy, twice, that is the group's [J].
-    """
-
-    energy: np.ndarray
-    leaf: np.ndarray
-    group: np.ndarray
-    of_leaf: np.ndarray
 
 
 def stored_by_forces(forest, elasticity, poisson, estimate, pairs, force, group, count):
@@ -53,7 +35,7 @@ def stored_by_forces(forest, elasticity, poisson, estimate, pairs, force, group,
         count: number of groups on all ranks.
 
     Returns:
-        Stored.
+        (count,) float64, twice the energy of each group [J].
     """
     body, leaves = forest.mesh.body[forest.cell], np.arange(len(forest))
     energy = np.empty(len(forest))
@@ -64,7 +46,7 @@ def stored_by_forces(forest, elasticity, poisson, estimate, pairs, force, group,
     half = np.linalg.norm(forest.positions(leaves, 0) - forest.centres, axis=1)
 
     total, approach = pairs.pressing(force, group, count)
-    places, found = _Places(pairs, force, group, count), []
+    places, around = _Places(pairs, force, group, count), np.zeros(count)
     for one in np.unique(places.body):
         leaf, place = np.flatnonzero(body == one), np.flatnonzero(places.body == one)
         distance, nearest = cKDTree(places.position[place]).query(forest.centres[leaf])
@@ -73,10 +55,8 @@ def stored_by_forces(forest, elasticity, poisson, estimate, pairs, force, group,
         along = np.einsum("ni,nij,nj->n", places.normal[place], stress[leaf], places.normal[place]) ** 2
         possible = places.stress(place, forest.centres[leaf], half[leaf]) ** 2
         share = _OF_NORMAL * _quotient(along, density[leaf]) * _quotient(possible, along)
-        found.append((leaf, places.group[place], np.minimum(share, 1.0) * energy[leaf]))
-    leaf, owner, of_leaf = map(np.concatenate, zip(*found)) if found else (leaves[:0], leaves[:0], energy[:0])
-    around = forest.comm.allreduce(np.bincount(owner, of_leaf, count))
-    return Stored(np.minimum(total * approach, around), leaf, owner, of_leaf)
+        around += np.bincount(places.group[place], np.minimum(share, 1.0) * energy[leaf], count)
+    return np.minimum(total * approach, forest.comm.allreduce(around))
 
 
 def _stress(forest, elasticity, estimate):
