@@ -174,7 +174,7 @@ def test_failure_while_steps_are_collected(monkeypatch):
 
 @pytest.mark.parametrize(
     "name, most, options",
-    [("cholesky", 4, {}), ("cholesky", 8, {"pc_type": "jacobi"}), ("boomeramg-robust", 22, {"pc_type": "jacobi"})],
+    [("cholesky", 3, {}), ("cholesky", 8, {"pc_type": "jacobi"}), ("boomeramg-robust", 22, {"pc_type": "jacobi"})],
     ids=["hypre to cholesky", "jacobi to cholesky", "jacobi to hypre"],
 )
 def test_fallback(monkeypatch, request, name, most, options):

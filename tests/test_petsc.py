@@ -95,5 +95,5 @@ def test_monitor(tmp_path):
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help")
-    assert "-fx_ksp_max_it" in log and "-fx_pc_hypre_boomeramg_strong_threshold: <now 0.5" in log
+    assert "-fx_ksp_max_it" in log and "-fx_pc_hypre_boomeramg_strong_threshold: <now 0.7" in log
     assert "usage: hertz.py" in demo(tmp_path, "--help")
