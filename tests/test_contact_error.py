@@ -177,7 +177,7 @@ def test_a_light_plate_beside_a_heavier_load(load):
     records = [step.record for step in adapt(scene, tolerance)]
     first, last = records[0], records[-1]
     assert abs(first["pair_forces"][0] / FORCE - 1) > tolerance
-    assert any(record["pair_errors"][0] is not None for record in records)
+    assert load == "heavy" or any(record["pair_leaves"][0] > 0 for record in records)
     assert last["reached"] and last["pair_leaves"][0] == 0
     assert abs(last["pair_forces"][0] / FORCE - 1) < tolerance
 
@@ -195,6 +195,7 @@ def test_a_very_light_plate():
 def test_forces_beside_a_weight():
     """A weight loads bodies 200 times as much as contact: leaves are refined for its force alone."""
     steps = [step.record for step in adapt(films(order=1, weight=4.0), 0.2)]
+    assert any(step["pair_leaves"][0] > 0 for step in steps)
     assert steps[-1]["reached"] and steps[-1]["pair_errors"][0] < 0.2
     assert abs(steps[-1]["force"] / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
 

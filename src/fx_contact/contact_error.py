@@ -9,7 +9,7 @@ from fx_contact.spots import Spots
 from fx_contact.stored import stored_by_forces
 from fx_contact.unseen import unseen_contact
 
-#: A dual solution is taken to be known to so much of it where it is not asked for.
+#: The error that a dual solution is taken to have where it is not asked for, relative to it.
 _DUAL = 0.5
 
 

@@ -26,7 +26,7 @@ class ContactSystem:
         base: (owned, 3) float64, right-hand side without contact [N].
         jump: Jump.
         active: (n,) bool, closed pairs.
-        energy_norm, solver, enforcement, stages: as in `solve_contact`.
+        energy_norm, solver, enforcement, stages: as in `solve_system`.
         objects: PetscObjects, with which what is made here is freed.
     """
 
