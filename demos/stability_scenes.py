@@ -467,8 +467,11 @@ def other_loads():
     for closing in (0.8, 0.9):
         for row, known in {
             "in tension, nu = 0.4": {"poisson": 0.4, "tension": 1e-2},
-            "over a tapered gap": {"tension": 3e-3, "tapered": True},
+            "over a tapered gap": {"tension": 3e-3, "near": 1e-3},
             "beside a heavy load": {"beside": 0.1},
+            "beside a touch": {"tension": 3e-3, "touch": 2e-6},
+            "that touches at the wall": {"tension": 3e-3, "near": -8e-7},
+            "over a block from afar": {"tension": 3e-3, "near": 1e-3, "afar": 0.05},
         }.items():
             make = partial(beam, closing, **known)
             yield case(f"beam {row}, gap over deflection", f"{closing:g}", make, make)

@@ -190,7 +190,7 @@ def on_a_base(heavy=0.0, pressure=0.0, cells=2):
     )
 
 
-def beam(closing, cells=10, poisson=0.0, tension=0.0, tapered=False, beside=0.0):
+def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afar=0.0, touch=0.0):
     """A cantilever that a pressure bends towards a block under its tip.
 
     Args:
@@ -198,28 +198,43 @@ def beam(closing, cells=10, poisson=0.0, tension=0.0, tapered=False, beside=0.0)
         cells: root cells along the beam.
         poisson: of both [-].
         tension: along the beam, on its end [Pa].
-        tapered: whether the block is under all of the beam, as near to it beside the wall as a thousandth of the gap.
+        near: gap beside the wall, relative to that before the tip; None: the block is under the tip alone [-].
         beside: pressure on a block that is wider, far from the tip [Pa].
+        afar: how far the block comes from, turning about the wall [m].
+        touch: displacement of a cube that touches another one beside the beam, in the same contact pair [m].
     """
-    boxes, long, pressure, n = Boxes(1), 10.0, 1e-5, cells // 10
+    boxes, bodies, long, pressure, n = Boxes(1), ["beam", "block"], 10.0, 1e-5, cells // 10
     gap = closing * 1.5 * pressure * long**4
-    near = np.array([0.0 if tapered else long - 1.0, 0.0, -4.0 if beside else -1.0])
-    far = np.array([long + 5.0, 4.0, 0.0]) if beside else np.array([long, 1.0, 0.0])
+    low = np.array([long - 1.0 if near is None else 0.0, 0.0, -4.0 if beside else -1.0])
+    high = np.array([long + 5.0, 4.0, 0.0]) if beside else np.array([long, 1.0, 0.0])
     boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, 1.0), (cells, n, n))
-    boxes.add("block", near, far, tuple(n * (far - near).astype(int)))
+    boxes.add("block", low, high, tuple(n * (high - low).astype(int)))
     below, above = boxes.facets(DOWN, 0.0, "beam"), boxes.facets(UP, 0.0, "block")
-    column, row = np.divmod(above[:, 0] - cells * n * n, (far - near)[0].astype(int) * n)[::-1]
-    row %= (far - near)[1].astype(int) * n
+    column, row = np.divmod(above[:, 0] - cells * n * n, (high - low)[0].astype(int) * n)[::-1]
+    row %= (high - low)[1].astype(int) * n
     surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, 1.0, "beam")}
-    surfaces |= {"end": boxes.facets(RIGHT, long, "beam"), "foot": boxes.facets(DOWN, near[2], "block")}
-    surfaces |= {"tip": below if tapered else below[below[:, 0] % cells >= cells - n]}
+    surfaces |= {"end": boxes.facets(RIGHT, long, "beam"), "foot": boxes.facets(DOWN, low[2], "block")}
+    surfaces |= {"tip": below[below[:, 0] % cells >= cells - n] if near is None else below}
     surfaces |= {"head": above[(column < n) & (row < n)] if beside else above}
+    held = [
+        Dirichlet("wall", 0.0, 0.0, 0.0),
+        Dirichlet("foot", 0.0, 0.0, (lambda x: afar * x[0] / long) if afar else 0.0),
+    ]
     if beside:
         surfaces |= {"patch": above[(column >= 4 * n) & (row >= 2 * n)]}
+    if touch:
+        bodies += ["lower", "upper"]
+        for name, z in zip(bodies[2:], (-1.0, 0.0)):
+            boxes.add(name, (0.0, 3.0, z), (1.0, 4.0, z + 1.0), (n, n, n))
+        for name, more in (("tip", boxes.facets(DOWN, 0.0, "upper")), ("head", boxes.facets(UP, 0.0, "lower"))):
+            surfaces[name] = np.concatenate([surfaces[name], more])
+        surfaces |= {"root": boxes.facets(DOWN, -1.0, "lower"), "top": boxes.facets(UP, 1.0, "upper")}
+        held += [Dirichlet("root", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -touch)]
 
     def place(name, x):
-        share = np.maximum(x[:, 0] / long, 1e-3) if tapered else np.ones(len(x))
-        return x - np.outer(gap * share * (name == "block"), [0, 0, 1])
+        along = x[:, 0] / long
+        share = 1.0 if near is None else near + (1 - near) * along
+        return x - np.outer((gap * share + afar * along) * (name == "block"), [0, 0, 1])
 
     loads = [Pressure("load", pressure)]
     loads += [Traction("end", (tension, 0.0, 0.0))] if tension else []
@@ -227,8 +242,8 @@ def beam(closing, cells=10, poisson=0.0, tension=0.0, tapered=False, beside=0.0)
     return Scene(
         "beam",
         boxes.mesh(surfaces, place=place),
-        dict.fromkeys(("beam", "block"), Material(1.0, poisson)),
-        (Dirichlet("wall", 0.0, 0.0, 0.0), Dirichlet("foot", 0.0, 0.0, 0.0)),
+        dict.fromkeys(bodies, Material(1.0, poisson)),
+        tuple(held),
         (ContactPair("tip", "head", direction=(0, 0, -1)),),
         tuple(loads),
     )

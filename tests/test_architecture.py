@@ -18,7 +18,8 @@ ORDER = """
     forest leafgraph units _compat smoothing partition hanging quality mesh
     petsc_objects matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
-    activeset guess contact_system solve estimate balance gap spots stored unseen force_error contact_error
+    activeset guess contact_system solve estimate balance gap spots places
+    stored openings unseen force_error contact_error
     report step checkpoint
     accuracy
     adapt manufactured

@@ -94,7 +94,14 @@ BEAMS = {
     "contact that closes late": (partial(beam, 0.98), 0.2, 1.04e-6),
     "the same force by chance on two meshes": (partial(beam, 0.85, poisson=0.4, tension=1e-2), 0.2, 4.93e-6),
     "no contact on two meshes": (partial(beam, 0.9, poisson=0.35, tension=3e-2), 0.3, 2.36e-6),
-    "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, tapered=True), 0.4, 3.98e-6),
+    "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, near=1e-3), 0.4, 3.98e-6),
+    "a touch elsewhere in the same contact pair": (partial(beam, 0.85, tension=3e-3, touch=2e-6), 0.3, 6.87e-6),
+    "a touch beside the wall": (partial(beam, 0.85, tension=3e-3, near=-8e-7), 0.3, 5.84e-6),
+    "a gap that a block from afar has all but closed": (
+        partial(beam, 0.85, tension=3e-3, near=1e-3, afar=0.05),
+        0.3,
+        5.79e-6,
+    ),
     "a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.3, 2.29e-5),
     "the same, closer": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
 }
@@ -134,7 +141,7 @@ def test_a_gap_that_is_known():
 
 def test_a_new_beginning():
     """What is not resolved is so for whoever goes on with its forest too."""
-    for step in adapt(beam(0.9, tapered=True, tension=3e-3), 0.4):
+    for step in adapt(beam(0.9, near=1e-3, tension=3e-3), 0.4):
         if step.record["pair_leaves"] != [0]:
             break
     again = next(iter(adapt(step.scene, 0.4, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int)))))

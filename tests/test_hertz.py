@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from fx_contact import Material, Solver, adapt, krylov, memory, solve
 from fx_contact.conditions import shear_free_components
 from fx_contact.errors import SolveError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Recovery
 from fx_contact.guess import RigidMotions
 from fx_contact.krylov import ConjugateGradients
 from fx_contact.stages import STAGES
@@ -129,7 +129,7 @@ def test_reference_values(scene):
     assert record["max_penetration"] < 1e-12 * 0.01, "the default leaves no penetration"
     assert record["partition"]["split_pairs"] == 0
     shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
-    again = estimate(step.elasticity, shear_free, step.stages)
+    again = Recovery(step.elasticity, shear_free, step.stages).estimate()
     assert abs(again.relative / record["estimate"] - 1) < 1e-12
 
 

@@ -7,7 +7,8 @@ from fx_contact import ContactPair, Dirichlet, Material, Scene, Traction, adapt
 from fx_contact.scenes import punch
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 from fx_contact.spots import Spots
-from fx_contact.stored import _Places, stored_by_forces
+from fx_contact.places import Places
+from fx_contact.stored import stored_by_forces
 
 DEPTH, THICKNESS, WIDTH, PULL = 1e-5, 0.05, 10.0, 1e-2
 
@@ -61,7 +62,8 @@ def stored(step, force, group=None, count=None):
     """What the forces of groups store, those of contact pairs if no others are given, twice [J]: (count,)."""
     poisson = np.array([step.scene.materials[body].poisson for body in step.scene.mesh.bodies])
     groups = (step.pairs.contact, len(step.scene.contact)) if group is None else (group, count)
-    return stored_by_forces(step.forest, step.elasticity, poisson, step.estimate, step.pairs, force, *groups)
+    places = Places(step.pairs, force, *groups)
+    return stored_by_forces(step.forest, step.elasticity, poisson, step.estimate, places)
 
 
 def test_thin_plates_store_less_than_a_half_space():
@@ -85,7 +87,7 @@ def test_the_stress_that_a_contact_can_cause():
     """It is no less than that of its pressures on a half-space (Boussinesq), and next to nothing beside it."""
     *_, step = adapt(punch(), 0.15)
     pairs, force = step.pairs, step.contact.force
-    places = _Places(pairs, force, pairs.contact, 1)
+    places = Places(pairs, force, pairs.contact, 1)
     everywhere(len(places.group) < 2 * 17**2, "too many places")
     gather = step.forest.comm.allgather
     position, force, area = (

@@ -66,8 +66,8 @@ class NodePairs:
         relative = self.relative_stiffness
         return self.stiffness * np.where(relative > STIFF, HELD / relative, 1.0)
 
-    def penetration(self, u):
-        """B u - D at each pair, positive where the bodies overlap.
+    def jump(self, u):
+        """B u at each pair, how far its vertices move towards each other.
 
         Collective.
 
@@ -78,7 +78,11 @@ class NodePairs:
             (n,) float64 [m].
         """
         u = self.prolongation.ghosted(u)
-        return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second]) - self.gap
+        return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second])
+
+    def penetration(self, u):
+        """B u - D at each pair, positive where the bodies overlap.  Collective; as `jump`."""
+        return self.jump(u) - self.gap
 
     def pressing(self, force, group, count):
         """How hard groups of pairs press, and about how far that brings their bodies closer.

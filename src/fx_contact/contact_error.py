@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fx_contact.force_error import OPEN, allowed_errors, marked
+from fx_contact.openings import moved_by_strains, openings
+from fx_contact.places import Places
 from fx_contact.spots import Spots
 from fx_contact.stored import stored_by_forces
 from fx_contact.unseen import unseen_contact
@@ -21,9 +23,10 @@ class ContactError:
         refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever the estimate says.
         leaves: number of these on all ranks.
         unseen: number of those on all ranks that contact between nodes needs (`unseen_contact`).
-        of_pairs: list of float, for each contact pair the estimated error of its force, or without one of its gap,
-            relative to that, or a bound of it; None where it was not asked for: before the whole is resolved [-].
-        leaves_of_pairs: list of int, number of those on all ranks that the force or the gap of each pair needs.
+        of_pairs: list of float, for each contact pair the estimated error of its force, with what places that may close
+            would add, or a bound of it; without force the largest error of a gap; relative to the force or that gap.
+            None where it was not asked for: before the whole is resolved [-].
+        leaves_of_pairs: list of int, number of those on all ranks that the force or the gaps of each pair need.
         penalty_share: the most that overlaps take of a contact pair's force, about [-].
     """
 
@@ -35,19 +38,20 @@ class ContactError:
     penalty_share: float = 0.0
 
 
-def contact_error(forest, elasticity, poisson, pairs, contact, estimate, goals, forces, tolerance, gain):
+def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, forces, tolerance, gain):
     """Judge the contact of a step.
 
     Collective on forest.comm.  Once the whole is resolved, the force of each contact pair is judged by its own (`Goal`)
     and may be off by e of it, or by e^2 of the largest one.  Its error is at most that of the whole, relative to the
     energy that the force stores, times that of the dual solution: where contact alone loads bodies this is less than
-    what is allowed, and dual solutions are left out.  A gap without force may be off by a quarter, or by e^2 of what
-    the strains contribute to it: less force than that pushes the bodies apart, if there is any.
+    what is allowed, and dual solutions are left out.  The gap of an open place (`openings`) may be off by a quarter, or
+    by e^2 of what the strains contribute to it: less force than that pushes the bodies apart, if there is any.  Beside
+    a force of the same contact pair it may also be off by what would make no more force than that may be off by.
 
     Args:
+        scene: Scene.
         forest: Forest.
         elasticity: Elasticity.
-        poisson: (nbodies,) float64 [-].
         pairs: NodePairs.
         contact: ContactSolution.
         estimate: Estimate.
@@ -60,20 +64,22 @@ def contact_error(forest, elasticity, poisson, pairs, contact, estimate, goals, 
         ContactError.
     """
     comm, spots = forest.comm, Spots(forest, pairs, contact.active)
-    energy = stored_by_forces(forest, elasticity, poisson, estimate, pairs, contact.force, spots.pair, spots.number)
+    poisson = np.array([scene.materials[name].poisson for name in scene.mesh.bodies])
+    places = Places(pairs, contact.force, spots.pair, spots.number)
+    energy = stored_by_forces(forest, elasticity, poisson, estimate, places)
     unseen = unseen_contact(forest, pairs, contact, tolerance, spots, energy)
 
-    presses, number = spots.pair >= 0, spots.number
-    spot, force = spots.pair[presses], contact.force[presses]
-    sums = [np.bincount(spot, force, number), np.bincount(spot, force * contact.penetration[presses], number)]
-    force, overlap = comm.allreduce(np.stack(sums))
+    presses = spots.pair >= 0
+    work = np.bincount(spots.pair[presses], (contact.force * contact.penetration)[presses], spots.number)
+    work = comm.allreduce(work)
 
     def of_pairs(of_spots):
         """Sums over the spots of each contact pair: (npairs,) float64."""
         return np.bincount(spots.contact, of_spots, len(forces))
 
-    share = _quotient(force, of_pairs(force)[spots.contact])
-    held = of_pairs(_quotient(share * overlap, energy))
+    force = of_pairs(places.force)
+    share = _quotient(places.force, force[spots.contact])
+    held = of_pairs(_quotient(share * work, energy))
     # Spots are springs beside each other: the square of a pair's force over what it stores is the sum of theirs.
     stiff = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)
     root = np.sqrt(of_pairs(stiff))
@@ -81,25 +87,42 @@ def contact_error(forest, elasticity, poisson, pairs, contact, estimate, goals, 
     refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
     if gain.aim(estimate, tolerance) is None:
         allowed, seen = allowed_errors(forces, tolerance, gain.sees), gain.sees
+        moved = moved_by_strains(scene, pairs, contact.penetration)
         for index, bound in enumerate(_DUAL * estimate.error_global / seen * root):
-            if forces[index] and bound <= allowed[index]:
+            asked, around = [], places.around(pairs, spots.contact == index)
+            if force[index]:
                 errors[index] = float(bound)
-                continue
-            goal = goals.force(index) if forces[index] else goals.gap(index)
-            if goal is None:
-                continue
-            if forces[index]:
-                most = allowed[index] * goal.value
-            else:
-                most = seen * max(OPEN * goal.value, tolerance**2 * goal.moved)
-            errors[index] = goal.total / goal.value if goal.value else float(goal.total > most)
-            if goal.total > most:
-                more = np.zeros(len(forest), dtype=np.int8)
-                more[elasticity.leaf_mesh.leaf] = marked(goal.error, most, comm)
-                leaves[index] = comm.allreduce(int((more > 0).sum()))
-                refine = np.maximum(refine, more)
+            if bound > allowed[index]:
+                goal = goals.force(index)
+                errors[index] = goal.total / goal.value
+                asked.append((goal, allowed[index] * goal.value))
+            for weight in openings(index, pairs, contact, moved, around, force[index] > 0):
+                goal = goals.gap(weight)
+                errors[index] = _with_gap(errors[index], goal, float(force[index]))
+                open_enough = seen * max(OPEN * goal.value, tolerance**2 * goal.moved)
+                asked.append((goal, max(open_enough, allowed[index] * force[index] * goal.compliance)))
+            more = np.zeros(len(forest), dtype=np.int8)
+            for goal, most in asked:
+                if goal.total > most:
+                    marks = marked(goal.error, most, comm)
+                    more[elasticity.leaf_mesh.leaf] = np.maximum(more[elasticity.leaf_mesh.leaf], marks)
+            leaves[index] = comm.allreduce(int((more > 0).sum()))
+            refine = np.maximum(refine, more)
     unseen, total = comm.allreduce(np.array([unseen.sum(), (refine > 0).sum()])).tolist()
     return ContactError(refine, total, unseen, errors, leaves, float(held.max(initial=0.0)))
+
+
+def _with_gap(error, goal, force):
+    """The error of a contact pair, where a gap has one too: relative to it, or what the gap may do to the force.
+
+    Args:
+        error: so far; None: nothing is known [-].
+        goal: Goal of the gap.
+        force: of the contact pair's modelled part; 0: it has none [N].
+    """
+    if force:
+        return error + (max(goal.total - goal.value, 0.0) / goal.compliance / force if goal.compliance else 0.0)
+    return max(error or 0.0, goal.total / goal.value if goal.value else float(goal.total > 0))
 
 
 def _quotient(part, whole):

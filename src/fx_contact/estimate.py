@@ -180,58 +180,67 @@ class Gain:
         return marked
 
 
-def estimate(elasticity, shear_free, stages, noise=0.0):
-    """Recover the stress of `elasticity.u` and estimate its error.
+class Recovery:
+    """The recovery of stresses on a mesh, and what errors that shows.
 
-    Collective.  The recovery is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so
-    each is recovered by itself.
+    Collective.  It is a lumped L2 projection on the conforming vertices; bodies do not share vertices, so each is
+    recovered by itself.
 
     Args:
-        elasticity: Elasticity, its `u` set.
+        elasticity: Elasticity.
         shear_free: (owned, 3) bool, where the recovered shear stress on planes across an axis is zero: at a symmetry
             plane it would cancel with that of the mirrored cells.
         stages: Stages, for the times.
-        noise: energy norm below which a displacement field is taken for a rigid motion, without error [J^(1/2)].
-
-    Returns:
-        Estimate.
-
-    Raises:
-        SolveError: the energy is not a finite number.
     """
-    mesh, prolongation = elasticity.mesh, elasticity.prolongation
-    dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-    moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
-    recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
-    cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
-    with stages("compile"):
-        sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
-        integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
-        moment_form = compiled(prolongation.comm, ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
-        smooth = ufl.as_matrix([[recovered[_position(i, j)] for j in range(3)] for i in range(3)])
-        both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
-        energy_form = compiled(prolongation.comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
 
-    local = np.empty((len(prolongation.vertices), 7))
-    vertex = elasticity.vertex_of_block
-    local[vertex] = fem.assemble_vector(moment_form).array.reshape(-1, 7)
-    sums = prolongation.restrict(local)
-    for component, (i, j) in enumerate(VOIGT):
-        if i != j:
-            sums[shear_free[:, i] | shear_free[:, j], component] = 0
-    values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
-    recovered.x.array[:] = values[vertex].ravel()
+    def __init__(self, elasticity, shear_free, stages):
+        self._prolongation, self._vertex = elasticity.prolongation, elasticity.vertex_of_block
+        self._shear_free, mesh, comm = shear_free, elasticity.mesh, self._prolongation.comm
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
+        self._recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
+        cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
+        with stages("compile"):
+            sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
+            integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
+            self._moments = compiled(comm, ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
+            smooth = ufl.as_matrix([[self._recovered[_position(i, j)] for j in range(3)] for i in range(3)])
+            both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
+            self._energies = compiled(comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
 
-    energies = fem.assemble_vector(energy_form).array.reshape(-1, 2)
-    error2, energy2 = np.maximum(energies, 0).T
-    total = prolongation.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
-    if not np.isfinite(total).all():
-        raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
-    if total[0] + total[1] <= noise**2:
-        error2, energy2, total[:2] = np.zeros_like(error2), np.zeros_like(energy2), 0.0
-    return Estimate(
-        recovered, np.sqrt(error2), energy2, np.sqrt(total[0]), np.sqrt(total[0] + total[1]), int(total[2])
-    )
+    def estimate(self, noise=0.0):
+        """Recover the stress of the elasticity's displacement `u`, and estimate its error.
+
+        Collective.
+
+        Args:
+            noise: energy norm below which a displacement field is taken for a rigid motion, without error [J^(1/2)].
+
+        Returns:
+            Estimate.
+
+        Raises:
+            SolveError: the energy is not a finite number.
+        """
+        prolongation = self._prolongation
+        local = np.empty((len(prolongation.vertices), 7))
+        local[self._vertex] = fem.assemble_vector(self._moments).array.reshape(-1, 7)
+        sums = prolongation.restrict(local)
+        for component, (i, j) in enumerate(VOIGT):
+            if i != j:
+                sums[self._shear_free[:, i] | self._shear_free[:, j], component] = 0
+        values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
+        self._recovered.x.array[:] = values[self._vertex].ravel()
+
+        energies = fem.assemble_vector(self._energies).array.reshape(-1, 2)
+        error2, energy2 = np.maximum(energies, 0).T
+        total = prolongation.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
+        if not np.isfinite(total).all():
+            raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
+        error, omega = np.sqrt(total[0]), np.sqrt(total[0] + total[1])
+        if omega <= noise:
+            error2, energy2, error, omega = np.zeros_like(error2), np.zeros_like(energy2), 0.0, 0.0
+        return Estimate(self._recovered.copy(), np.sqrt(error2), energy2, error, omega, int(total[2]))
 
 
 def _position(i, j):

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.estimate import estimate
-
 #: The error that the mean of a gap may have so that it is one, relative to it: the least is a half of the mean.
 OPEN = 0.25
 #: The part of the allowed error that refinement aims at, and that which cells that are not refined keep at most.
 _AIM, _KEPT = 0.8, 0.25
 #: Errors of a child and of all eight, relative to their parent's, where both solutions are smooth.
 _CHILD, _CHILDREN = 1 / 32, 1 / 4
-#: Gaps up to this part of what they have changed by are rounding.
-_CLOSED = 1e-6
 #: Thresholds between which marking chooses, down to so much of the largest error.
 _THRESHOLDS, _LEAST = 1024, 1e-12
 
@@ -36,12 +32,14 @@ class Goal:
         error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, in the unit of the value.
         total: sum of these on all ranks.
         moved: of a gap, how much the strains of the bodies contribute to it [m]; 0 of a force.
+        compliance: of a gap, by how much a force there widens it [m/N]; 0 of a force.
     """
 
     value: float
     error: np.ndarray
     total: float
     moved: float = 0.0
+    compliance: float = 0.0
 
 
 class Goals:
@@ -52,14 +50,15 @@ class Goals:
     Args:
         elasticity: Elasticity; its `u` is the displacement, and is so again after each goal.
         system: ContactSystem of the solution.
-        shear_free, stages: as for `estimate`.
+        recovery: Recovery.
+        stages: Stages, for the times.
         pairs: NodePairs.
         contact: ContactSolution.
         error: Estimate of its error.
     """
 
-    def __init__(self, elasticity, system, shear_free, stages, pairs, contact, error):
-        self._elasticity, self._system, self._shear_free, self._stages = elasticity, system, shear_free, stages
+    def __init__(self, elasticity, system, recovery, stages, pairs, contact, error):
+        self._elasticity, self._system, self._recovery, self._stages = elasticity, system, recovery, stages
         self._pairs, self._contact, self._error = pairs, contact, error
         self._comm = pairs.prolongation.comm
 
@@ -74,34 +73,23 @@ class Goals:
         error, _ = self._weighted(ours.astype(float), np.zeros(len(ours)))
         return Goal(value, error, self._sum(error))
 
-    def gap(self, index):
-        """The mean gap of an open contact pair where it has changed most for what is left of it: Goal, None if nowhere.
-
-        Collective.  A gap that is least where nothing moves tells nothing.
+    def gap(self, weight):
+        """The mean gap of an open place: Goal.  Collective.
 
         Args:
-            index: of the contact pair.
+            weight: (n,) float64, the part of the place that each pair is, 1 in all on all ranks [-].
         """
-        pairs = self._pairs
         left = np.maximum(-self._contact.penetration, 0.0)
-        changed = np.abs(pairs.gap + self._contact.penetration)
-        ours = pairs.contact == index
-        ratio = np.where(ours, changed / np.maximum(left, _CLOSED * changed + np.finfo(float).tiny), 0.0)
-        most = self._comm.allreduce(float(ratio.max(initial=0.0)), op=MPI.MAX)
-        there = (ratio >= most / 2) & (ratio > 0)
-        area = self._sum(there * pairs.area)
-        if not area:
-            return None
-        weight = there * pairs.area / area
-        error, dual = self._weighted(np.zeros(len(ours)), -weight)
-        return Goal(self._sum(weight * left), error, self._sum(error), self._moved(dual))
+        error, dual = self._weighted(np.zeros(len(weight)), -weight)
+        compliance = -self._sum(weight * self._pairs.jump(dual))
+        return Goal(self._sum(weight * left), error, self._sum(error), self._moved(dual), compliance)
 
     def _weighted(self, overlap, force):
         """What the errors of cells may do to a goal, (ncells,) float64, and its dual solution, (owned, 3) float64."""
         with self._stages("solve"):
             dual = self._system.dual(overlap, force)
         self._elasticity.set_displacement(dual)
-        error = self._error.error * estimate(self._elasticity, self._shear_free, self._stages).error
+        error = self._error.error * self._recovery.estimate().error
         self._elasticity.set_displacement(self._contact.displacement)
         return error, dual
 

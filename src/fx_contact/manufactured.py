@@ -16,7 +16,7 @@ from fx_contact.accuracy import FINE_QUADRATURE, field_error
 from fx_contact.compilation import compiled
 from fx_contact.elasticity import Elasticity
 from fx_contact.errors import SceneError
-from fx_contact.estimate import Gain, estimate
+from fx_contact.estimate import Gain, Recovery
 from fx_contact.forest import Forest
 from fx_contact.hanging import Prolongation
 from fx_contact.solver import Solver
@@ -151,7 +151,7 @@ def _solve(number, forest, order, tolerance, stages):
     solution = solve_contact(matrix, forces, None, prescribed, start, elasticity.energy_norm, Solver(), stages)
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
-        guess = estimate(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages)
+        guess = Recovery(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages).estimate()
     costs = stages.costs(forest.comm)
     true = field_error(elasticity, ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh))))
     record = {

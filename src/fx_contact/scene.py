@@ -150,23 +150,37 @@ class Scene:
         """Which root facets face each other (`Pairing`)."""
         return Pairing(self.mesh, self.contact)
 
-    @cached_property
+    @property
     def free_motions(self):
         """Rigid motions of the bodies that no displacement condition stops: (k, nbodies, 6) float64.
 
         Three translations and three rotations about the middle of each body, in units of its size.
         """
+        return self._motions[0]
+
+    @property
+    def prescribed_motion(self):
+        """The least rigid motions of the bodies that come closest to what is prescribed: (6 nbodies,) float64 [m]."""
+        return self._motions[1]
+
+    @cached_property
+    def _motions(self):
+        """`free_motions` and `prescribed_motion`."""
         mesh = self.mesh
         body = np.zeros(len(mesh.points), dtype=np.int64)
         body[mesh.corners] = mesh.body[:, None]
         prescribed = self.prescribed(mesh.points)
-        rows = [np.zeros((1, 6 * len(mesh.bodies)))]
+        rows, values = [np.zeros((1, 6 * len(mesh.bodies)))], [np.zeros(1)]
         for component, direction in enumerate(np.eye(3)):
             nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
             rows.append(self.rigid_motions(mesh.points[nodes], body[nodes], direction))
+            values.append(prescribed[nodes, component])
         held = np.concatenate(rows)
         _, strength, motions = np.linalg.svd(held.T @ held)
-        return motions[strength <= 1e-10 * max(strength[0], 1e-300)].reshape(-1, len(mesh.bodies), 6)
+        free = strength <= 1e-10 * max(strength[0], 1e-300)
+        stopped = motions[~free]
+        motion = ((stopped @ (held.T @ np.concatenate(values))) / strength[~free]) @ stopped
+        return motions[free].reshape(-1, len(mesh.bodies), 6), motion
 
     @cached_property
     def _extents(self):

@@ -14,7 +14,7 @@ from fx_contact.contact_error import ContactError, contact_error
 from fx_contact.elasticity import Elasticity
 from fx_contact.enforcement import Enforcement
 from fx_contact.errors import SceneError, SolveError
-from fx_contact.estimate import estimate
+from fx_contact.estimate import Recovery
 from fx_contact.force_error import Goals
 from fx_contact.forest import Forest
 from fx_contact.guess import RigidMotions
@@ -191,9 +191,9 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
     Raises:
         SolveError: the solve fails, or is not as accurate as the tolerance needs.
     """
-    scene, comm = settings.scene, forest.comm
+    scene, tolerance, comm = settings.scene, settings.tolerance, forest.comm
     with stages("mesh"):
-        order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
+        order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * tolerance)
         cells = leaf_mesh(forest, order)
     with stages("assemble"):
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
@@ -224,23 +224,22 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         with stages("estimate"):
             change = elasticity.change_norm(contact.displacement - start)
             elasticity.set_displacement(contact.displacement)
-            shear_free = shear_free_components(scene, forest, prolongation)
+            recovery = Recovery(elasticity, shear_free_components(scene, forest, prolongation), stages)
             touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
-            error = estimate(elasticity, shear_free, stages, 0.0 if touches else RIGID * contact.rounding)
-            _check_solver(contact, error, settings.tolerance)
+            error = recovery.estimate(0.0 if touches else RIGID * contact.rounding)
+            _check_solver(contact, error, tolerance)
             if error.energy_norm:
                 check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
             gain.observe(error, change)
             results = _contact_results(scene, pairs, contact, comm)
             of_contact = ContactError(np.zeros(len(forest), dtype=np.int8))
             if pairs is not None:
-                goals = Goals(elasticity, system, shear_free, stages, pairs, contact, error)
-                pressed, poisson = results["pair_forces"], materials[:, 1]
+                goals = Goals(elasticity, system, recovery, stages, pairs, contact, error)
+                pressed = results["pair_forces"]
                 of_contact = contact_error(
-                    forest, elasticity, poisson, pairs, contact, error, goals, pressed, settings.tolerance, gain
+                    scene, forest, elasticity, pairs, contact, error, goals, pressed, tolerance, gain
                 )
             max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
-    tolerance = settings.tolerance
     fine = gain.aim(error, tolerance) is None and not of_contact.leaves
     record = {
         "scene": scene.name,
