@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-#: Parts of the longest side of a contact pair's bounding box, by which places are told apart,
+#: Parts of the longest side of the box around the pairs of two bodies, by which places are told apart,
 _PARTS = 2
 #: and where their bounds are, relative to such a part: halved cells have no vertices there.
 _BOUND = 0.3
@@ -29,11 +29,12 @@ def moved_by_strains(scene, pairs, penetration):
     Returns:
         (n,) float64 [m].
     """
-    here, there = (scene.rigid_motions(pairs.position, side, pairs.normal) for side in pairs.bodies.T)
-    rigid = here - there
-    moved = penetration + pairs.gap - rigid @ scene.prescribed_motion
+    moved, sides = penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
+    for sign, side in sides:
+        modes = np.einsum("nmi,ni->nm", scene.rigid_modes(pairs.position, side), pairs.normal)
+        moved -= sign * (modes * scene.prescribed_motion[side]).sum(axis=1)
     if len(scene.free_motions):
-        free = rigid @ scene.free_motions.reshape(len(scene.free_motions), -1).T
+        free = sum(sign * scene.motion(pairs.position, side, pairs.normal) for sign, side in sides)
         weighted = pairs.area * free.T
         sums = np.column_stack([weighted @ free, weighted @ moved])
         pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
@@ -63,18 +64,19 @@ def openings(index, pairs, contact, moved, around, presses):
     ratio = np.abs(moved) / np.maximum(left, _CLOSED * changed + np.finfo(float).tiny)
     ratio = np.where(around | contact.active, 0.0, ratio)[ours]
 
-    position, bodies = pairs.position[ours], pairs.bodies[ours]
-    ends = np.stack([position.min(axis=0, initial=np.inf), (-position).min(axis=0, initial=np.inf)])
+    position, (sides, which) = pairs.position[ours], _numbered(pairs.bodies[ours], comm)
+    ends = np.full((2, len(sides), 3), np.inf)
+    np.minimum.at(ends, (0, which), position)
+    np.minimum.at(ends, (1, which), -position)
     comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    side = max((-ends[1] - ends[0]).max(), np.finfo(float).tiny) / _PARTS
-    row = np.column_stack([bodies, np.floor((position - ends[0]) / side + _BOUND).astype(np.int64)])
-    parts = np.unique(np.concatenate(comm.allgather(np.unique(row, axis=0))), axis=0)
-    part = np.unique(np.concatenate([parts, row]), axis=0, return_inverse=True)[1].ravel()[len(parts) :]
+    size = np.maximum((-ends[1] - ends[0]).max(axis=1), np.finfo(float).tiny) / _PARTS
+    grid = np.floor((position - ends[0, which]) / size[which, None] + _BOUND).astype(np.int64)
+    parts, part = _numbered(np.column_stack([which, grid]), comm)
     most = np.zeros(len(parts))
     np.maximum.at(most, part, ratio)
     comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
 
-    place = _joined(parts[:, :2], most)[part]
+    place = _joined(parts[:, 0], most)[part]
     least = _MUCH if presses else min(_MUCH, most.max())
     there = (ratio >= most[place] / _ALIKE) & (ratio > 0) & (most[place] >= least)
     area = np.bincount(place, there * pairs.area[ours], len(parts)).astype(float)
@@ -86,15 +88,22 @@ def openings(index, pairs, contact, moved, around, presses):
     return weights
 
 
+def _numbered(rows, comm):
+    """The distinct rows of integers of all ranks, and which of them each row is."""
+    distinct = np.unique(np.concatenate(comm.allgather(np.unique(rows, axis=0))), axis=0)
+    _, which = np.unique(np.concatenate([distinct, rows]), axis=0, return_inverse=True)
+    return distinct, which.ravel()[len(distinct) :]
+
+
 def _joined(bodies, most):
     """The part with the greatest ratio of those that each part is one place with: (n,) int.
 
     Args:
-        bodies: (n, 2) int, the bodies of each part.
+        bodies: (n,) int, which two bodies each part is of.
         most: (n,) float64, the greatest ratio of each.
     """
     head = np.full(len(most), -1)
     for first in np.argsort(-most, kind="stable"):
-        same = (bodies == bodies[first]).all(axis=1) & (_ALIKE * most >= most[first])
+        same = (bodies == bodies[first]) & (_ALIKE * most >= most[first])
         head[(head < 0) & (head[first] < 0) & same] = first
     return head

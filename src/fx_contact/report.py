@@ -76,8 +76,8 @@ def doubts(record):
     for index, (force, error) in enumerate(zip(record["pair_forces"], record["pair_errors"])):
         if force and (error or 0) > record["tolerance"]:
             lines.append(
-                f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it, or what may close "
-                "elsewhere, is lighter than the square of the tolerance times the largest"
+                f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it, or what may "
+                "close elsewhere, is lighter than the square of the tolerance times the largest"
             )
         elif not force and (error or 0) > OPEN:
             lines.append(

@@ -160,7 +160,7 @@ class Scene:
 
     @property
     def prescribed_motion(self):
-        """The least rigid motions of the bodies that come closest to what is prescribed: (6 nbodies,) float64 [m]."""
+        """The least rigid motions of the bodies that come closest to what is prescribed: (nbodies, 6) float64 [m]."""
         return self._motions[1]
 
     @cached_property
@@ -180,7 +180,7 @@ class Scene:
         free = strength <= 1e-10 * max(strength[0], 1e-300)
         stopped = motions[~free]
         motion = ((stopped @ (held.T @ np.concatenate(values))) / strength[~free]) @ stopped
-        return motions[free].reshape(-1, len(mesh.bodies), 6), motion
+        return motions[free].reshape(-1, len(mesh.bodies), 6), motion.reshape(-1, 6)
 
     @cached_property
     def _extents(self):
