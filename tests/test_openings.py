@@ -59,7 +59,7 @@ def test_strains_that_bend_a_clamped_body_stay():
 
 def test_places():
     """A place has open nodes of two bodies, those for which strains have done most, and of parts that are alike."""
-    for number, near, touch in ((1, None, 0.0), (2, 1e-3, 0.0), (1, None, 2e-6)):
+    for number, near, touch in ((1, None, 0.0), (2, 1e-3, 0.0), (2, None, 2e-6)):
         *_, step = adapt(beam(0.85 if touch else 0.95, tension=3e-3, near=near, touch=touch), 0.3, max_steps=2)
         weights, _ = places_of(step)
         assert len(weights) == number and np.allclose(weights.sum(axis=1), 1)
