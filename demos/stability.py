@@ -4,7 +4,7 @@ Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape o
 bodies, tilted planes, bodies that contact alone holds, gaps and overlaps, contact between nodes, order of the geometry.
 Each scene must balance its forces, have no tension and store the work done on it, and agree with a reference, or with a
 twin in other units, another direction or on another mesh; `stability_checks.py` says how closely, and why.  Each runs
-on one rank in a process of its own with a time limit, so that a crash or a hang is a score too.
+on one rank, with a time limit, in a process that a crash or a hang ends and another one replaces: they are scores too.
 
     python3 demos/stability.py --quick            # a sixth of the scenes, spread over all rows
     python3 demos/stability.py                    # all: 20 minutes on two cores
@@ -19,11 +19,12 @@ import difflib
 import json
 import os
 import shlex
-import subprocess
-import sys
 import time
+import traceback
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from queue import SimpleQueue
 
 from mpi4py import MPI
 from stability_checks import LOST, Exact, State
@@ -136,33 +137,87 @@ def keep(path, one):
         file.write((json.dumps(one) + "\n").encode())
 
 
-def attempt(case, path):
-    """Score a scene in a process of its own, which keeps the score; keep one for it if it dies.
+class Worker:
+    """A process that scores scenes, one after the other; where it dies, the next scene gets a new one.
 
-    Returns:
-        dict, the score.
+    Args:
+        path: of the file that keeps the scores.
     """
-    words = [sys.executable, __file__, "--only", case.name, "--output", str(path.parent)]
-    start = time.monotonic()
-    try:
-        run = subprocess.run(words, capture_output=True, text=True, timeout=TIME_LIMIT, env=dict(os.environ))
-        dead, last = run.returncode != 0, run.stderr.strip().splitlines()[-1:]
-        failure = ("crash", f"exit code {run.returncode}: {''.join(last)}")
-    except subprocess.TimeoutExpired:
-        dead, failure = True, ("hang", f"not done in {TIME_LIMIT:.0f} s")
-    if dead:
-        place = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
-        keep(path, place | dict(zip(("score", "message"), failure)) | {"cpu_seconds": time.monotonic() - start})
-    return read(path)[case.name]
+
+    def __init__(self, path):
+        self._path, self._process, self._pipe = path, None, None
+
+    def attempt(self, case):
+        """Score a scene, or keep a score for it if the process dies.
+
+        Returns:
+            dict, the score.
+        """
+        start = time.monotonic()
+        if self._process is None:
+            context = get_context("spawn")
+            self._pipe, theirs = context.Pipe()
+            self._process = context.Process(target=_serve, args=(theirs, self._path), daemon=True)
+            self._process.start()
+            theirs.close()
+        failure = "hang", f"not done in {TIME_LIMIT:.0f} s"
+        try:
+            self._pipe.send(case.name)
+            if self._pipe.poll(TIME_LIMIT):
+                failure = self._pipe.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            failure = "crash", f"exit code {self._process.exitcode}"
+        if failure:
+            self.end()
+            place = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
+            lost = dict(zip(("score", "message"), failure)) | {"cpu_seconds": time.monotonic() - start}
+            keep(self._path, place | lost)
+        return read(self._path)[case.name]
+
+    def end(self):
+        """Kill the process, if there is one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self._process = None
+
+
+def _serve(pipe, path):
+    """Score and keep the scenes whose names come through a pipe; the answer is None, or what went wrong."""
+    named = cases(METHODS)
+    while True:
+        name = pipe.recv()
+        try:
+            keep(path, score(named[name]))
+            pipe.send(None)
+        except Exception as error:
+            pipe.send(("crash", traceback.format_exception_only(error)[-1].strip()))
 
 
 def study(chosen, path):
     """Score what has no score yet, as many at once as there are cores; a line for each."""
     done = read(path)
     todo = [case for case in chosen.values() if case.name not in done]
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
-        for number, one in enumerate(workers.map(lambda case: attempt(case, path), todo), start=1):
-            print(f"{number:4}/{len(todo)}  {line(one)}", flush=True)
+    cores, idle = len(os.sched_getaffinity(0)), SimpleQueue()
+    workers = [Worker(path) for _ in range(cores)]
+    for worker in workers:
+        idle.put(worker)
+
+    def attempt(case):
+        worker = idle.get()
+        try:
+            return worker.attempt(case)
+        finally:
+            idle.put(worker)
+
+    try:
+        with ThreadPoolExecutor(cores) as threads:
+            for number, one in enumerate(threads.map(attempt, todo), start=1):
+                print(f"{number:4}/{len(todo)}  {line(one)}", flush=True)
+    finally:
+        for worker in workers:
+            worker.end()
 
 
 def line(one):

@@ -1,6 +1,7 @@
 """A tenth of the stress matrix: no scene is delivered wrong, none dies, and the judge sees what is wrong."""
 
 import os
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -122,7 +123,7 @@ def test_a_scene_with_an_unsure_reference():
 
 @pytest.mark.skipif(WORLD.size > 1, reason="starts processes")
 def test_processes(tmp_path, monkeypatch):
-    """Scenes run in processes of their own, are not run again, and a hang or a crash is a score; all is drawn."""
+    """Scenes run in other processes, are not run again, and a hang or a crash is a score; all is drawn."""
     for name in set(os.environ) - set(outside()):  # they are no ranks of an mpirun above
         monkeypatch.delenv(name)
     names = ["bodies/stack/2", "held-by-contact/refused/pulled-stack", "gap/stack/1e-2"]
@@ -137,8 +138,14 @@ def test_processes(tmp_path, monkeypatch):
     stability.study(chosen, path)
     assert stability.read(path)[names[2]]["score"] == "hang"
     monkeypatch.setattr(stability, "TIME_LIMIT", 60.0)
-    dead = stability.attempt(Case("no", "such", "scene", None, None), path)
-    assert dead["score"] == "crash" and "exit code 2" in dead["message"]
+    worker = stability.Worker(path)
+    for end, message in ((None, "KeyError: 'no/such/scene'"), (os.kill, "exit code -9")):
+        if end:
+            assert worker.attempt(chosen[names[0]])["score"] == "right"
+            end(worker._process.pid, signal.SIGKILL)
+        dead = worker.attempt(Case("no", "such", "scene", None, None))
+        assert dead["score"] == "crash" and dead["message"] == message
+    worker.end()
     scores = list(stability.read(path).values())
     draw_matrix(scores, tmp_path / "matrix.png")
     write_csv(scores, tmp_path / "scores.csv")
