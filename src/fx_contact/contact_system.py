@@ -12,8 +12,8 @@ from fx_contact.projection import Projection
 _OVERLAP = 1e-6
 #: and relative to the largest displacement, where there is hardly an approach.
 _MOVED = 1e-12
-#: Tolerance of dual solutions: it is their discretisation errors that count.
-_DUAL = 1e-3
+#: Tolerance of dual solutions: by what they say the same leaves are refined on any number of ranks.
+_DUAL = 1e-6
 
 
 class ContactSystem:
@@ -117,7 +117,7 @@ class ContactSystem:
         if held is not None:
             held.close(self._active & self._holdable)
             u = held.onto_closed(u)
-        return self._cg.solve(right_hand_side, u, min(_DUAL, self._solver.loose_tolerance), held)
+        return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), held)
 
     def _system(self, term):
         """Let the operator have a penalty term of the closed pairs; the right-hand side that belongs to it."""
