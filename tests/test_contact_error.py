@@ -40,9 +40,9 @@ class Watched(Goals):
         Watched.asked.append((goal, dual, self._moved(dual)))
         return goal
 
-    def gap(self, index):
-        goal = super().gap(index)
-        Watched.asked.append((goal, None, goal and goal.moved))
+    def gap(self, weight):
+        goal = super().gap(weight)
+        Watched.asked.append((goal, None, goal.moved))
         return goal
 
 
@@ -66,7 +66,7 @@ def test_dual_solutions(asked, method):
 
 
 def test_gaps(asked):
-    """What strains contribute to a gap is what it has changed by; the least one counts."""
+    """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
     *_, step = adapt(beam(1.2), 0.3)
     (goal, _, moved), *_ = asked[-1:]
     left = -step.contact.penetration

@@ -87,7 +87,8 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
     refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
     if gain.aim(estimate, tolerance) is None:
         allowed, seen = allowed_errors(forces, tolerance, gain.sees), gain.sees
-        moved = moved_by_strains(scene, pairs, contact.penetration)
+        moved = moved_by_strains(scene, pairs, contact)
+        surface = Spots(forest, pairs, np.ones(len(pairs), dtype=bool)).pair
         for index, bound in enumerate(_DUAL * estimate.error_global / seen * root):
             asked, around = [], places.around(pairs, spots.contact == index)
             if force[index]:
@@ -96,7 +97,7 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
                 goal = goals.force(index)
                 errors[index] = goal.total / goal.value
                 asked.append((goal, allowed[index] * goal.value))
-            for weight in openings(index, pairs, contact, moved, around, force[index] > 0):
+            for weight in openings(index, pairs, contact, moved, surface, around, force[index] > 0):
                 goal = goals.gap(weight)
                 errors[index] = _with_gap(errors[index], goal, float(force[index]))
                 open_enough = seen * max(OPEN * goal.value, tolerance**2 * goal.moved)

@@ -43,7 +43,7 @@ class Goal:
 
 
 class Goals:
-    """The goals of a step: forces of contact pairs, and gaps of those that have none.
+    """The goals of a step: forces of contact pairs, and gaps of open places.
 
     Local.
 

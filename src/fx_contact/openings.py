@@ -3,11 +3,11 @@
 import numpy as np
 from mpi4py import MPI
 
-#: Parts of the longest side of the box around the pairs of two bodies, by which places are told apart,
+#: Parts of the longest side of the box around a connected surface of two bodies, by which places are told apart,
 _PARTS = 2
 #: and where their bounds are, relative to such a part: halved cells have no vertices there.
 _BOUND = 0.3
-#: Parts of the same bodies whose greatest ratios of movement to what is left differ by no more are one place.
+#: Parts of one such surface whose greatest ratios of movement to what is left differ by no more are one place.
 _ALIKE = 2.0
 #: Movement of a place, relative to what is left there, from which a contact pair that has a force is asked for it.
 _MUCH = 0.05
@@ -15,27 +15,27 @@ _MUCH = 0.05
 _CLOSED = 1e-6
 
 
-def moved_by_strains(scene, pairs, penetration):
+def moved_by_strains(scene, pairs, contact):
     """How far strains have moved the surfaces of pairs towards each other, or apart.
 
     Collective.  It is what they have moved less the rigid motions of the bodies: those that conditions prescribe, and
-    of those that no condition stops the ones that explain most of the rest.
+    of those that no condition stops the ones that bring closed contact together.
 
     Args:
         scene: Scene.
         pairs: NodePairs.
-        penetration: (n,) float64 [m].
+        contact: ContactSolution.
 
     Returns:
         (n,) float64 [m].
     """
-    moved, sides = penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
+    moved, sides = contact.penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
     for sign, side in sides:
         modes = np.einsum("nmi,ni->nm", scene.rigid_modes(pairs.position, side), pairs.normal)
         moved -= sign * (modes * scene.prescribed_motion[side]).sum(axis=1)
     if len(scene.free_motions):
         free = sum(sign * scene.motion(pairs.position, side, pairs.normal) for sign, side in sides)
-        weighted = pairs.area * free.T
+        weighted = contact.active * pairs.area * free.T
         sums = np.column_stack([weighted @ free, weighted @ moved])
         pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
         motion, *_ = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=1e-10)
@@ -43,16 +43,17 @@ def moved_by_strains(scene, pairs, penetration):
     return moved
 
 
-def openings(index, pairs, contact, moved, around, presses):
+def openings(index, pairs, contact, moved, surface, around, presses):
     """The open places of a contact pair, each by its nodes for which strains have done most for what is left.
 
-    Collective.  A gap that is least where nothing moves tells nothing.
+    Collective.  A gap that is least where nothing moves tells nothing.  What is not connected is not one place.
 
     Args:
         index: of the contact pair.
         pairs: NodePairs.
         contact: ContactSolution.
         moved: (n,) float64, as from `moved_by_strains` [m].
+        surface: (n,) int, which connected surface each pair is on.
         around: (n,) bool, pairs that belong to closed contact next to them.
         presses: whether the contact pair has a force: then places that have moved little are left out.
 
@@ -64,7 +65,8 @@ def openings(index, pairs, contact, moved, around, presses):
     ratio = np.abs(moved) / np.maximum(left, _CLOSED * changed + np.finfo(float).tiny)
     ratio = np.where(around | contact.active, 0.0, ratio)[ours]
 
-    position, (sides, which) = pairs.position[ours], _numbered(pairs.bodies[ours], comm)
+    position = pairs.position[ours]
+    sides, which = _numbered(np.column_stack([surface, pairs.bodies])[ours], comm)
     ends = np.full((2, len(sides), 3), np.inf)
     np.minimum.at(ends, (0, which), position)
     np.minimum.at(ends, (1, which), -position)
@@ -95,15 +97,15 @@ def _numbered(rows, comm):
     return distinct, which.ravel()[len(distinct) :]
 
 
-def _joined(bodies, most):
+def _joined(surface, most):
     """The part with the greatest ratio of those that each part is one place with: (n,) int.
 
     Args:
-        bodies: (n,) int, which two bodies each part is of.
+        surface: (n,) int, which connected surface of two bodies each part is of.
         most: (n,) float64, the greatest ratio of each.
     """
     head = np.full(len(most), -1)
     for first in np.argsort(-most, kind="stable"):
-        same = (bodies == bodies[first]) & (_ALIKE * most >= most[first])
+        same = (surface == surface[first]) & (_ALIKE * most >= most[first])
         head[(head < 0) & (head[first] < 0) & same] = first
     return head

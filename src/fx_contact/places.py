@@ -74,7 +74,7 @@ class Places:
         return decay * self._pressure[group]
 
     def around(self, pairs, groups):
-        """Which pairs are around a contact of some groups and of the same bodies: (n,) bool.
+        """Which pairs are, on both of their bodies, around a contact of some groups: (n,) bool.
 
         Local.
 
