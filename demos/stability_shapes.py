@@ -190,7 +190,7 @@ def on_a_base(heavy=0.0, pressure=0.0, cells=2):
     )
 
 
-def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afar=0.0, touch=0.0):
+def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afar=0.0, touch=0.0, thick=1.0):
     """A cantilever that a pressure bends towards a block under its tip.
 
     Args:
@@ -202,17 +202,18 @@ def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afa
         beside: pressure on a block that is wider, far from the tip [Pa].
         afar: how far the block comes from, turning about the wall [m].
         touch: displacement of a cube that touches another one beside the beam, in the same contact pair [m].
+        thick: height of the beam; the pressure is such that it bends as far as one of height 1 does [m].
     """
     boxes, bodies, long, pressure, n = Boxes(1), ["beam", "block"], 10.0, 1e-5, cells // 10
     gap = closing * 1.5 * pressure * long**4
     low = np.array([long - 1.0 if near is None else 0.0, 0.0, -4.0 if beside else -1.0])
     high = np.array([long + 5.0, 4.0, 0.0]) if beside else np.array([long, 1.0, 0.0])
-    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, 1.0), (cells, n, n))
+    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, thick), (cells, n, n))
     boxes.add("block", low, high, tuple(n * (high - low).astype(int)))
     below, above = boxes.facets(DOWN, 0.0, "beam"), boxes.facets(UP, 0.0, "block")
     column, row = np.divmod(above[:, 0] - cells * n * n, (high - low)[0].astype(int) * n)[::-1]
     row %= (high - low)[1].astype(int) * n
-    surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, 1.0, "beam")}
+    surfaces = {"wall": boxes.facets(LEFT, 0.0, "beam"), "load": boxes.facets(UP, thick, "beam")}
     surfaces |= {"end": boxes.facets(RIGHT, long, "beam"), "foot": boxes.facets(DOWN, low[2], "block")}
     surfaces |= {"tip": below[below[:, 0] % cells >= cells - n] if near is None else below}
     surfaces |= {"head": above[(column < n) & (row < n)] if beside else above}
@@ -236,7 +237,7 @@ def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afa
         share = 1.0 if near is None else near + (1 - near) * along
         return x - np.outer((gap * share + afar * along) * (name == "block"), [0, 0, 1])
 
-    loads = [Pressure("load", pressure)]
+    loads = [Pressure("load", pressure * thick**3)]
     loads += [Traction("end", (tension, 0.0, 0.0))] if tension else []
     loads += [Pressure("patch", beside)] if beside else []
     return Scene(

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fx_contact.force_error import OPEN, allowed_errors, marked
+from fx_contact.force_error import BLIND, OPEN, allowed_errors, marked
 from fx_contact.openings import moved_by_strains, openings
 from fx_contact.places import Places
 from fx_contact.spots import Spots
@@ -46,7 +46,8 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
     energy that the force stores, times that of the dual solution: where contact alone loads bodies this is less than
     what is allowed, and dual solutions are left out.  The gap of an open place (`openings`) may be off by a quarter, or
     by e^2 of what the strains contribute to it: less force than that pushes the bodies apart, if there is any.  Beside
-    a force of the same contact pair it may also be off by what would make no more force than that may be off by.
+    a force of the same contact pair it may also be off by what would make no more force than that may be off by.  Where
+    the mesh knows little of a dual solution, its leaves are refined first.
 
     Args:
         scene: Scene.
@@ -97,16 +98,22 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
                 goal = goals.force(index)
                 errors[index] = goal.total / goal.value
                 asked.append((goal, allowed[index] * goal.value))
-            for weight in openings(index, pairs, contact, moved, surface, around, force[index] > 0):
+            for weight in openings(index, pairs, contact, moved, surface, around):
                 goal = goals.gap(weight)
                 errors[index] = _with_gap(errors[index], goal, float(force[index]))
                 open_enough = seen * max(OPEN * goal.value, tolerance**2 * goal.moved)
                 asked.append((goal, max(open_enough, allowed[index] * force[index] * goal.compliance)))
             more = np.zeros(len(forest), dtype=np.int8)
             for goal, most in asked:
-                if goal.total > most:
+                dual = goal.dual
+                if dual.relative > BLIND:
+                    errors[index] = max(errors[index], 1.0)
+                    marks = marked(dual.error**2, (BLIND * dual.energy_norm) ** 2, comm)
+                elif goal.total > most:
                     marks = marked(goal.error, most, comm)
-                    more[elasticity.leaf_mesh.leaf] = np.maximum(more[elasticity.leaf_mesh.leaf], marks)
+                else:
+                    continue
+                more[elasticity.leaf_mesh.leaf] = np.maximum(more[elasticity.leaf_mesh.leaf], marks)
             leaves[index] = comm.allreduce(int((more > 0).sum()))
             refine = np.maximum(refine, more)
     unseen, total = comm.allreduce(np.array([unseen.sum(), (refine > 0).sum()])).tolist()

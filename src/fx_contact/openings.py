@@ -9,7 +9,7 @@ _PARTS = 2
 _BOUND = 0.3
 #: Parts of one such surface whose greatest ratios of movement to what is left differ by no more are one place.
 _ALIKE = 2.0
-#: Movement of a place, relative to what is left there, from which a contact pair that has a force is asked for it.
+#: Movement of a place, relative to what is left there, from which it is one; the most of an open surface is always one.
 _MUCH = 0.05
 #: Gaps up to this part of what they have changed by are rounding.
 _CLOSED = 1e-6
@@ -43,7 +43,7 @@ def moved_by_strains(scene, pairs, contact):
     return moved
 
 
-def openings(index, pairs, contact, moved, surface, around, presses):
+def openings(index, pairs, contact, moved, surface, around):
     """The open places of a contact pair, each by its nodes for which strains have done most for what is left.
 
     Collective.  A gap that is least where nothing moves tells nothing.  What is not connected is not one place.
@@ -55,7 +55,6 @@ def openings(index, pairs, contact, moved, surface, around, presses):
         moved: (n,) float64, as from `moved_by_strains` [m].
         surface: (n,) int, which connected surface each pair is on.
         around: (n,) bool, pairs that belong to closed contact next to them.
-        presses: whether the contact pair has a force: then places that have moved little are left out.
 
     Returns:
         (k, n) float64, for each place the parts of its area that the pairs have [-].
@@ -79,7 +78,12 @@ def openings(index, pairs, contact, moved, surface, around, presses):
     comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
 
     place = _joined(parts[:, 0], most)[part]
-    least = _MUCH if presses else min(_MUCH, most.max())
+    # Of each surface whether it is closed somewhere, and its greatest ratio.
+    state = np.zeros((2, len(sides)))
+    np.maximum.at(state, (0, which), contact.active[ours])
+    np.maximum.at(state, (1, which), ratio)
+    comm.Allreduce(MPI.IN_PLACE, state, op=MPI.MAX)
+    least = np.where(state[0], _MUCH, np.minimum(state[1], _MUCH))[which]
     there = (ratio >= most[place] / _ALIKE) & (ratio > 0) & (most[place] >= least)
     area = np.bincount(place, there * pairs.area[ours], len(parts)).astype(float)
     comm.Allreduce(MPI.IN_PLACE, area)
