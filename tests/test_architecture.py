@@ -19,7 +19,7 @@ ORDER = """
     petsc_objects matrix petsc_options solver krylov
     compilation elasticity conditions loads enforcement projection contact
     activeset guess contact_system solve estimate balance gap spots places
-    stored openings unseen force_error contact_error
+    stored openings unseen force_error verdict contact_error
     report step checkpoint
     accuracy
     adapt manufactured

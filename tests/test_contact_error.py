@@ -15,10 +15,11 @@ from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import Checkpoint
 from fx_contact.enforcement import METHODS
 from fx_contact.errors import SolveError
-from fx_contact.force_error import Goals, marked
+from fx_contact.force_error import Goals
 from fx_contact.loads import load
 from fx_contact.report import doubts
 from fx_contact.scenes import punch
+from fx_contact.verdict import marked
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 

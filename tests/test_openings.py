@@ -9,11 +9,12 @@ from conftest import WORLD
 
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, adapt
 from fx_contact.openings import moved_by_strains, openings
+from fx_contact.force_error import Goals
 from fx_contact.places import Places
-from fx_contact.force_error import BLIND, Goals
 from fx_contact.scenes import punch
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from fx_contact.spots import Spots
+from fx_contact.verdict import BLIND
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fx_contact.force_error import BLIND, OPEN, allowed_errors, marked
 from fx_contact.openings import moved_by_strains, openings
 from fx_contact.places import Places
 from fx_contact.spots import Spots
 from fx_contact.stored import stored_by_forces
 from fx_contact.unseen import unseen_contact
+from fx_contact.verdict import OPEN, Verdict, allowed_errors
 
 #: The error that a dual solution is taken to have where it is not asked for, relative to it.
 _DUAL = 0.5
@@ -91,46 +91,20 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
         moved = moved_by_strains(scene, pairs, contact)
         surface = Spots(forest, pairs, np.ones(len(pairs), dtype=bool)).pair
         for index, bound in enumerate(_DUAL * estimate.error_global / seen * root):
-            asked, around = [], places.around(pairs, spots.contact == index)
-            if force[index]:
-                errors[index] = float(bound)
+            verdict = Verdict(len(estimate.error), comm, float(force[index]), float(bound), float(allowed[index]))
             if bound > allowed[index]:
-                goal = goals.force(index)
-                errors[index] = goal.total / goal.value
-                asked.append((goal, allowed[index] * goal.value))
+                verdict.judge_force(goals.force(index))
+            around = places.around(pairs, spots.contact == index)
             for weight in openings(index, pairs, contact, moved, surface, around):
                 goal = goals.gap(weight)
-                errors[index] = _with_gap(errors[index], goal, float(force[index]))
-                open_enough = seen * max(OPEN * goal.value, tolerance**2 * goal.moved)
-                asked.append((goal, max(open_enough, allowed[index] * force[index] * goal.compliance)))
-            more = np.zeros(len(forest), dtype=np.int8)
-            for goal, most in asked:
-                dual = goal.dual
-                if dual.relative > BLIND:
-                    errors[index] = max(errors[index], 1.0)
-                    marks = marked(dual.error**2, (BLIND * dual.energy_norm) ** 2, comm)
-                elif goal.total > most:
-                    marks = marked(goal.error, most, comm)
-                else:
-                    continue
-                more[elasticity.leaf_mesh.leaf] = np.maximum(more[elasticity.leaf_mesh.leaf], marks)
-            leaves[index] = comm.allreduce(int((more > 0).sum()))
-            refine = np.maximum(refine, more)
+                verdict.judge_gap(goal, seen * max(OPEN * goal.value, tolerance**2 * goal.moved))
+            errors[index] = verdict.error
+            leaves[index] = comm.allreduce(int((verdict.refine > 0).sum()))
+            of_leaf = np.zeros_like(refine)
+            of_leaf[elasticity.leaf_mesh.leaf] = verdict.refine
+            np.maximum(refine, of_leaf, out=refine)
     unseen, total = comm.allreduce(np.array([unseen.sum(), (refine > 0).sum()])).tolist()
     return ContactError(refine, total, unseen, errors, leaves, float(held.max(initial=0.0)))
-
-
-def _with_gap(error, goal, force):
-    """The error of a contact pair, where a gap has one too: relative to it, or what the gap may do to the force.
-
-    Args:
-        error: so far; None: nothing is known [-].
-        goal: Goal of the gap.
-        force: of the contact pair's modelled part; 0: it has none [N].
-    """
-    if force:
-        return error + (max(goal.total - goal.value, 0.0) / goal.compliance / force if goal.compliance else 0.0)
-    return max(error or 0.0, goal.total / goal.value if goal.value else float(goal.total > 0))
 
 
 def _quotient(part, whole):

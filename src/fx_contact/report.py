@@ -7,8 +7,8 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.force_error import OPEN
 from fx_contact.stages import STAGES
+from fx_contact.verdict import OPEN
 
 
 def versions():
