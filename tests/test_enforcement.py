@@ -519,6 +519,19 @@ def test_active_set_ends():
     assert cycles > 3, "no problem cycles without the rules"
 
 
+def test_light_contact_within_the_solvers_error_ends():
+    """Pairs that overlap when they are open stay closed, though their forces are less than the solver's error."""
+    status, noise = lone_set(3, 10), 1e-3
+    light = np.array([1e-4, 1e-4, 0.0])
+    for _ in range(10):
+        overlap = np.array([1e-2, 1e-2, -1e-2])  # by which open pairs know that they must close
+        wanted = status.wanted(np.where(status.active, light, overlap), noise)
+        if not status.differs(wanted):
+            break
+        status.update(wanted)
+    assert status.active.tolist() == [True, True, False]
+
+
 def test_too_many_updates():
     """The number of updates is limited, and the error says so."""
     status = lone_set(5, 3)

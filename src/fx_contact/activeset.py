@@ -48,13 +48,15 @@ class ActiveSet:
     def forget(self):
         """Sets that came before may come again."""
         self._seen, self._fewest, self._single = {self._fingerprint(self.active)}, np.inf, False
+        self._overlap_without = False  # of any force
 
     def wanted(self, trial, noise):
         """The status that each pair should have.
 
         Collective.  Within the linear solver's error a pair keeps its status; if no pair is pressed harder than that,
-        the bodies at most touch without force, and all are open.  Where that leaves a body loose the pairs closest to
-        touching stay or become closed; `check_held` says whether that was the end of it.
+        the bodies at most touch without force, and all are open, unless they have overlapped by more then.  Where that
+        leaves a body loose the pairs closest to touching stay or become closed; `check_held` says whether that was the
+        end of it.
 
         Args:
             trial: (n,) float64, force of closed pairs, and of open ones the force that a penalty would exert [N].
@@ -65,7 +67,9 @@ class ActiveSet:
         """
         pressure = trial / np.sqrt(self._pairs.bounded_stiffness)
         hardest = self._max(pressure)
-        wanted = pressure > (np.where(self.active, -noise, noise) if hardest > noise else hardest)
+        self._overlap_without |= hardest > noise and not self.differs(np.zeros_like(self.active))
+        press = hardest > noise or self._overlap_without
+        wanted = pressure > (np.where(self.active, -noise, noise) if press else hardest)
         return self._held(wanted, trial / self._pairs.bounded_stiffness)
 
     def check_held(self):
