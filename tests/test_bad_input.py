@@ -1463,16 +1463,18 @@ comm.Barrier()
 """
 
 
-#: A program of which the last rank has too little memory while the others wait for it inside of PETSc.
+#: A program whose last rank fails while the others wait for it inside of PETSc.
 FAILS_IN_PETSC = """
 from mpi4py import MPI
+from petsc4py import PETSc
 from fx_contact import adapt, krylov
 from fx_contact.scenes import patch
+krylov._PATIENCE = 0.1
 comm, product, calls = MPI.COMM_WORLD, krylov._Product.mult, []
 def mult(self, *vectors):
     calls.append(1)
     if len(calls) == 3 and comm.rank == comm.size - 1:
-        raise MemoryError("no room")
+        raise {}
     product(self, *vectors)
 krylov._Product.mult = mult
 next(adapt(patch(cells=(2, 2, 2)), 0.1))
@@ -1482,7 +1484,13 @@ next(adapt(patch(cells=(2, 2, 2)), 0.1))
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 @pytest.mark.parametrize(
-    "program, error", [(FAILS_ALONE, "SceneError: Poisson's ratio"), (FAILS_IN_PETSC, "MemoryError: no room")]
+    "program, error",
+    [
+        (FAILS_ALONE, "SceneError: Poisson's ratio"),
+        (FAILS_IN_PETSC.format("MemoryError('no room')"), "MemoryError: no room"),
+        (FAILS_IN_PETSC.format("PETSc.Error(55)"), "PETSc cannot work with the solver's options"),
+    ],
+    ids=["before", "Python, called by PETSc", "PETSc"],
 )
 def test_error_that_nobody_catches(ranks, program, error):
     """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""

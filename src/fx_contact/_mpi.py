@@ -14,6 +14,7 @@ the lock's removal can then hang for ever.  So collectives go to the user's comm
 
 import pickle
 import sys
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -21,26 +22,45 @@ from mpi4py import MPI
 
 
 @contextmanager
-def together(comm):
+def together(comm, patience=None):
     """Run a block of local code; if it raises on any rank, raise that error on every rank.
 
-    Collective on comm. The block itself must not communicate.
+    Collective on comm. The block itself must not communicate, unless there is a patience.
 
     Args:
         comm: MPI communicator.
+        patience: where the block communicates, how long a rank on which it failed waits for others, which may wait for
+            it inside of the block [s]; None: for ever.
 
     Raises:
         Exception: the error of the lowest rank on which the block failed.
+        RuntimeError: the others have not come; on this rank alone, which nobody should catch, so that it ends them.
     """
     error = None
     try:
         yield
     except Exception as caught:
         error = caught
-    first = comm.allreduce(comm.size if error is None else comm.rank, MPI.MIN)
+    first = np.empty(1, dtype=np.int64)
+    lowest = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), first, MPI.MIN)
+    if error is None or patience is None:
+        lowest.Wait()
+    elif not _done(lowest, patience):
+        raise RuntimeError(
+            f"rank {comm.rank} has failed alone, and the others, which may wait for it for ever, end with it: {error}"
+        ) from error
+    first = int(first[0])
     if first < comm.size:
         shared = comm.bcast(_sendable(error), root=first)
         raise shared if error is None else error
+
+
+def _done(request, patience):
+    """Whether a request is done within so many seconds.  Local."""
+    end = time.monotonic() + patience
+    while not (done := request.Test()) and time.monotonic() < end:
+        time.sleep(1e-3)
+    return done
 
 
 def _sendable(error):

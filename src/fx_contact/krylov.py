@@ -38,6 +38,8 @@ _ADVICE = {
 }
 #: A residual that grows is no failure: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
+#: How long a rank on which PETSc has failed waits for others, which may never come back from PETSc [s].
+_PATIENCE = 10.0
 #: Relative error of a product with the operator, by rounding, with some room.
 ROUNDING = 1e-14
 
@@ -141,7 +143,8 @@ class ConjugateGradients:
 
         Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.  An error of
         Python that PETSc has met, like a Ctrl-C while it calls us or too little memory there, is raised as it is, by
-        this rank alone: others may be inside of PETSc, where nothing can reach them before it ends them too.
+        this rank alone: others may be inside of PETSc, where nothing can reach them before it ends them too.  So they
+        may where PETSc itself fails on one rank; there they get some time to come.
         """
         failure = None
         try:
@@ -154,14 +157,14 @@ class ConjugateGradients:
             self._objects.leave()
             raise failure from None
         try:
-            with together(self._comm):
+            with together(self._comm, _PATIENCE):
                 if failure is not None:
                     clear_hypre_errors()
                     raise SolveError(
                         f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
                         f"{failure}"
                     ) from failure
-        except SolveError:
+        except (SolveError, RuntimeError):
             self._objects.leave()
             raise
 
