@@ -186,10 +186,10 @@ def resultants(scene, pairs, force):
         (n,) float64 [N].
     """
     result = force.copy()
-    for index, direction in enumerate(pair.direction for pair in scene.contact):
+    for index, direction in enumerate(pair.unit_direction for pair in scene.contact):
         if direction is not None:
             ours = pairs.contact == index
-            result[ours] *= pairs.normal[ours] @ (np.asarray(direction, dtype=float) / np.linalg.norm(direction))
+            result[ours] *= pairs.normal[ours] @ direction
     return result
 
 

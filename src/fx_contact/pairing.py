@@ -186,7 +186,7 @@ def _match(mesh, pair, first, second):
     _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]
     if pair.direction is not None:
-        direction = np.asarray(pair.direction) / np.linalg.norm(pair.direction)
+        direction = pair.unit_direction
         points = [x - (x @ direction)[..., None] * direction for x in points]
     size = np.sqrt(
         np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max()
@@ -220,7 +220,7 @@ def _check_facing(mesh, label, pair, first, second):
     """A given direction must lead out of the first body and into the second."""
     if pair.direction is None:
         return
-    direction = np.asarray(pair.direction, dtype=float)
+    direction = pair.unit_direction
     for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
         if away.any():

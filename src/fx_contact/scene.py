@@ -74,8 +74,14 @@ class ContactPair:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         if self.direction is not None:
             check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
-            if not np.linalg.norm(self.direction):
+            if not np.any(self.direction):
                 raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
+
+    @property
+    def unit_direction(self):
+        """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
+        scaled = None if self.direction is None else np.array(self.direction) / np.abs(self.direction).max()
+        return scaled if scaled is None else scaled / np.linalg.norm(scaled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +322,7 @@ class Scene:
         pair = self.pairing.pair[facets[:, 0], facets[:, 1]]
         for index, contact in enumerate(self.contact):
             if contact.direction is not None:
-                result[pair == index] = np.asarray(contact.direction) / np.linalg.norm(contact.direction)
+                result[pair == index] = contact.unit_direction
         return result
 
     def prescribed(self, points):
