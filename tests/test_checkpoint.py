@@ -23,7 +23,7 @@ import pytest
 from conftest import WORLD, everywhere, leaves, outside, split, vertex_positions
 from mpi4py import MPI
 
-from fx_contact import Enforcement, Material, Traction, adapt, forest
+from fx_contact import Enforcement, Material, Traction, adapt, checkpoint, forest
 from fx_contact.adapt import Beginning
 from fx_contact.checkpoint import KIND, NAME, Checkpoint, _are_whole, _is_balanced
 from fx_contact.errors import CheckpointError, FxContactError, GeometryError, OutputError, PartitionError, SceneError
@@ -261,6 +261,7 @@ def with_tables(**changes):
         with_content(estimate=[float("nan"), 1.0, 1]),
         with_content(estimate=[1.0, -1.0, 1]),
         with_content(estimate=[10**400, 1.0, 1]),
+        with_content(estimate=[1e308, 1.0, 1]),
         *(with_gain(effectivity=value) for value in (float("nan"), float("inf"), -1.0, 10**400)),
         with_tables(rows=-1),
         with_tables(rows="x"),
@@ -319,6 +320,7 @@ def first_row(value):
         ("values", first_row(lambda row: np.nan * row), "displacements are not finite"),
         ("indicator", first_row(lambda row: np.nan * row), "errors are negative, or not finite"),
         ("indicator", first_row(lambda row: -1 - row), "errors are negative, or not finite"),
+        ("indicator", lambda rows: 2 * rows, "errors do not add up to its estimate"),
         ("refine", first_row(lambda row: row + 3), "refined other than once or twice"),
         ("vertices", lambda rows: 0 * rows - 1, "lacks vertices of its leaves"),
         ("indicator", lambda rows: rows[:-1], "indicator in it is missing or makes no sense"),
@@ -340,6 +342,20 @@ def test_estimate_of_other_leaves(scene, folder):
     alone(lambda: rewritten(folder / NAME, with_content(estimate=[0.1, 1.0, 1])))
     message = caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
     assert "another number of leaves than its estimate" in message
+
+
+def test_levels_in_a_file_that_do_not_fit_together(scene, folder):
+    """They are looked at before anything is made of them."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    file, roots = RowFile(folder / NAME, WORLD), Forest.of_roots(WORLD, scene.mesh, scene.pairing)
+    facing = np.flatnonzero((scene.pairing.pair >= 0).any(axis=1))[0]
+    unfit = split(roots, roots.cell == facing)
+    names = checkpoint._names(unfit.cell, unfit.level, unfit.anchor)[:, None]
+    tables = {"leaves": names, "indicator": np.zeros((len(unfit), 1)), "refine": np.zeros((len(unfit), 1))}
+    tables |= {name: file.table(name) for name in ("vertices", "values")}
+    write(folder / NAME, WORLD, file.content | {"estimate": [0.0, 1.0, unfit.size_global]}, tables)
+    message = caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
+    assert "the levels of its leaves do not fit together" in message
 
 
 @pytest.mark.parametrize("inside, whole", [(7, True), (0, False)])

@@ -5,7 +5,6 @@ vertex with its displacement 32.  The displacement is also the start of the next
 problem it belongs to, and has the records of all steps so far.
 """
 
-import sys
 from dataclasses import asdict, dataclass, fields
 from numbers import Real
 from uuid import uuid4
@@ -50,6 +49,8 @@ _TABLES = {
     "vertices": ("<i8", 1, "vertices"),
     "values": ("<f8", 3, "vertices"),
 }
+#: No energy and no error is larger [J].
+_LARGEST = 1e150
 _ADVICE = "take a copy of it if there is one, else remove it and begin anew"
 
 
@@ -179,8 +180,8 @@ def _content(file):
 
 
 def _are_numbers(values):
-    """Whether all are numbers that can be meant: finite, and not negative."""
-    return all(isinstance(value, Real) and 0 <= value <= sys.float_info.max for value in values)
+    """Whether all are numbers that can be meant: not negative, and with squares that are finite."""
+    return all(isinstance(value, Real) and 0 <= value <= _LARGEST for value in values)
 
 
 def _names(cell, level, anchor):
@@ -322,7 +323,7 @@ class Checkpoint:
             CheckpointError: the file is damaged.
         """
         scene, comm = self._scene, self.comm
-        leaves, count = _named(self._file.table("leaves")[:, 0]), self._file.content["estimate"][-1]
+        leaves, (whole, _, count) = _named(self._file.table("leaves")[:, 0]), self._file.content["estimate"]
         keys, values, error, refine = map(self._file.table, ("vertices", "values", "indicator", "refine"))
         with together(comm):
             self._see(_are_leaves(scene.mesh, *leaves), "some of its leaves are none of the root mesh")
@@ -334,6 +335,8 @@ class Checkpoint:
             self._see(
                 count == self._file.tables["leaves"]["rows"], "it has another number of leaves than its estimate"
             )
+        added = np.sqrt(comm.allreduce(float((error**2).sum())))
+        self._see(abs(added - whole) <= 1e-6 * whole, "its errors do not add up to its estimate")
         self._see(_are_whole(comm, scene.mesh, *leaves), "its leaves do not fill the root cells, each of them once")
         forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *leaves)
         self._see(_is_balanced(forest), "the levels of its leaves do not fit together")

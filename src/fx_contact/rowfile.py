@@ -100,7 +100,7 @@ def _write_pieces(path, new, comm, end, pieces):
 def _remove_left(path):
     """Remove what killed runs have left of new files, known by its exact name.  Local."""
     for left in path.parent.iterdir():
-        if re.fullmatch(re.escape(path.name) + r"\.new-[0-9a-f]{32}", left.name):
+        if re.fullmatch(re.escape(path.name) + r"\.new-[0-9a-f]{32}", left.name) and not left.is_dir():
             left.unlink()
 
 
