@@ -22,6 +22,8 @@ METHODS = ("exact", "augmented-lagrangian", "penalty")
 
 #: The factor of the penalty where none is given.
 FACTOR = 100.0
+#: The gap tolerance of the augmented Lagrangian where none is given.
+GAP_TOLERANCE = 1e-6
 #: The least and the largest: beside the bodies softer ones are nothing, and the overlaps of stiffer ones are rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
 #: The factor of the springs that a matrix has for pairs that are held otherwise: with softer ones its preconditioner
@@ -47,14 +49,15 @@ class Enforcement:
             force and area of the contact pair would come.
 
     Raises:
-        SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and
-            a node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
+        SceneError: an unknown method, a value that is not positive, a penalty or a gap tolerance where the method takes
+            none, a factor and a node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`, a gap_tolerance
+            that is not below 1.
     """
 
     method: str = METHODS[0]
     factor: float | None = None
     node_stiffness: float | None = None
-    gap_tolerance: float = 1e-6
+    gap_tolerance: float = GAP_TOLERANCE
 
     def __post_init__(self):
         check_name("enforcement", self.method, METHODS)
@@ -76,6 +79,16 @@ class Enforcement:
             )
         if len(given) == 2:
             raise SceneError("a penalty has a factor or a node_stiffness, not both")
+        if self.gap_tolerance != GAP_TOLERANCE and self.method != "augmented-lagrangian":
+            raise SceneError(
+                f"the enforcement {self.method!r} takes no gap_tolerance; 'augmented-lagrangian' does, whose overlaps "
+                "become smaller with each augmentation"
+            )
+        if self.gap_tolerance >= 1:
+            raise SceneError(
+                f"gap_tolerance is relative to the approach and must be below 1, got {self.gap_tolerance:g}: "
+                f"{GAP_TOLERANCE:g} is the default"
+            )
 
     @property
     def springs(self):
