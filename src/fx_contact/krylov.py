@@ -27,6 +27,11 @@ _UNFIT = {
     PETSc.PC.Type.LMVM: "learns from the steps of a nonlinear solver, of which there are none here: take jacobi, which "
     "is as simple",
 }
+#: The same of BoomerAMG's smoothers.
+_UNFIT_SMOOTHERS = {
+    "Gaussian-elimination": "would factorise each level as a full matrix, which hypre does not survive: leave it to "
+    "the coarsest one"
+}
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
 _FALLBACKS = ("cholesky", "boomeramg-robust")
 #: What to do where PCG has failed, by PETSc's reason if it tells more than others.
@@ -93,7 +98,8 @@ class ConjugateGradients:
         options = preconditioner_options(preconditioner, self._unknowns)
         self._options = PetscOptions(self._comm, prefix, options, given, others, COVERED)
         self._options.check_free(NOT_TO_SET)
-        self._options.check_kinds(_UNFIT)
+        self._options.check_kinds(("pc_type", "pc_composite_pcs"), _UNFIT)
+        self._options.check_kinds(("relax_type_all", "relax_type_down", "relax_type_up"), _UNFIT_SMOOTHERS)
         self._ksp = ksp = self._objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(prefix)
         ksp.setType(PETSc.KSP.Type.CG)

@@ -22,8 +22,6 @@ COMMON = (
 ).split()
 #: Options that PETSc reads only when it sets a preconditioner up: of matrices, and of solvers inside of solvers.
 _LATE = re.compile("mat_|pc_mg_|(?!ksp_|pc_).+_(ksp|pc|mat)_")
-#: Ends of the names of options whose values are kinds of preconditioners, with commas between them.
-_KINDS = "pc_type", "pc_composite_pcs"
 
 
 class PetscOptions:
@@ -58,17 +56,18 @@ class PetscOptions:
                 + taken[name]
             )
 
-    def check_kinds(self, unfit):
-        """See that no preconditioner, be it inside another one, is of a kind that the solver cannot have.
+    def check_kinds(self, ends, unfit):
+        """See that no preconditioner or smoother, be it inside another one, is of a kind that the solver cannot have.
 
         Args:
+            ends: ends of the names of options whose values are such kinds, with commas between them: tuple of str.
             unfit: kind -> why it cannot.
 
         Raises:
             SolveError: an option names one of them.
         """
         for name, value in (self._values | self._typed).items():
-            for kind in str(value).split(",") if name.endswith(_KINDS) else ():
+            for kind in str(value).split(",") if name.endswith(ends) else ():
                 if kind in unfit:
                     raise SolveError(f"-{self._prefix}{name} {kind} {unfit[kind]}")
 
