@@ -78,12 +78,14 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
         """Sums over the spots of each contact pair: (npairs,) float64."""
         return np.bincount(spots.contact, of_spots, len(forces))
 
-    force = of_pairs(places.force)
+    force = np.where(
+        np.array(forces) > 0, of_pairs(places.force), 0.0
+    )  # a pair that pulls at last does so by rounding
     share = _quotient(places.force, force[spots.contact])
     held = of_pairs(_quotient(share * work, energy))
     # Spots are springs beside each other: the square of a pair's force over what it stores is the sum of theirs.
     stiff = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)
-    root = np.sqrt(of_pairs(stiff))
+    root = np.sqrt(of_pairs(stiff)) if estimate.error_global else np.zeros(len(forces))
 
     refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
     if gain.aim(estimate, tolerance) is None:

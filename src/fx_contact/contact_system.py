@@ -78,7 +78,7 @@ class ContactSystem:
         with self._stages("system"):
             self._active, self._forces = active, np.where(active, self._forces, 0.0)
             right_hand_side = self._system(self._term)
-            if not self._any(active) and not self._any(self._base):
+            if not self._any(self._base) and not self._any(active & (self._jump.gap != 0)):
                 # At rest; from elsewhere PCG would come close, but not by the energy of what is left.
                 u = np.zeros_like(u)
             self._nearest.close(active)
