@@ -373,6 +373,21 @@ CASES = {
     "unknown enforcement": (lambda: Enforcement("mortar"), SceneError, "'augmented-lagrangian'"),
     "penalty where none is": (lambda: Enforcement(factor=10.0), SceneError, "takes no penalty factor"),
     "two penalties": (lambda: Enforcement("penalty", 10.0, 3.0), SceneError, "not both"),
+    "gap tolerance of a method that takes none": (
+        lambda: Enforcement("exact", gap_tolerance=1e-3),
+        SceneError,
+        "'exact' takes no gap_tolerance; 'augmented-lagrangian' does",
+    ),
+    "gap tolerance above the approach": (
+        lambda: Enforcement("augmented-lagrangian", gap_tolerance=2.0),
+        SceneError,
+        "must be below 1, got 2",
+    ),
+    "smoother that hypre does not survive": (
+        lambda: first(solver=Solver(options={"pc_hypre_boomeramg_relax_type_all": "Gaussian-elimination"})),
+        SolveError,
+        "would factorise each level as a full matrix",
+    ),
     "gap tolerance 0": (lambda: Enforcement(gap_tolerance=0.0), SceneError, "gap_tolerance"),
     "tolerance 0": (lambda: next(adapt(press(two_cubes()), 0.0, COMM)), SceneError, "tolerance must be a positive"),
     "tolerance < 0": (lambda: next(adapt(press(two_cubes()), -0.1, COMM)), SceneError, "-0.1"),
@@ -664,7 +679,7 @@ CASES = {
         FxContactError,
         "",
     ),
-    "file that is a folder": (lambda: root_mesh_from_file(COMM, "/tmp"), SceneError, "no mesh file '/tmp'"),
+    "file that is a folder": (lambda: root_mesh_from_file(COMM, "/tmp"), SceneError, "'/tmp' is no regular file"),
     "file name of a number": (lambda: root_mesh_from_file(COMM, 5), SceneError, "must be a path, got 5"),
     "file name that is too long": (
         lambda: root_mesh_from_file(COMM, "a" * 300 + ".msh"),
@@ -891,6 +906,11 @@ CASES = {
     "surface of text": (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), GeometryError, "'s' must be an array"),
     "condition in a list": (lambda: Dirichlet(["base"], x=0.0), SceneError, "must be a name, got ['base']"),
     "zero direction": (lambda: ContactPair("a", "b", (0, 0, 0)), SceneError, "zero"),
+    "displacement with masked values": (
+        lambda: pressed_by(lambda x: np.ma.masked_greater(0 * x[0] - 0.01, -1.0)),
+        SceneError,
+        "is a function that fails at",
+    ),
     "surfaces out of line": (lambda: press(two_cubes(shift=0.1)), PairingError, "face 5 of root cell 0"),
     "surfaces paired twice": (
         lambda: press(two_cubes(), contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
@@ -1105,7 +1125,7 @@ def test_what_vertices_hold(ratio):
 def test_numbers_of_any_kind(kind):
     """What is a number is taken as one in double precision; the record can be written."""
     tolerance, stiff = kind(1) / 2, Material(kind(1), kind(1) / 4)
-    enforcement = Enforcement("penalty", kind(100), gap_tolerance=kind(1) / 2**20)
+    enforcement = Enforcement("augmented-lagrangian", kind(100), gap_tolerance=kind(1) / 2**20)
     solver = Solver(tolerance=kind(1) / 2**27, loose_tolerance=kind(1) / 2**10)
     scene = press(two_cubes(), materials={"lower": stiff, "upper": stiff})
     record = next(adapt(scene, tolerance, COMM, enforcement=enforcement, solver=solver)).record

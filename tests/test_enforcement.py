@@ -44,6 +44,7 @@ from fx_contact import (  # noqa: E402
     adapt,
 )
 from fx_contact.activeset import ActiveSet  # noqa: E402
+from fx_contact.adapt import Beginning  # noqa: E402
 from fx_contact.conditions import prescribed_displacements  # noqa: E402
 from fx_contact.contact import node_pairs  # noqa: E402
 from fx_contact.enforcement import METHODS, Jump  # noqa: E402
@@ -532,6 +533,27 @@ def test_light_contact_within_the_solvers_error_ends():
     assert status.active.tolist() == [True, True, False]
 
 
+def test_what_pulls_is_not_tried_in_turn():
+    """Where a body needs now this pair, now that one to hold it, and both pull, that is the error."""
+    status = lone_set(2, 20)
+    status._loose_bodies = lambda active: [] if active.any() else ["upper"]
+    with pytest.raises(SolveError, match="nothing holds body 'upper'"):
+        for _ in range(20):
+            closest = np.where(status.active, -2.0, -1.0)
+            status.update(status.wanted(closest, 0.0))
+    assert status.updates < 5
+
+
+def test_bodies_come_to_rest():
+    """Without loads they end where nothing is strained, wherever they begin: nothing is left for the estimate."""
+    loaded = pressed(two_boxes())
+    still = replace(loaded, dirichlet=tuple(Dirichlet(c.where, 0.0, 0.0, 0.0) for c in loaded.dirichlet))
+    first = next(adapt(loaded, 0.5))
+    assert first.record["active_pairs"] and not first.record["reached"]
+    record = next(adapt(still, 0.5, beginning=Beginning.after(first, np.zeros(len(first.forest), dtype=bool)))).record
+    assert record["estimate"] == 0 and record["active_pairs"] == 0 and record["max_penetration"] < 1e-15
+
+
 def test_too_many_updates():
     """The number of updates is limited, and the error says so."""
     status = lone_set(5, 3)
@@ -587,6 +609,15 @@ def test_iterations_do_not_depend_on_the_penalty(make):
             assert abs(last["force"] / exact["force"] - 1) < soft, enforcement
             assert abs(last["max_pressure"] / exact["max_pressure"] - 1) < 10 * soft, enforcement
     assert max(count) <= 1.2 * min(count), count
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e200])
+def test_directions_of_any_length(length):
+    """Nor do squares of their components matter, which are 0 and infinite here."""
+    scene = stack()
+    scaled = tuple(replace(pair, direction=(0.0, 0.0, length)) for pair in scene.contact)
+    one, other = (next(adapt(s, 0.3)).record["pair_forces"] for s in (scene, replace(scene, contact=scaled)))
+    assert one == other and min(one) > 0
 
 
 @pytest.mark.parametrize("degrees", [10, 45])

@@ -110,7 +110,7 @@ class Beginning:
 
         Args:
             step: Step.
-            marked: (n,) bool, leaves to refine, or int, how often.
+            marked: (n,) bool, leaves to refine, or (n,) int, how often to refine each.
 
         Raises:
             SceneError: no step, or marked is no such array.
@@ -195,7 +195,7 @@ def adapt(
             raise SceneError(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
-        options = {"geometry order": geometry_order, "enforcement": asdict(enforcement)}
+        options = {"geometry order": settings.geometry_order, "enforcement": asdict(enforcement)}
         _check_start(settings, comm, options, beginning, restart)
         asked = settings.asked() | {
             "most steps": max_steps,

@@ -92,7 +92,8 @@ def _check_head(path):
     """The file must begin as Gmsh's meshes do: what does not Gmsh runs as a script, which may call any command."""
     try:
         if not path.is_file():
-            raise SceneError(f"there is no mesh file {str(path)!r}")
+            there = f"{str(path)!r} is no regular file" if path.exists() else f"there is no mesh file {str(path)!r}"
+            raise SceneError(f"{there}: give a .msh file of Gmsh")
         with path.open("rb") as file:
             head = file.read(100)
     except OSError as error:

@@ -291,7 +291,10 @@ def evaluated(what, value, points, components):
     if not len(points):
         return np.empty((0, components))
     try:
-        result = np.asarray(value(points.T.copy()))
+        given = value(points.T.copy())
+        if np.ma.is_masked(given):
+            raise ValueError("it gives masked values, and a value is needed everywhere")
+        result = np.asarray(given)
     except (Exception, SystemExit) as error:  # one that ends the program would end it on this rank alone
         raise SceneError(
             f"{what} is a function that fails at {len(points)} points, an array of shape {(3, len(points))}: "

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 from mpi4py import MPI
@@ -83,10 +84,13 @@ class Settings:
         for name, kind in (("enforcement", Enforcement), ("solver", Solver)):
             if not isinstance(getattr(self, name), kind):
                 raise SceneError(f"{name} must be a {kind.__name__}, got {shown(getattr(self, name))}")
-        if order is not None and (isinstance(order, bool) or not isinstance(order, int) or order not in orders):
+        if order is None:
+            return
+        if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
             raise SceneError(
                 f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
             )
+        object.__setattr__(self, "geometry_order", int(order))
 
     @cached_property
     def problem(self):
