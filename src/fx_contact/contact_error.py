@@ -74,25 +74,25 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
     work = np.bincount(spots.pair[presses], (contact.force * contact.penetration)[presses], spots.number)
     work = comm.allreduce(work)
 
-    def of_pairs(of_spots):
+    def summed(of_spots):
         """Sums over the spots of each contact pair: (npairs,) float64."""
         return np.bincount(spots.contact, of_spots, len(forces))
 
-    force = np.where(
-        np.array(forces) > 0, of_pairs(places.force), 0.0
-    )  # a pair that pulls at last does so by rounding
-    share = _quotient(places.force, force[spots.contact])
-    held = of_pairs(_quotient(share * work, energy))
+    force = np.where(np.array(forces) > 0, summed(places.force), 0.0)  # a pair that pulls at last does so by rounding
+    share = _quotient(places.force, force[spots.contact])  # that each spot has of its contact pair's force [-]
+    penalty_share = summed(_quotient(share * work, energy))
     # Spots are springs beside each other: the square of a pair's force over what it stores is the sum of theirs.
-    stiff = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)
-    root = np.sqrt(of_pairs(stiff)) if estimate.error_global else np.zeros(len(forces))
+    inverse = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)  # [1/J]
+    bounds = np.zeros(len(forces))  # of the relative errors of forces, by that of the whole [-]
+    if estimate.error_global:
+        bounds = _DUAL * estimate.error_global / gain.sees * np.sqrt(summed(inverse))
 
     refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
     if gain.aim(estimate, tolerance) is None:
         allowed, seen = allowed_errors(forces, tolerance, gain.sees), gain.sees
         moved = moved_by_strains(scene, pairs, contact)
         surface = Spots(forest, pairs, np.ones(len(pairs), dtype=bool)).pair
-        for index, bound in enumerate(_DUAL * estimate.error_global / seen * root):
+        for index, bound in enumerate(bounds):
             verdict = Verdict(len(estimate.error), comm, float(force[index]), float(bound), float(allowed[index]))
             if bound > allowed[index]:
                 verdict.judge_force(goals.force(index))
@@ -106,7 +106,7 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
             of_leaf[elasticity.leaf_mesh.leaf] = verdict.refine
             np.maximum(refine, of_leaf, out=refine)
     unseen, total = comm.allreduce(np.array([unseen.sum(), (refine > 0).sum()])).tolist()
-    return ContactError(refine, total, unseen, errors, leaves, float(held.max(initial=0.0)))
+    return ContactError(refine, total, unseen, errors, leaves, float(penalty_share.max(initial=0.0)))
 
 
 def _quotient(part, whole):

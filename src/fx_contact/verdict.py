@@ -17,7 +17,7 @@ _THRESHOLDS, _LEAST = 1024, 1e-12
 
 
 class Verdict:
-    """What the goals of one contact pair say of its error, and which cells they need; each is judged once.
+    """What the goals of one contact pair say of its error, and which cells they need; its force comes first.
 
     Collective on comm.
 
