@@ -384,7 +384,7 @@ CASES = {
         "must be below 1, got 2",
     ),
     "smoother that hypre does not survive": (
-        lambda: first(solver=Solver(options={"pc_hypre_boomeramg_relax_type_all": "Gaussian-elimination"})),
+        lambda: first(solver=Solver(options={"pc_hypre_boomeramg_relax_type_all": "gaussian-Elimination"})),
         SolveError,
         "would factorise each level as a full matrix",
     ),

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -630,11 +631,14 @@ def test_iterations_do_not_depend_on_the_penalty(make):
     assert max(count) <= 1.2 * min(count), count
 
 
-@pytest.mark.parametrize("length", [1e-200, 1e200])
-def test_directions_of_any_length(length):
-    """Nor do squares of their components matter, which are 0 and infinite here."""
+@pytest.mark.parametrize(
+    "direction",
+    [(0.0, 0.0, 1e-200), (0.0, 0.0, 1e200), (0, 0, 10**20), (0, 0, Fraction(1, 3)), np.array([0, 0, 100], np.int8)],
+)
+def test_directions_of_any_length(direction):
+    """Nor of any kind of number; squares of their components would be 0 and infinite here."""
     scene = stack()
-    scaled = tuple(replace(pair, direction=(0.0, 0.0, length)) for pair in scene.contact)
+    scaled = tuple(replace(pair, direction=direction) for pair in scene.contact)
     one, other = (next(adapt(s, 0.3)).record["pair_forces"] for s in (scene, replace(scene, contact=scaled)))
     assert one == other and min(one) > 0
 

@@ -29,7 +29,7 @@ _UNFIT = {
 }
 #: The same of BoomerAMG's smoothers.
 _UNFIT_SMOOTHERS = {
-    "Gaussian-elimination": "would factorise each level as a full matrix, which hypre does not survive: leave it to "
+    "gaussian-elimination": "would factorise each level as a full matrix, which hypre does not survive: leave it to "
     "the coarsest one"
 }
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.

@@ -61,15 +61,15 @@ class PetscOptions:
 
         Args:
             ends: ends of the names of options whose values are such kinds, with commas between them: tuple of str.
-            unfit: kind -> why it cannot.
+            unfit: kind, in small letters -> why it cannot.
 
         Raises:
             SolveError: an option names one of them.
         """
         for name, value in (self._values | self._typed).items():
             for kind in str(value).split(",") if name.endswith(ends) else ():
-                if kind in unfit:
-                    raise SolveError(f"-{self._prefix}{name} {kind} {unfit[kind]}")
+                if kind.lower() in unfit:
+                    raise SolveError(f"-{self._prefix}{name} {kind} {unfit[kind.lower()]}")
 
     @contextmanager
     def there(self):

@@ -80,8 +80,8 @@ class ContactPair:
     @property
     def unit_direction(self):
         """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
-        scaled = None if self.direction is None else np.array(self.direction) / np.abs(self.direction).max()
-        return scaled if scaled is None else scaled / np.linalg.norm(scaled)
+        given = None if self.direction is None else np.array([float(component) for component in self.direction])
+        return None if given is None else (scaled := given / np.abs(given).max()) / np.linalg.norm(scaled)
 
 
 @dataclass(frozen=True, eq=False)
