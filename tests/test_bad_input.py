@@ -1520,6 +1520,28 @@ def test_error_that_nobody_catches(ranks, program, error):
     assert error in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
 
 
+#: A program that catches what PETSc cannot do on rank 0, then another error, and ends.
+GOES_ON = """
+from fx_contact import Solver, adapt
+from fx_contact.errors import FxContactError
+from fx_contact.scenes import patch
+for options in ({"ksp_monitor": "ascii:/no/such/file"}, {"ksp_max_it": "1"}):
+    try:
+        next(adapt(patch(cells=(2, 2, 2)), 0.1, solver=Solver(options=options)))
+    except FxContactError as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+def test_program_that_goes_on_after_errors_of_petsc():
+    """It ends, though what PETSc has made is not the same on all ranks."""
+    command = ["mpirun", "-n", "2", sys.executable, "-c", GOES_ON]
+    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("PETSc cannot work with") == done.stdout.count("is not the user's: set Solver.max") == 2
+
+
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_options_file_of_the_environment():
     """On two ranks too, a file that PETSC_OPTIONS names and that is not there is one sentence and an exit code."""

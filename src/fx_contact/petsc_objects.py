@@ -33,6 +33,10 @@ class PetscObjects:
         """Free none of them: PETSc has failed, perhaps on one rank, which has not the same ones as others any more.
 
         Local, but on all ranks.  Where one rank alone has freed all that PETSc had on a communicator, that rank waits
-        for the others when it next makes something there.
+        for the others when it next makes something there.  What Python drops PETSc frees when it ends, on all ranks
+        alike: here it would wait for ever, so that one reference to each stays.
         """
+        for thing in self._things:
+            if thing:  # not freed before
+                thing.incRef()
         self._things.clear()
