@@ -61,7 +61,7 @@ def openings(index, pairs, contact, moved, surface, around):
     """
     comm, ours = pairs.prolongation.comm, np.flatnonzero(pairs.contact == index)
     left, changed = np.maximum(-contact.penetration, 0.0), np.abs(pairs.gap + contact.penetration)
-    ratio = np.abs(moved) / np.maximum(left, _CLOSED * changed + np.finfo(float).tiny)
+    ratio = np.abs(moved) / np.maximum(left, _CLOSED * np.maximum(changed, np.abs(moved)) + np.finfo(float).tiny)
     ratio = np.where(around | contact.active, 0.0, ratio)[ours]
 
     position = pairs.position[ours]
