@@ -7,7 +7,7 @@ twin in other units, another direction or on another mesh; `stability_checks.py`
 on one rank, with a time limit, in a process that a crash or a hang ends and another one replaces: they are scores too.
 
     python3 demos/stability.py --quick            # a sixth of the scenes, spread over all rows
-    python3 demos/stability.py                    # all: 6 to 20 minutes on two cores
+    python3 demos/stability.py                    # all: 6 minutes on two fast cores
     python3 demos/stability.py --only NAME        # one scene, with all its checks
 
 A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,

@@ -596,11 +596,15 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     assert max(count) <= 1.2 * min(count), count
 
 
-@pytest.mark.skipif(WORLD.size > 2, reason="on 3 ranks a ring on a shaft needs a quarter more")
+#: What 20 % do not hold for on 3 ranks: one takes a quarter fewer, one a quarter more.
+ON_TWO_RANKS = pytest.mark.xfail(WORLD.size > 2, reason="BoomerAMG of small parts", strict=False)
+
+
 @pytest.mark.parametrize(
     "make, levels",
-    [(make, 1) for make in (hertz, spheres, punch, cylinders, indentation, shrink_fit, stack)]
-    + [(make, 2) for make in (indentation, shrink_fit)],
+    [(make, 1) for make in (hertz, spheres, punch, cylinders, shrink_fit, stack)]
+    + [(indentation, 2)]
+    + [pytest.param(*case, marks=ON_TWO_RANKS) for case in ((indentation, 1), (shrink_fit, 2))],
 )
 def test_iterations_on_one_mesh(make, levels):
     """They differ by at most 20 % from those for bodies of equal stiffness."""
