@@ -43,19 +43,19 @@ check_options_files(petsc_options(sys.argv[1:]))
 petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything else imports PETSc
 
 from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
-from fx_contact.accuracy import NORMS  # noqa: E402
-from fx_contact.checkpoint import Checkpoint  # noqa: E402
-from fx_contact.checks import nearest  # noqa: E402
-from fx_contact.enforcement import FACTOR, METHODS  # noqa: E402
-from fx_contact.adapt import Beginning  # noqa: E402
-from fx_contact.errors import FxContactError, SceneError  # noqa: E402
-from fx_contact.output import RecordWriter, write_fields  # noqa: E402
-from fx_contact.overrefined import true_error  # noqa: E402
-from fx_contact.partition import KINDS  # noqa: E402
-from fx_contact.petsc_options import COMMON, unread_options  # noqa: E402
+from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
+from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
+from fx_contact.forest.partition import KINDS  # noqa: E402
+from fx_contact.linalg.petsc_options import COMMON, unread_options  # noqa: E402
+from fx_contact.linalg.solver_options import PRECONDITIONERS  # noqa: E402
+from fx_contact.parallel.errors import FxContactError, SceneError  # noqa: E402
+from fx_contact.parallel.validation import nearest  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
-from fx_contact.report import doubts, table_head, table_row, total_seconds  # noqa: E402
-from fx_contact.solver import PRECONDITIONERS  # noqa: E402
+from fx_contact.results.accuracy import NORMS  # noqa: E402
+from fx_contact.results.output import RecordWriter, write_fields  # noqa: E402
+from fx_contact.results.overrefined_solution import true_error  # noqa: E402
+from fx_contact.results.report import doubts, table_head, table_row, total_seconds  # noqa: E402
 
 
 class RankZeroParser(argparse.ArgumentParser):

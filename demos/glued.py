@@ -10,19 +10,18 @@ solved from the same start, in turns, several times; shown are the medians of th
 import argparse
 from dataclasses import replace
 
-from common import RankZeroParser, plain_errors  # first: it gives PETSc its options
-
 import numpy as np
+from common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Solver, adapt
-from fx_contact.conditions import prescribed_displacements
-from fx_contact.contact import node_pairs
-from fx_contact.enforcement import Jump, PenaltyTerm
-from fx_contact.loads import load
-from fx_contact.partition import KINDS
+from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.contact.enforcement import Jump, PenaltyTerm
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.external_forces import load
+from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz, indentation
-from fx_contact.solve import solve_contact
 
 SCENES = {"hertz": hertz, "indentation": indentation}
 #: The stages of assembly and solution; compilation is not among them.
@@ -33,7 +32,7 @@ def with_contact(step, forces, prescribed):
     """Assemble and solve the contact problem of a step."""
     elasticity, stages = step.elasticity, step.stages
     with stages("assemble"):
-        pairs = node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
+        pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
         matrix = elasticity.stiffness(pairs)
     norm = elasticity.energy_norm
     solve_contact(matrix, forces, pairs, prescribed, step.start, norm, Solver(), stages, Enforcement(), step.scene)
@@ -42,7 +41,7 @@ def with_contact(step, forces, prescribed):
 def glued(step, forces, prescribed):
     """Assemble and solve the same with the closed pairs glued."""
     elasticity, stages = step.elasticity, step.stages
-    pairs = node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement("penalty"))
+    pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
         PenaltyTerm(Jump(pairs, prescribed)).reserve(matrix.mat)  # hypre's format wants every entry that has room

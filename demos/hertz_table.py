@@ -12,7 +12,7 @@ from common import RankZeroParser, plain_errors
 from mpi4py import MPI
 
 from fx_contact import adapt
-from fx_contact.references import hertz_a
+from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import hertz
 
 FIGURES = ("force", "max_pressure", "contact_radius")

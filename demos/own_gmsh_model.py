@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt
-from fx_contact.gmsh_model import root_mesh_from_gmsh
 from fx_contact.plot import draw_stress
+from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 
 
 def ring(name, inner, outer):

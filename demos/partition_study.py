@@ -24,16 +24,16 @@ from scaling_kernels import measure, migration
 from scaling_model import Network, predict
 
 from fx_contact import adapt
-from fx_contact._mpi import together
-from fx_contact.errors import OutputError, PartitionError
-from fx_contact.hanging import Prolongation
-from fx_contact.lattice import MAX_LEVEL
-from fx_contact.pairing import leaf_code
-from fx_contact.partition import KINDS, along_curve, assign, by_graph
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.partition import KINDS, along_curve, assign, by_graph
+from fx_contact.forest.partition_quality import Judge, Quality
+from fx_contact.forest.super_elements import Units, curve_keys
+from fx_contact.parallel.errors import OutputError, PartitionError
+from fx_contact.parallel.mpi import together
 from fx_contact.plot import draw_parts
-from fx_contact.quality import Judge, Quality
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.scenes import hertz, indentation
-from fx_contact.units import Units, curve_keys
 
 #: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
 #: half width of the picture [m].

@@ -18,13 +18,13 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
-from fx_contact.adapt import Beginning
-from fx_contact.checkpoint import CheckpointWriter
-from fx_contact.estimate import Gain
-from fx_contact.output import write_fields
+from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.checkpoint import CheckpointWriter
+from fx_contact.estimate.error_estimate import Gain
 from fx_contact.plot import draw_stress
-from fx_contact.problem import problem
-from fx_contact.rootmesh import RootMesh
+from fx_contact.problem.fingerprint import problem
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.results.output import write_fields
 from fx_contact.scenes import patch
 
 REPEATS, CELLS = 5, (8, 8, 16)

@@ -11,8 +11,8 @@ from common import main, parser
 from mpi4py import MPI
 
 from fx_contact import Material
-from fx_contact.adapt import Beginning
-from fx_contact.lattice import SIDE
+from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import patch
 
 LOWER, UPPER = Material(young=1.0, poisson=0.3), Material(young=3.0, poisson=0.2)

@@ -12,8 +12,9 @@ import numpy as np
 from mpi4py import MPI
 from scaling_model import Kernels
 
-from fx_contact import Solver, adapt, smoothing
-from fx_contact.partition import repartition
+from fx_contact import Solver, adapt
+from fx_contact.forest import interface_smoothing
+from fx_contact.forest.partition import repartition
 from fx_contact.scenes import hertz
 
 #: Runs, of which each kernel's shortest time counts: other programs disturb, and only ever for the worse.
@@ -72,12 +73,12 @@ def measure(comm, tolerance):
 @contextmanager
 def as_for_many_parts():
     """Straightening does what it does for hundreds of parts: one start, one coarse graph, on no rank as a whole."""
-    before = smoothing.FEW, smoothing.MOST_BOXES
-    smoothing.FEW = smoothing.MOST_BOXES = 0
+    before = interface_smoothing.FEW, interface_smoothing.MOST_BOXES
+    interface_smoothing.FEW = interface_smoothing.MOST_BOXES = 0
     try:
         yield
     finally:
-        smoothing.FEW, smoothing.MOST_BOXES = before
+        interface_smoothing.FEW, interface_smoothing.MOST_BOXES = before
 
 
 def _measured(comm, tolerance):

@@ -32,8 +32,8 @@ from stability_figures import draw_matrix, table, write_csv
 from stability_scenes import cases, sample
 
 from fx_contact import Enforcement, adapt
-from fx_contact.enforcement import METHODS
-from fx_contact.errors import FxContactError
+from fx_contact.contact.enforcement import METHODS
+from fx_contact.parallel.errors import FxContactError
 
 #: Refinement ends above so many unknowns, whether the accuracy is reached or not.
 MOST_DOFS = 40_000

@@ -23,10 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.conditions import prescribed_displacements
-from fx_contact.contact import resultants
-from fx_contact.estimate import ENOUGH_SEEN
-from fx_contact.loads import load
+from fx_contact.contact.node_pairs import resultants
+from fx_contact.estimate.error_estimate import ENOUGH_SEEN
+from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.external_forces import load
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
 CONTRACT = 1e-7

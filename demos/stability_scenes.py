@@ -28,7 +28,7 @@ from stability_shapes import (
 )
 
 from fx_contact import Material, scenes
-from fx_contact.analytic import Hertz
+from fx_contact.results.analytic import Hertz
 from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
 
 hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)

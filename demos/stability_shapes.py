@@ -4,17 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import (
-    BodyForce,
-    ContactPair,
-    Dirichlet,
-    Material,
-    Pressure,
-    Scene,
-    SymmetryPlane,
-    Traction,
-    reference,
-)
+from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
+from fx_contact.problem import hexahedron
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 PLAIN = Material(young=1.0, poisson=0.3)
@@ -39,10 +30,10 @@ def sheared_nodes(scene, amount, axes):
     The bodies keep their shape: only the maps of the cells change, x -> x + amount x (1 - x) in each cell.
     """
     mesh = scene.mesh
-    place = reference.lattice(mesh.order) / mesh.order
+    place = hexahedron.lattice(mesh.order) / mesh.order
     moved = place.copy()
     moved[:, axes] += amount * place[:, axes] * (1 - place[:, axes])
-    trilinear = np.prod(np.where(reference.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)
+    trilinear = np.prod(np.where(hexahedron.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)
     points = mesh.points.copy()
     points[mesh.cells] = trilinear @ mesh.points[mesh.corners]
     return replace(scene, mesh=replace(mesh, points=points))

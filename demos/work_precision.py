@@ -20,12 +20,11 @@ import platform
 import time
 from pathlib import Path
 
+from runs import RunFailed, cpu, run, wall
 from tqdm import tqdm
 from work_precision_figures import draw_all
 from work_precision_points import points
 from work_precision_tables import commands, medians, readme_table, table, targets, write_csv
-
-from runs import RunFailed, cpu, run, wall
 
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
-
 from work_precision_points import DEFAULT, Point
 
 #: Errors of a contact by their name in the records: heading.

@@ -6,9 +6,9 @@ import subprocess
 import warnings
 from contextlib import contextmanager
 
-from fx_contact._mpi import together
-from fx_contact.agreement import shared_path
-from fx_contact.errors import OutputError
+from fx_contact.parallel.agreement import shared_path
+from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.mpi import together
 
 
 def draw_on_first(comm, path, draw):

@@ -5,11 +5,11 @@ import colorsys
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import reference
-from fx_contact.checks import check_name, check_number
-from fx_contact.lattice import SIDE
+from fx_contact.adaptive.step import check_step
+from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
-from fx_contact.step import check_step
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import SIDE
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
 RANK_COLOURS = (
@@ -156,7 +156,7 @@ def _visible_faces(forest, centre, reach):
     near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (
         position[:, :, 1].mean(axis=1) > centre[1]
     )
-    corners = position[near][:, reference.FACE_CORNERS]
+    corners = position[near][:, hexahedron.FACE_CORNERS]
     in_plane = (np.abs(corners[..., 1] - centre[1]) < 1e-9 * reach).all(axis=2)
     exterior = np.argwhere(forest.mesh.face_neighbours == 1)
     leaf, face = forest.boundary_faces(exterior)

@@ -3,12 +3,12 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact._mpi import together
-from fx_contact.analytic import Hertz
-from fx_contact.checks import check_comm, shown
-from fx_contact.errors import OutputError, SceneError
+from fx_contact.adaptive.step import check_step
+from fx_contact.parallel.errors import OutputError, SceneError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import check_comm, shown
 from fx_contact.plot.canvas import axes_for, draw_on_first
-from fx_contact.step import check_step
+from fx_contact.results.analytic import Hertz
 
 
 def draw_pressure(step, path, exact=None):

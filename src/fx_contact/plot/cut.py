@@ -3,12 +3,12 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import reference
-from fx_contact.checks import check_number
-from fx_contact.lattice import SIDE
-from fx_contact.plot.cells import contact_size
+from fx_contact.adaptive.step import check_step
+from fx_contact.parallel.validation import check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
-from fx_contact.step import check_step
+from fx_contact.plot.cells import contact_size
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import SIDE
 
 
 def draw_stress(step, path, zoom=None):
@@ -133,7 +133,7 @@ def _outlines(corners, y):
     """The lines in which a plane across y cuts the faces of leaves."""
     pyvista = import_pyvista()
 
-    quads = corners[:, reference.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
+    quads = corners[:, hexahedron.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
     quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
     faces = np.hstack([np.full((len(quads), 1), 4), np.arange(4 * len(quads)).reshape(-1, 4)])
     return pyvista.PolyData(quads.reshape(-1, 3), faces=faces.ravel()).slice(normal=(0, 1, 0), origin=(0, y, 0))

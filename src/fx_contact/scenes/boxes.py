@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fx_contact import reference
-from fx_contact.rootmesh import RootMesh
+from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh import RootMesh
 
 #: Local faces of a box cell by where they look.
 DOWN, FRONT, LEFT, RIGHT, BACK, UP = range(6)
@@ -37,7 +37,7 @@ class Boxes:
         strides = np.cumprod([1, order * counts[0] + 1, order * counts[1] + 1])
         corner = np.meshgrid(*[np.arange(n) for n in counts[::-1]], indexing="ij")[::-1]
         first = order * np.stack(corner, axis=-1).reshape(-1, 3) @ strides
-        self._cells.append(self._count + first[:, None] + reference.lattice(order) @ strides)
+        self._cells.append(self._count + first[:, None] + hexahedron.lattice(order) @ strides)
         self._points.append(np.stack([x, y, z], axis=-1).reshape(-1, 3))
         self._body.append(np.full(len(first), len(self._bodies), dtype=np.int32))
         self._bodies.append(name)
@@ -56,7 +56,7 @@ class Boxes:
             (n, 2) int32 rows (cell, local face).
         """
         low, high = self._ends()
-        axis, end = reference.FACE_AXIS[face], (low, high)[reference.FACE_SIDE[face]]
+        axis, end = hexahedron.FACE_AXIS[face], (low, high)[hexahedron.FACE_SIDE[face]]
         here = np.abs(end[:, axis] - level) < 1e-9
         here &= (np.abs(low + high)[:, :2] < 2 * within).all(axis=1)
         if body is not None:
@@ -76,7 +76,7 @@ class Boxes:
         """
         here = (np.abs(self._ends()[1][:, :2] - place) < 1e-9).all(axis=1)
         cell = np.flatnonzero(here & (np.concatenate(self._body) == self._bodies.index(body)))
-        edge = np.flatnonzero((reference.EDGE_CORNERS == [3, 7]).all(axis=1))[0]
+        edge = np.flatnonzero((hexahedron.EDGE_CORNERS == [3, 7]).all(axis=1))[0]
         return np.stack([cell, np.full(len(cell), edge)], axis=1).astype(np.int32)
 
     def mesh(self, surfaces, curves=None, place=None):

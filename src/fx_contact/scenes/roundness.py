@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fx_contact import reference
-from fx_contact.errors import GeometryError
+from fx_contact.parallel.errors import GeometryError
+from fx_contact.problem import hexahedron
 
 #: Share of the approach by which a surface may leave its sphere where it touches; the force is then off by half of it.
 ROUND_ENOUGH = 0.05
@@ -36,8 +36,8 @@ def check_roundness(mesh, surface, centre, radius, contact_radius, approach):
     along = np.linspace(0, 1, 25)[None] * np.minimum(1, 2 * contact_radius / arm.max(axis=1))[:, None]
     pole, rows = arm.argmin(axis=1), np.arange(len(facets))
     coordinates = np.empty((len(facets), 3, along.shape[1]))
-    coordinates[rows, reference.FACE_AXIS[face]] = reference.FACE_SIDE[face][:, None]
-    for bit, tangent in enumerate(reference.FACE_TANGENTS[face].T):
+    coordinates[rows, hexahedron.FACE_AXIS[face]] = hexahedron.FACE_SIDE[face][:, None]
+    for bit, tangent in enumerate(hexahedron.FACE_TANGENTS[face].T):
         coordinates[rows, tangent] = np.where((pole >> bit & 1)[:, None], 1 - along, along)
     distance = np.linalg.norm(mesh.evaluate(cell, coordinates) - centre, axis=2)
     off = np.abs(distance - radius).max()

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact.checks import check_number, shown
-from fx_contact.errors import SceneError
-from fx_contact.scene import ContactPair, Dirichlet, Material, Traction, check_scene
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_number, shown
+from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.materials import Material
+from fx_contact.problem.scene import ContactPair, check_scene
 
 
 def scaled(scene, length=1.0, stress=1.0):

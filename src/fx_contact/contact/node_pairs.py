@@ -1,0 +1,314 @@
+"""Node-to-node contact B, assembled facet pair by facet pair: gaps, stiffnesses, forces and pressures.
+
+Each pair of facing leaf facets is a super-element of four node pairs that share its area as a uniform pressure would be
+shared.  What would fall to a hanging node pair goes to its masters, so that the contact status belongs to conforming
+pairs only and the total area is kept.  A pair lives on the rank that owns both its vertices: B^T B needs no message
+(section 3 of the paper).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.enforcement import HELD, SOFTEST, STIFF, STIFFEST
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.mpi import Directory
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import SIDE
+
+#: Cosine of the angle to their mean up to which normals of pairs that meet are those of a smooth surface: 15 degrees.
+_SMOOTH = 0.966
+
+
+@dataclass(frozen=True, eq=False)
+class NodePairs:
+    """The contact pairs of conforming vertices that this rank holds, each pair on one rank.
+
+    Attributes:
+        prolongation: Prolongation whose conforming vertices are paired.
+        first, second: (n,) int64, positions in its index map.
+        normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
+        gap: (n,) float64, initial distance D along it on the true curved geometry [m].
+        area: (n,) float64, tributary area [m^2].
+        stiffness: (n,) float64, k_N, or that of the springs in the matrix of exact contact [N/m].
+        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
+        position: (n, 3) float64, undeformed position on the first surface [m].
+        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
+        contact: (n,) int32, which of the scene's contact pairs it belongs to.
+        symmetry: int, copies of the modelled part that make the whole.
+    """
+
+    prolongation: object
+    first: np.ndarray
+    second: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    area: np.ndarray
+    stiffness: np.ndarray
+    modulus: np.ndarray
+    position: np.ndarray
+    bodies: np.ndarray
+    contact: np.ndarray
+    symmetry: int
+
+    def __len__(self):
+        return len(self.first)
+
+    @property
+    def relative_stiffness(self):
+        """(n,) float64, c of k_N = c E* A^(1/2), A its area: about the factor of the penalty [-].  Local."""
+        return self.stiffness * (1 / self.modulus).sum(axis=1) / np.sqrt(self.area)
+
+    @property
+    def bounded_stiffness(self):
+        """(n,) float64, k_N in the matrix: that of the factor `HELD` where it is stiffer than `STIFF` [N/m].  Local."""
+        relative = self.relative_stiffness
+        return self.stiffness * np.where(relative > STIFF, HELD / relative, 1.0)
+
+    def jump(self, u):
+        """B u at each pair, how far its vertices move towards each other.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64, conforming displacement [m].
+
+        Returns:
+            (n,) float64 [m].
+        """
+        u = self.prolongation.ghosted(u)
+        return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second])
+
+    def penetration(self, u):
+        """B u - D at each pair, positive where the bodies overlap.  Collective; as `jump`."""
+        return self.jump(u) - self.gap
+
+    def pressing(self, force, group, count):
+        """How hard groups of pairs press, and about how far that brings their bodies closer.
+
+        Collective.
+
+        Args:
+            force: (n,) float64, compression positive [N].
+            group: (n,) int, the group of each pair that presses, as `contact`.
+            count: number of groups on all ranks.
+
+        Returns:
+            two (count,) float64: F of the modelled part [N], and F / (E* A^(1/2)) of the whole, A the area under
+            pressure, as of a punch on a half-space [m].
+        """
+        presses = force > 0
+        columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
+        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
+        self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
+        total, area, compliance = sums
+        approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
+        return total, np.sqrt(self.symmetry) * approach
+
+    def at_first(self, values):
+        """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.
+
+        Collective.
+
+        Args:
+            values: (n, k) float64.
+
+        Returns:
+            (n, k) float64.
+        """
+        imap = self.prolongation.index_map
+        sums = np.zeros((imap.size_local + imap.num_ghosts, values.shape[1]))
+        np.add.at(sums, self.first, values)
+        return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
+
+
+def create_node_pairs(scene, forest, prolongation, enforcement):
+    """Find the conforming node pairs of a forest.
+
+    Collective on forest.comm.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        prolongation: Prolongation of the forest.
+        enforcement: Enforcement, for the stiffness.
+
+    Returns:
+        NodePairs, one block a contact pair of the scene.
+
+    Raises:
+        SceneError: a node_stiffness that leaves overlaps which are rounding, or is nothing beside the bodies.
+    """
+    blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
+    *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
+    pairs = NodePairs(prolongation, *columns, scene.symmetry)
+    stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
+    if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
+        raise SceneError(
+            f"a node_stiffness of {enforcement.node_stiffness:g} N/m is up to {stiffest:.0e} times that of the "
+            f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
+            "overlaps of stiffer ones are rounding; the enforcement 'exact' needs none"
+        )
+    return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
+
+
+def _sharing(pairs, across, apart, node_stiffness):
+    """Pairs of one vertex, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
+
+    Args:
+        pairs: NodePairs.
+        across: (n, 3) float64, normals times areas, of both surfaces [m^2].
+        apart: (n, 3) float64, from the first vertex of each to the second one, undeformed [m].
+        node_stiffness: of the pairs of a vertex together, if it is given [N/m].
+    """
+    own = np.column_stack([pairs.stiffness, pairs.area, across])
+    stiffness, area, *mean = pairs.at_first(own).T
+    mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
+    smooth = np.einsum("ni,ni->n", mean, pairs.normal) > _SMOOTH
+    normal = np.where(smooth[:, None], mean, pairs.normal)
+    gap = np.einsum("ni,ni->n", normal, apart)
+    stiffness = stiffness if node_stiffness is None else node_stiffness
+    return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
+
+
+def resultants(scene, pairs, force):
+    """What forces of node pairs add to the force of their contact pair: along its direction, else all of them.
+
+    Local.
+
+    Args:
+        scene: Scene.
+        pairs: NodePairs.
+        force: (n,) float64, along the normals [N].
+
+    Returns:
+        (n,) float64 [N].
+    """
+    result = force.copy()
+    for index, direction in enumerate(pair.unit_direction for pair in scene.contact):
+        if direction is not None:
+            ours = pairs.contact == index
+            result[ours] *= pairs.normal[ours] @ direction
+    return result
+
+
+def loose_bodies(scene, pairs, active):
+    """Bodies that neither the displacement conditions nor the active pairs hold.
+
+    Collective.
+
+    Args:
+        scene: Scene.
+        pairs: NodePairs.
+        active: (n,) bool.
+
+    Returns:
+        list of str, names of the bodies; the same on all ranks.
+    """
+    if not len(scene.free_motions):
+        return []
+    first, second = (
+        scene.motion(pairs.position[active], pairs.bodies[active, i], pairs.normal[active]) for i in (0, 1)
+    )
+    resistance = (first - second).T @ (first - second)
+    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, resistance)
+    return scene.unresisted(resistance)
+
+
+def _pairs_of(index, scene, forest, prolongation, enforcement):
+    """Columns of NodePairs, after the prolongation, and those of `_sharing`, for one contact pair of the scene."""
+    vertices, (leaf, face, corner) = forest.vertices, facets_of(index, forest)
+    vertex = vertices.cells[leaf[:, None], corner]
+    points = forest.corners[leaf[:, None], corner]
+    cell, opposite = _opposite(forest, leaf, face, points)
+    here, there = positions_across(forest, leaf, face, points)
+    keys = forest.lattice.keys(cell, opposite)
+
+    (area, outward), (_, inward) = (_facet_shares(corners, face) for corners in (here, there))  # in the same order
+    size = np.sqrt(area.sum(axis=1))
+    bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
+    modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
+    stiffness = (enforcement.springs / (1 / modulus).sum(axis=1) / size)[:, None] * area
+    sums = np.zeros((len(vertices), 5))
+    np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
+
+    # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
+    distinct, example = np.unique(vertex, return_index=True)
+    conform = ~prolongation.hanging[distinct]
+    distinct, example = distinct[conform], example[conform]
+    _, owner = Directory(forest.comm, vertices.keys[distinct]).number()
+    own = owner == forest.comm.rank
+    first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
+    sums = prolongation.ghosted(prolongation.restrict(sums))
+    area, stiffness, across = sums[first, 0], sums[first, 1], sums[first, 2:]
+    normal = across / np.linalg.norm(across, axis=1)[:, None]
+    if enforcement.node_stiffness is not None:
+        stiffness = np.full(len(first), float(enforcement.node_stiffness))
+    here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
+    apart = there - here
+    gap = np.einsum("ni,ni->n", normal, apart)
+    facet = example // 4
+    second = prolongation.find(keys.ravel()[example])
+    pair = np.full(len(first), index, dtype=np.int32)
+    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair, across, apart
+
+
+def facets_of(index, forest):
+    """This rank's leaf facets on the first surface of a contact pair.
+
+    Local.
+
+    Args:
+        index: of the contact pair in the scene.
+        forest: Forest.
+
+    Returns:
+        (n,) int64 leaves, (n,) int64 their local faces, (n, 4) int64 the leaf's corners that are the facet's.
+    """
+    leaf, face = forest.contact_faces()
+    cell, pairing = forest.cell[leaf], forest.pairing
+    ours = pairing.first[cell, face] & (pairing.pair[cell, face] == index)
+    return leaf[ours], face[ours], hexahedron.FACE_CORNERS[face[ours]]
+
+
+def positions_across(forest, leaf, face, points):
+    """Positions of points of contact facets, and of the points that face them, on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+        leaf, face: (n,) int64, leaves and their local faces, all paired.
+        points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
+
+    Returns:
+        two (n, m, 3) float64 [m].
+    """
+    return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, *_opposite(forest, leaf, face, points))
+
+
+def _opposite(forest, leaf, face, points):
+    """Root cells and lattice coordinates there of the points that face points of contact facets."""
+    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
+    return cell, opposite
+
+
+def _facet_shares(corners, face):
+    """Integrals of the four bilinear functions over straight-sided facets, so that a uniform pressure is exact.
+
+    Returns (n, 4) areas and (n, 4, 3) areas times the outward normals.
+    """
+    gauss = 0.5 + np.array([-1, 1]) / np.sqrt(12)
+    v, u = (g.ravel() for g in np.meshgrid(gauss, gauss, indexing="ij"))
+    value = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+    along_u = np.stack([v - 1, 1 - v, -v, v], axis=1) @ corners
+    along_v = np.stack([u - 1, -u, 1 - u, u], axis=1) @ corners
+    normal = np.cross(along_u, along_v) * hexahedron.FACE_ORIENTATION[face][:, None, None]
+    return np.linalg.norm(normal, axis=2) @ value / 4, value.T @ normal / 4
+
+
+def _evaluate(forest, cell, points):
+    """Positions (n, m, 3) of lattice points (n, m, 3) of root cells."""
+    flat = points.reshape(-1, 3, 1) / SIDE
+    return forest.mesh.evaluate(np.repeat(cell, points.shape[1]), flat).reshape(points.shape)

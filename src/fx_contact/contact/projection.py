@@ -1,0 +1,132 @@
+"""Closed pairs that are held: the projection onto displacements that leave them as they are."""
+
+import numpy as np
+from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
+
+from fx_contact.contact.enforcement import PairRows
+
+
+class Projection:
+    """The projection P onto displacements that do not move closed pairs apart or together, B P = 0.
+
+    P = I - W^-1 B^T (B W^-1 B^T)^-1 B, where W weighs each body by its modulus: of two bodies the softer one follows
+    the stiffer, which keeps P^T K P as well conditioned as K.  B W^-1 B^T is diagonal but where vertices have several
+    pairs.  Pairs that repeat each other, where contact surfaces are continued by others, share the force by their area.
+
+    Args:
+        jump: Jump.
+        stiffness: (n,) float64, of springs by which held pairs yield all the same [N/m]; None: they are rigid.
+
+    Attributes:
+        closed: (n,) bool, the pairs that are held closed.
+    """
+
+    #: Most iterations, and relative residual, of the Gram system where pairs share vertices: small separate blocks.
+    _ITERATIONS, _RESIDUAL = 50, 1e-15
+    #: Eigenvalues of that system, relative to its diagonal, up to which it is singular.
+    _SINGULAR = 1e-14
+
+    def __init__(self, jump, stiffness=None):
+        pairs = jump.pairs
+        self._jump, self._comm = jump, pairs.prolongation.comm
+        self._compliance = None if stiffness is None else 1 / stiffness
+        weighted = [row / modulus[:, None] for row, modulus in zip(jump.rows, pairs.modulus.T)]
+        self._weighted = PairRows(pairs, weighted)
+        self._diagonal = sum((row * scaled).sum(axis=1) for row, scaled in zip(jump.rows, weighted))
+        count = vector(pairs.prolongation.index_map, 1)
+        np.add.at(count.array, np.concatenate([pairs.first, pairs.second]), 1.0)
+        count.scatter_reverse(InsertMode.add)
+        most = float(count.array[: pairs.prolongation.owned].max(initial=0.0))
+        self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
+        self._share = pairs.area / pairs.at_first(pairs.area[:, None])[:, 0] if self._shared else 1.0
+        self.close(np.zeros(len(pairs), dtype=bool))
+
+    def close(self, active):
+        """From now on project for other closed pairs.  Local.
+
+        Args:
+            active: (n,) bool.
+        """
+        self.closed = closed = active & self._jump.movable
+        self._inverse = np.divide(1.0, self._diagonal, out=np.zeros(len(closed)), where=closed)
+        self._scale = self._inverse * self._share
+
+    def onto_closed(self, u):
+        """The displacement nearest to u, in the norm of W, that closes the pairs, B u = D.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64 [m].
+
+        Returns:
+            (owned, 3) float64 [m].
+        """
+        u = u.copy()
+        self._weighted.add_transposed(self._gram(self._jump.gap - self._jump.matrix.times(u)), u)
+        return u
+
+    def apply(self, u):
+        """u := P u.  Collective.
+
+        Args:
+            u: (owned, 3) float64, contiguous; changed in place.
+        """
+        self._weighted.add_transposed(-self._gram(self._jump.matrix.times(u)), u)
+
+    def apply_transpose(self, f):
+        """f := P^T f.  Collective.
+
+        Args:
+            f: (owned, 3) float64, contiguous; changed in place.
+
+        Returns:
+            (n,) float64, forces of the closed pairs that take up what is projected away, compression positive [N].
+        """
+        forces = self._gram(self._weighted.times(f))
+        self._jump.matrix.add_transposed(-forces, f)
+        return forces
+
+    def add_yielding(self, forces, u):
+        """Add the displacement by which the springs of held pairs take up forces where nothing else resists.
+
+        Collective.
+
+        Args:
+            forces: (n,) float64, as from `apply_transpose` [N].
+            u: (owned, 3) float64, contiguous; changed in place.
+        """
+        if self._compliance is not None:
+            self._weighted.add_transposed(self._gram(self._compliance * forces), u)
+
+    def _gram(self, values):
+        """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate residuals where it is not diagonal.
+
+        Where pairs contradict each other, what is left of the values is the least that there can be.
+        """
+        if not self._shared:
+            return self._inverse * values
+        solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
+        first, past, direction, image = None, np.inf, 0.0, 0.0
+        for _ in range(self._ITERATIONS):
+            scaled = self._scale * residual
+            product = self._gram_product(scaled)
+            size, curvature = self._dots((residual, scaled), (scaled, product))
+            first = size if first is None else first
+            # What is left last lies where pairs repeat or contradict each other.
+            if size <= self._RESIDUAL**2 * first or curvature <= self._SINGULAR * size:
+                break
+            direction, image = (new + curvature / past * old for new, old in ((scaled, direction), (product, image)))
+            (length,) = self._dots((image, self._scale * image))
+            step, past = curvature / length, curvature
+            solution, residual = solution + step * direction, residual - step * image
+        return solution
+
+    def _gram_product(self, values):
+        u = np.zeros((self._jump.pairs.prolongation.owned, 3))
+        self._weighted.add_transposed(values, u)
+        return np.where(self.closed, self._jump.matrix.times(u), 0.0)
+
+    def _dots(self, *factors):
+        return self._comm.allreduce(np.array([a @ b for a, b in factors]))

@@ -1,0 +1,68 @@
+"""Equilibrium of each body, from the stresses alone: a check of a solution that knows nothing of how it was found."""
+
+import numpy as np
+
+from fx_contact.parallel.errors import SolveError
+
+#: Most of the forces that may be left unbalanced [-].
+MOST = 0.005
+#: Reactions count by this part of them: sums of magnitudes at many vertices, they may be rounding for the most part.
+_REACTIONS = 0.01
+
+
+def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
+    """Share of the forces that no reaction balances.
+
+    Collective on forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads, contact
+    forces and reactions is the sum of the residuals where no condition prescribes the displacement.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        elasticity: Elasticity, its `u` set.
+        pairs: NodePairs or None.
+        contact: ContactSolution.
+        load: (owned, 3) float64 external forces [N].
+        prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
+
+    Returns:
+        float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
+        of the reactions where those are less [-].
+    """
+    prolongation, free = elasticity.prolongation, np.isnan(prescribed)
+    residual, pressed = elasticity.internal_forces() - load, 0.0
+    if pairs is not None:
+        imap = prolongation.index_map
+        push, said = contact.force[:, None] * pairs.normal, np.zeros((imap.size_local + imap.num_ghosts, 3))
+        np.add.at(said, pairs.first, push)
+        np.add.at(said, pairs.second, -push)
+        residual += prolongation.summed(said)
+        pressed = contact.force.sum()
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    body = np.empty(prolongation.owned, dtype=np.int64)
+    body[prolongation.conforming[own]] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
+    sums = np.zeros((len(scene.mesh.bodies) + 1, 3))
+    np.add.at(sums, body, np.where(free, residual, 0.0))
+    sums[-1] = pressed, np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
+    sums = forest.comm.allreduce(sums)
+    return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
+
+
+def check_balance(*solution):
+    """See that a solution is in balance.
+
+    Collective on forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
+    products have lost it too.
+
+    Args:
+        solution: as `unbalanced` takes it.
+
+    Raises:
+        SolveError: more than `MOST` of the forces is not balanced.
+    """
+    left = unbalanced(*solution)
+    if left > MOST:
+        raise SolveError(
+            f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: rigid motions are too "
+            "large against the strains; let the bodies begin closer to each other"
+        )

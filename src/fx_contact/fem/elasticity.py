@@ -1,0 +1,232 @@
+"""Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K.
+
+Nearly incompressible Q1 cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that
+need it each cell has the mean of its volume strain (B-bar: J. C. Nagtegaal, D. M. Parks, J. R. Rice, Comput. Methods
+Appl. Mech. Eng. 4(2), 1974; T. J. R. Hughes, Int. J. Numer. Methods Eng. 15(9), 1980), which keeps linear fields exact
+on distorted cells.
+"""
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import bsr_matrix, diags, identity, kron
+
+from fx_contact.fem.compilation import compiled
+from fx_contact.linalg.matrix import create_matrix
+
+#: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
+QUADRATURE_DEGREE = 3
+#: Poisson's ratio from which on the cells of a body have one volume strain each.
+LOCKING_POISSON = 0.4
+#: Cells of which P^T K P is taken at once.
+_CHUNK = 1 << 13
+
+
+class Elasticity:
+    """Q1 displacements on a leaf mesh with one material a body.
+
+    Collective on mesh.comm.
+
+    Args:
+        leaf_mesh: LeafMesh.
+        materials: (nbodies, 2) float64 rows (E [Pa], nu [-]), in the order of the bodies.
+        body: (ncells,) int32, body of each local cell.
+        prolongation: Prolongation of the forest.
+        stages: Stages, for the times.
+
+    Attributes:
+        leaf_mesh: as given.
+        mesh: its dolfinx mesh.
+        prolongation: as given.
+        space: displacement space, a block of 3 a vertex.
+        u: displacement, a Function [m].
+        vertex_of_block: (nblocks,) int64, position in the forest's vertices of each local block of `space`.
+        lame: the two Lame coefficients, Functions constant on cells [Pa].
+        volume_strain: that of `u`, a UFL expression; the mean of each cell in nearly incompressible bodies [-].
+        has_mean: whether there are such bodies; the energy of a displacement then depends on the cells.
+    """
+
+    def __init__(self, leaf_mesh, materials, body, prolongation, stages):
+        self.mesh = mesh = leaf_mesh.mesh
+        self.prolongation = prolongation
+        self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        constant = fem.functionspace(mesh, ("DG", 0))
+        self.u = fem.Function(self.space, name="displacement")
+        self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
+        blocks = self.space.dofmap.list
+        imap = self.space.dofmap.index_map
+        self.vertex_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
+        self.vertex_of_block[blocks] = leaf_mesh.vertices
+        young, poisson = materials[body].T
+        self.lame = fem.Function(constant), fem.Function(constant)
+        cells = constant.dofmap.list[:, 0]
+        self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
+        self.volume_strain, self._soft = ufl.div(self.u), np.flatnonzero(poisson >= LOCKING_POISSON)
+        self.has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
+        if self.has_mean:
+            self._pointwise, self._mean = fem.Function(constant), fem.Function(constant)
+            self._pointwise.x.array[cells] = poisson < LOCKING_POISSON
+            test = ufl.TestFunction(constant)
+            self._volume = fem.assemble_vector(self._compiled(test, 1.0)).array
+            self._volume_change = self._compiled(test, ufl.div(self.u))
+            self.volume_strain = self._pointwise * ufl.div(self.u) + (1 - self._pointwise) * self._mean
+
+    def stress(self, u, volume_strain=None):
+        """Cauchy stress [Pa] of a displacement, a UFL expression.
+
+        Args:
+            u: displacement [m].
+            volume_strain: if not the divergence of u [-].
+        """
+        volume_strain = ufl.div(u) if volume_strain is None else volume_strain
+        return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * ufl.sym(ufl.grad(u))
+
+    def set_displacement(self, conforming):
+        """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
+        values = self.prolongation.prolong(conforming)
+        self.u.x.array[:] = values[self.vertex_of_block].ravel()
+        if self.has_mean:
+            self._mean.x.array[:] = fem.assemble_vector(self._volume_change).array / self._volume
+
+    def energy_norm(self, conforming):
+        """omega (4) of a displacement [J^(1/2)].
+
+        Collective.
+
+        Args:
+            conforming: (owned, 3) float64 [m].
+
+        Returns:
+            float, the same on all ranks.
+        """
+        self.set_displacement(conforming)
+        if self._energy is None:
+            self._energy = self._compiled(self._shear_energy() + self.lame[0] * self.volume_strain**2)
+        return self._root(self._energy)
+
+    def change_norm(self, conforming):
+        """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)].
+
+        Collective.  Without that of the mean volume strains: the halves of a cell have other ones than the whole.
+
+        Args:
+            conforming: (owned, 3) float64 [m].
+
+        Returns:
+            float, the same on all ranks.
+        """
+        if not self.has_mean:
+            return self.energy_norm(conforming)
+        self.set_displacement(conforming)
+        volume = self.lame[0] * self._pointwise * ufl.div(self.u) ** 2
+        return self._root(self._compiled(self._shear_energy() + volume))
+
+    def _shear_energy(self):
+        strain = ufl.sym(ufl.grad(self.u))
+        return 2 * self.lame[1] * ufl.inner(strain, strain)
+
+    def _root(self, energy):
+        """Root of a compiled energy on all ranks: float."""
+        return float(np.sqrt(max(self.prolongation.comm.allreduce(fem.assemble_scalar(energy)), 0.0)))
+
+    def internal_forces(self):
+        """P^T K u, integrated from the stress of `u` without a matrix: (owned, 3) float64 [N].  Collective."""
+        test = ufl.TestFunction(self.space)
+        stress = self.stress(self.u, self.volume_strain)
+        forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
+        local = np.empty((len(self.prolongation.vertices), 3))
+        local[self.vertex_of_block] = forces.reshape(-1, 3)
+        return self.prolongation.restrict(local)
+
+    def stiffness(self, pairs=None):
+        """P^T K P on the conforming unknowns, with room for contact blocks.
+
+        Collective on mesh.comm.  Cells without hanging vertex go straight into the matrix; for the others the product
+        is taken on this rank's part of K, which has only their rows.
+
+        Args:
+            pairs: NodePairs, or None without contact.
+
+        Returns:
+            BlockMatrix, not yet assembled: `mat.assemble` ends it.
+        """
+        imap = self.prolongation.index_map
+        conforming = self.prolongation.conforming[self.vertex_of_block]
+        number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
+        blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
+        matrix = create_matrix(self.prolongation, self.leaf_mesh.vertices, pairs)
+        lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
+        matrix.mat.setLGMap(lgmap, lgmap)
+
+        irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
+        assemble_matrix(matrix.mat, self._form(np.flatnonzero(~irregular)))
+        self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
+        if self.has_mean:
+            self._add_mean_volume(matrix.mat, number)
+        return matrix
+
+    def _compiled(self, integrand, factor=1.0, cells=None):
+        """The integral over some cells of this rank, or all, compiled."""
+        where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
+        dx = ufl.Measure("dx", self.mesh, where, {"quadrature_degree": QUADRATURE_DEGREE}, domain)
+        with self._stages("compile"):
+            return compiled(self.prolongation.comm, factor * integrand * dx)
+
+    def _form(self, cells):
+        """Stiffness of some cells, but for the mean volume strain."""
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.has_mean else None)
+        return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
+
+    def _add_irregular(self, matrix, cells, number):
+        """Add P^T K P of some cells, few at a time: the product needs much more room than its result."""
+        for part in self._chunks(cells):
+            form = self._form(part)
+            stiffness, rows, interpolation = self._product_parts(form)
+            to_rows = kron(self.prolongation.matrix[self.vertex_of_block][rows], identity(3), format="bsr")
+            self._insert(matrix, to_rows.T @ (stiffness @ interpolation), number)
+
+    def _add_mean_volume(self, matrix, number):
+        """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
+        # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
+        space = fem.functionspace(self.mesh, ("DG", 0, (3,)))
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(space)
+        terms = sum(test[i] * trial[i].dx(i) for i in range(3))
+        modulus = self.lame[0].x.array / self._volume
+        for part in self._chunks(self._soft):
+            change, rows, interpolation = self._product_parts(self._compiled(terms, cells=part))
+            change = kron(identity(len(rows)), np.ones((1, 3)), format="csr") @ (change @ interpolation).tocsr()
+            self._insert(matrix, change.T @ diags(modulus[rows]) @ change, number)
+
+    def _chunks(self, cells):
+        """Parts of this rank's cells, as many on all ranks."""
+        parts = self.prolongation.comm.allreduce(-(-len(cells) // _CHUNK), op=MPI.MAX)
+        return (cells[part * _CHUNK : (part + 1) * _CHUNK] for part in range(parts))
+
+    def _product_parts(self, form):
+        """The rows of a local matrix that are not empty, which these are, and P to its columns: scipy BSR, int, BSR."""
+        local = fem.create_matrix(form)
+        fem.assemble_matrix(local, form)
+        # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
+        columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
+        rows = np.flatnonzero(np.diff(local.indptr))
+        matrix = bsr_matrix(
+            (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
+            shape=(3 * len(rows), 3 * columns),
+        )
+        interpolation = self.prolongation.matrix[self.vertex_of_block]
+        interpolation.resize(columns, interpolation.shape[1])
+        return matrix, rows, kron(interpolation, identity(3), format="bsr")
+
+    def _insert(self, matrix, product, number):
+        """Add a product (3 n, 3 n) on this rank's conforming unknowns to the matrix."""
+        product = product.tobsr((3, 3))
+        rows = np.flatnonzero(np.diff(product.indptr))
+        indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
+        matrix.setValuesBlockedIJV(
+            indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+        )

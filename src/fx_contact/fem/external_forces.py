@@ -1,0 +1,96 @@
+"""Surface and body forces of a scene on the conforming unknowns, integrated over the curved leaves with NumPy.
+
+Forces that are functions of position are taken at the integration points themselves: nothing is interpolated, and no
+kernel is compiled for them.
+"""
+
+import numpy as np
+
+from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.parallel.mpi import together
+from fx_contact.problem import hexahedron
+
+#: Leaves at once: few enough for the processor's cache.
+_CHUNK = 1 << 12
+
+
+def load(scene, forest, elasticity):
+    """Generalised external forces on the conforming vertices.
+
+    Collective on forest.comm.
+
+    Args:
+        scene: Scene.
+        forest: Forest.
+        elasticity: Elasticity on the forest's mesh.
+
+    Returns:
+        (owned, 3) float64 [N].
+
+    Raises:
+        SceneError: a force that is a function fails or is not finite somewhere.
+    """
+    forces, order = np.zeros((len(forest.vertices), 3)), elasticity.leaf_mesh.order
+    if scene.tractions or scene.body_forces:
+        with together(forest.comm):
+            for traction in scene.tractions:
+                leaf, face = forest.boundary_faces(forest.mesh.surface(traction.surface))
+                for which in np.unique(face):
+                    _add(forces, forest, leaf[face == which], order, traction.at, which)
+            for force in scene.body_forces:
+                body = forest.mesh.bodies.index(force.body)
+                leaves = np.flatnonzero(forest.mesh.body[forest.cell] == body)
+                _add(forces, forest, leaves, order, force.at)
+    return elasticity.prolongation.restrict(forces)
+
+
+def _add(forces, forest, leaves, order, density, face=None):
+    """Add the integrals of a force over leaves, or over one local face of theirs, times the functions of the vertices.
+
+    Args:
+        forces: (m, 3) float64, on the forest's vertices; changed [N].
+        forest: Forest.
+        leaves: (n,) int.
+        order: geometry order of the leaves.
+        density: function of points, and of normals where there is a face, that gives the force per volume or area.
+        face: local face, or None for the volume.
+    """
+    # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
+    points, weights = _gauss(2 if face is None else order + 1)
+    axes, rules = [points] * 3, [weights] * 3
+    if face is not None:
+        axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
+        rules[hexahedron.FACE_AXIS[face]] = np.ones(1)
+    value = [hexahedron.lagrange(order, x) for x in axes]
+    slope = [hexahedron.lagrange_derivative(order, x) for x in axes]
+    corner = _tensor([hexahedron.lagrange(1, x) for x in axes])
+    weight = _tensor([w[:, None] for w in rules])[:, 0]
+    for start in range(0, len(leaves), _CHUNK):
+        part = leaves[start : start + _CHUNK]
+        nodal = leaf_positions(forest, part, order)
+        x = hexahedron.tensor_evaluate(value, nodal).reshape(-1, 3)
+        tangent = [
+            hexahedron.tensor_evaluate([slope[a] if a == axis else value[a] for a in range(3)], nodal).reshape(-1, 3)
+            for axis in (range(3) if face is None else hexahedron.FACE_TANGENTS[face])
+        ]
+        normal = np.cross(tangent[0], tangent[1])
+        if face is None:
+            measure = np.einsum("ni,ni->n", normal, tangent[2])
+            force = density(x)
+        else:
+            measure = np.linalg.norm(normal, axis=1)
+            force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
+        force = (force * measure[:, None]).reshape(len(part), -1, 3) * weight[:, None]
+        np.add.at(forces, forest.vertices.cells[part], corner.T @ force)
+
+
+def _gauss(count):
+    """Gauss points on [0, 1] and their weights."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return (points + 1) / 2, weights / 2
+
+
+def _tensor(functions):
+    """Products of 1D functions (m, k) along x, y, z at the tensor product of their points, x fastest: (m^3, k^3)."""
+    fx, fy, fz = functions
+    return np.kron(fz, np.kron(fy, fx))

@@ -1,0 +1,1 @@
+"""The distributed leaves: refinement, space-filling curve, partition."""

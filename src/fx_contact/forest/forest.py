@@ -1,0 +1,396 @@
+"""Distributed leaves of a forest of octrees: refine, balance, move; the vertices, edges and faces they have.
+
+A leaf is (root cell, level, integer anchor).  The root mesh is replicated, the leaves are distributed; no array of
+the length of all leaves exists on a rank.  Forests are immutable: refining and moving return new ones.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.parallel.errors import GeometryError
+from fx_contact.parallel.memory import check_leaves
+from fx_contact.parallel.mpi import Directory, Exchange
+from fx_contact.problem import hexahedron, lattice
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
+
+
+@dataclass(frozen=True, eq=False)
+class Forest:
+    """This rank's leaves of a balanced forest.
+
+    Attributes:
+        comm: MPI communicator.
+        mesh: RootMesh.
+        lattice: Lattice of that mesh.
+        pairing: Pairing of its contact surfaces.
+        cell: (n,) int32, root cell of each leaf.
+        level: (n,) int8, 0 for a root cell.
+        anchor: (n, 3) int32, low corner in lattice units of the root cell.
+    """
+
+    comm: MPI.Comm
+    mesh: object
+    lattice: Lattice
+    pairing: object
+    cell: np.ndarray
+    level: np.ndarray
+    anchor: np.ndarray
+
+    @classmethod
+    def of_roots(cls, comm, mesh, pairing):
+        """The unrefined forest, root cells dealt out in equal blocks by their number.
+
+        Local.
+        """
+        first, last = (len(mesh.cells) * (comm.rank + i) // comm.size for i in (0, 1))
+        cell = np.arange(first, last, dtype=np.int32)
+        return cls(
+            comm, mesh, Lattice(mesh), pairing, cell, np.zeros(len(cell), np.int8), np.zeros((len(cell), 3), np.int32)
+        )
+
+    def __len__(self):
+        return len(self.cell)
+
+    @cached_property
+    def size_global(self):
+        """Number of leaves on all ranks.  Collective on comm at first use."""
+        return self.comm.allreduce(len(self))
+
+    @cached_property
+    def corners(self):
+        """(n, 8, 3) int32, lattice coordinates of the leaf corners."""
+        return lattice.leaf_corners(self.anchor, self.level)
+
+    def positions(self, leaf, corner):
+        """Where corners of leaves are, on the curved geometry.
+
+        Local.
+
+        Args:
+            leaf, corner: (m,) int.
+
+        Returns:
+            (m, 3) float64 [m].
+        """
+        return self.mesh.evaluate(self.cell[leaf], self.corners[leaf, corner][:, :, None] / SIDE)[:, 0]
+
+    @cached_property
+    def centres(self):
+        """(n, 3) float64, middles of the leaves on the curved geometry [m]."""
+        return self.mesh.evaluate(self.cell, self.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
+
+    @cached_property
+    def representatives(self):
+        """(n,) int64, code of the leaf that stands for each group of facing leaves.  Local."""
+        return self.pairing.representatives(self.cell, self.level, self.anchor)
+
+    @cached_property
+    def vertices(self):
+        """The distinct corners of the leaves (`Vertices`).  Collective on comm at first use."""
+        return Vertices(self)
+
+    @cached_property
+    def edges(self):
+        """The distinct edges of the leaves, by their midpoints (`Entities`).  Collective on comm at first use."""
+        return Entities(self, lattice.edge_midpoints(self.corners))
+
+    @cached_property
+    def faces(self):
+        """The distinct faces of the leaves, by their centres (`Entities`).  Collective on comm at first use."""
+        return Entities(self, lattice.face_centres(self.corners))
+
+    def contact_faces(self):
+        """Faces of this rank's leaves that lie on contact surfaces.
+
+        Local.
+
+        Returns:
+            (m,) int64 leaf indices, (m,) int64 local faces.
+        """
+        return self.pairing.faces(self.cell, self.level, self.anchor)
+
+    def boundary_faces(self, facets):
+        """Faces of this rank's leaves that lie on given root facets.
+
+        Local.
+
+        Args:
+            facets: (k, 2) int rows (root cell, local face).
+
+        Returns:
+            (m,) int64 leaf indices, (m,) int64 local faces.
+        """
+        wanted = np.zeros((len(self.mesh.cells), 6), dtype=bool)
+        wanted[facets[:, 0], facets[:, 1]] = True
+        side = SIDE >> self.level.astype(np.int32)
+        at = [self.anchor == 0, self.anchor + side[:, None] == SIDE]
+        on = np.stack([at[s][:, a] for a, s in zip(hexahedron.FACE_AXIS, hexahedron.FACE_SIDE)], axis=1)
+        return np.nonzero(on & wanted[self.cell])
+
+    def boundary_edges(self, edges):
+        """Edges of this rank's leaves that lie on given root edges.
+
+        Local.
+
+        Args:
+            edges: (k, 2) int rows (root cell, local edge).
+
+        Returns:
+            (m,) int64 leaf indices, (m,) int64 local edges.
+        """
+        wanted = np.zeros((len(self.mesh.cells), 12), dtype=bool)
+        wanted[edges[:, 0], edges[:, 1]] = True
+        on = wanted[self.cell]
+        for edge, (axis, corner) in enumerate(zip(hexahedron.EDGE_AXIS, hexahedron.EDGE_CORNERS[:, 0])):
+            for across in set(range(3)) - {int(axis)}:
+                on[:, edge] &= self.corners[:, corner, across] == SIDE * hexahedron.CORNERS[corner, across]
+        return np.nonzero(on)
+
+    def refined(self, marked):
+        """Refine marked leaves, their partners, and as many more as the balance of the forest demands.
+
+        Collective on comm.  The rules: facing leaves are refined together (5); a leaf must not have a quarter point on
+        one of its edges, so that every edge has at most one hanging node; leaves around the rim of a contact surface
+        are refined with it, so that facing vertices hang together or not at all.
+
+        Args:
+            marked: (n,) bool.
+
+        Returns:
+            The new Forest, children in the place of their parent, and the `Glue` between the two.
+
+        Raises:
+            GeometryError: a leaf of the finest level is marked.
+            SolveError: the new forest would not fit into the memory that the hosts have left.
+        """
+        marked = self._closure(marked)
+        deepest = self.comm.allreduce(int(self.level[marked].max(initial=-1)), op=MPI.MAX)
+        if deepest >= MAX_LEVEL:
+            raise GeometryError(f"leaves of the finest level, {MAX_LEVEL}, are marked: start from a finer root mesh")
+        check_leaves(self.comm, len(self) + 7 * int(marked.sum()))
+        parent = np.repeat(np.arange(len(self)), np.where(marked, 8, 1))
+        child = np.full(len(parent), -1, dtype=np.int8)
+        child[marked[parent]] = np.tile(np.arange(8, dtype=np.int8), int(marked.sum()))
+        level = self.level[parent] + (child >= 0).astype(np.int8)
+        side = (SIDE >> level.astype(np.int32)).astype(np.int32)
+        offset = np.where(child[:, None] >= 0, hexahedron.CORNERS[child], 0).astype(np.int32)
+        anchor = self.anchor[parent] + side[:, None] * offset
+        return self._with(self.cell[parent], level, anchor), Glue(parent, child)
+
+    def refined_with(self, times, values):
+        """Refine leaves, some of them repeatedly, and carry a field along.
+
+        Collective on comm.  Once refined, leaves stop at the finest level.
+
+        Args:
+            times: (n,) int, how often to refine each leaf; its children all alike.
+            values: (n, 8, ...) float64, a trilinear field at the corners of the leaves.
+
+        Returns:
+            The new Forest, and the field at the corners of its leaves.
+
+        Raises:
+            GeometryError: a leaf of the finest level is to be refined.
+            SolveError: as `refined`.
+        """
+        forest, glue = self.refined(times > 0)
+        values, times = glue.carry(values), np.maximum(times[glue.parent] - 1, 0)
+        times[(glue.child < 0) | (forest.level == MAX_LEVEL)] = 0
+        if not self.comm.allreduce(bool(times.any()), op=MPI.LOR):
+            return forest, values
+        return forest.refined_with(times, values)
+
+    def moved(self, destination):
+        """Send leaves to other ranks.
+
+        Collective on comm.
+
+        Args:
+            destination: (n,) int rank of each leaf.
+
+        Returns:
+            The new Forest, leaves ordered by source rank, and the Exchange that carries other leaf data likewise.
+        """
+        exchange = Exchange(self.comm, destination)
+        return self._with(*(exchange.forward(rows) for rows in (self.cell, self.level, self.anchor))), exchange
+
+    def ordered(self, order):
+        """The same forest with this rank's leaves in another order.  Local.
+
+        Args:
+            order: (n,) int permutation.
+        """
+        return self._with(self.cell[order], self.level[order], self.anchor[order])
+
+    def _with(self, cell, level, anchor):
+        return Forest(self.comm, self.mesh, self.lattice, self.pairing, cell, level, anchor)
+
+    def _closure(self, marked):
+        """Marked leaves and all that must be refined with them."""
+        marked = np.array(marked, dtype=bool)
+        paired = np.unique(self.contact_faces()[0])
+        groups, group = np.unique(self.representatives[paired], return_inverse=True)
+        facing = Directory(self.comm, groups)
+        fresh = marked.copy()
+        while True:
+            new = np.zeros_like(marked)
+            new[paired] = facing.asked(groups[group[fresh[paired]]])[group]
+            asked = self.edges.directory.asked(self._forbidden_edges(fresh))
+            new |= asked[self.edges.cells].any(axis=1)
+            fresh = new & ~marked
+            if not self.comm.allreduce(bool(fresh.any()), op=MPI.LOR):
+                return marked
+            marked |= fresh
+
+    def _forbidden_edges(self, marked):
+        """Keys of edges that no unrefined leaf may have once the marked leaves are refined."""
+        leaves = np.flatnonzero(marked & (self.level > 0))
+        child = (self.anchor[leaves] // (SIDE >> self.level[leaves].astype(np.int32))[:, None]) & 1
+        corner = child @ [1, 2, 4]
+        # A child's corner one step from the corner it shares with its parent is the midpoint of a parent's edge.
+        middles = self.vertices.cells[leaves[:, None], corner[:, None] ^ [1, 2, 4]]
+        rim = self._rim_edges(marked)
+        return np.concatenate([self.vertices.keys[middles.ravel()], self.edges.directory.keys[rim]])
+
+    def _rim_edges(self, marked):
+        """Edges of marked leaves on the rim of contact surfaces: (m,) positions in `edges`."""
+        leaf, face = self.contact_faces()
+        leaf, face = leaf[marked[leaf]], face[marked[leaf]]
+        cell, side = self.cell[leaf], (SIDE >> self.level[leaf].astype(np.int32))
+        first, second = hexahedron.FACE_TANGENTS[face].T
+        rows = np.arange(len(leaf))
+        at = [
+            (self.anchor[leaf][rows, axis] + (side if high else 0)) == (SIDE if high else 0)
+            for axis, high in ((second, 0), (second, 1), (first, 0), (first, 1))
+        ]
+        touches = np.stack(at, axis=1) & self.pairing.rim[cell, face]
+        row, which = np.nonzero(touches)
+        return self.edges.cells[leaf[row], hexahedron.FACE_EDGES[face[row], which]]
+
+
+@dataclass(frozen=True)
+class Glue:
+    """How the leaves of a refined forest come from those before, on the same rank.
+
+    Attributes:
+        parent: (n,) int64, the leaf before.
+        child: (n,) int8, which child of it, -1 where it was not refined.
+    """
+
+    parent: np.ndarray
+    child: np.ndarray
+
+    def carry(self, values):
+        """Carry a trilinear field along: children take their parent's function, restricted.  Local.
+
+        Args:
+            values: (n_before, 8, ...) float64 at the leaf corners.
+
+        Returns:
+            (n, 8, ...) float64.
+        """
+        result = values[self.parent]
+        for child in range(8):
+            rows = self.child == child
+            result[rows] = np.einsum("ij,nj...->ni...", _CHILD_INTERPOLATION[child], result[rows])
+        return result
+
+
+#: (8, 8, 8): corners of a child from the corners of its parent.
+_CHILD_INTERPOLATION = np.array(
+    [
+        [
+            np.prod(np.where(hexahedron.CORNERS == 1, middle, 1 - middle), axis=1)
+            for middle in (hexahedron.CORNERS + hexahedron.CORNERS[child]) / 2
+        ]
+        for child in range(8)
+    ]
+)
+
+
+class Entities:
+    """Distinct edges or faces of this rank's leaves, named by the lattice point in their middle.
+
+    Collective on comm.
+
+    Attributes:
+        cells: (n, k) int32, position of each leaf's entities in `directory.keys`.
+        directory: Directory of their keys.
+        example: (m, 2) int64, a leaf and the local number there of each entity.
+    """
+
+    def __init__(self, forest, middles):
+        k = middles.shape[1]
+        keys, index, cells = np.unique(
+            forest.lattice.keys(forest.cell, middles), return_index=True, return_inverse=True
+        )
+        self.cells = cells.reshape(-1, k).astype(np.int32)
+        self.example = np.stack(np.divmod(index, k), axis=1)
+        self.directory = Directory(forest.comm, keys)
+
+
+class Vertices:
+    """Distinct corners of this rank's leaves, in the order in which the leaves touch them first.
+
+    Collective on comm.
+
+    Attributes:
+        keys: (m,) int64 keys.
+        cells: (n, 8) int32, position of each leaf's corners in `keys`.
+        directory: Directory of the keys.
+        example: (m, 2) int64, a leaf and its corner at each vertex.
+    """
+
+    def __init__(self, forest):
+        keys, index, cells = np.unique(
+            forest.lattice.keys(forest.cell, forest.corners), return_index=True, return_inverse=True
+        )
+        order = np.argsort(index, kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        self._sorted, self._rank = keys, rank
+        self.keys = keys[order]
+        self.cells = rank[cells].reshape(-1, 8).astype(np.int32)
+        self.example = np.stack(np.divmod(index[order], 8), axis=1)
+        self.directory = Directory(forest.comm, self.keys)
+
+    def __len__(self):
+        return len(self.keys)
+
+    def find(self, keys):
+        """Positions of keys among this rank's vertices, -1 where they are not.  Local.
+
+        Args:
+            keys: (...) int64.
+
+        Returns:
+            (...) int64.
+        """
+        if not len(self._sorted):
+            return np.full(np.shape(keys), -1, dtype=np.int64)
+        slot = np.searchsorted(self._sorted, keys)
+        slot[slot == len(self._sorted)] = 0
+        return np.where(self._sorted[slot] == keys, self._rank[slot], -1)
+
+
+def find_leaves(forest, cell, anchor):
+    """Positions of leaves among this rank's leaves, -1 where they are not.  Local.
+
+    Args:
+        forest: Forest.
+        cell, anchor: (m,) int32, (m, 3) int32.
+
+    Returns:
+        (m,) int64.
+    """
+    code = leaf_code(forest.cell, forest.anchor)
+    order = np.argsort(code)
+    if not len(code):
+        return np.full(len(cell), -1, dtype=np.int64)
+    wanted = leaf_code(cell, anchor)
+    slot = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
+    return np.where(code[order[slot]] == wanted, order[slot], -1)

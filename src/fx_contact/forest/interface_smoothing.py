@@ -1,0 +1,275 @@
+"""Shorter interfaces between the parts of a partition, at equal balance.
+
+A space-filling curve cuts a mesh into parts with ragged surfaces.  Two steps straighten them.  On a coarse graph, of
+some dozens of boxes a part, the interfaces flow by their mean curvature: the parts' indicators diffuse, and each box
+joins the part it sees most of, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and Osher
+under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018); where parts are few, so
+that an interface is large, once more on finer graphs.  Then single vertices on an interface change sides where this
+shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
+
+The flow ends in a minimum near its start.  With few parts it starts from the pieces of the curve, and once more from
+shells around the finest leaves, which is where the bodies touch or stress is singular; the shorter result counts.
+
+Integers only, and sums that do not depend on their order: the result is the same on any number of ranks.
+"""
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from fx_contact.forest import space_filling_curve
+from fx_contact.parallel.mpi import Exchange
+
+#: Boxes of the coarse graphs in a part of mean weight, and in all: on finer ones than that the interfaces do not flow,
+#: but for the first, and none finer is brought together on a rank.
+BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
+#: Leaves in a box of a coarse graph but the first: on smaller meshes finer graphs cost more than they bring.
+LEAST = 128
+#: Parts that are lighter are not worth it.
+WORTHWHILE = 1000
+#: Most parts for which shells are tried as a second start, if the finest graph has enough leaves in a box.
+FEW = 16
+#: Diffusion steps between two decisions, and the most decisions.
+STEPS, DECISIONS = 16, 10
+#: How much heavier than the mean a part may become while the interfaces flow.
+SLACK = 1.05
+#: Rounds in which single vertices change sides, and most rounds while a part is still too heavy.
+ROUNDS, PATIENCE = 16, 64
+_ONE = 1 << 20
+"""The indicator of a part, where it is certain, as an integer."""
+
+
+def smoothed(graph, keys, weights, part, parts, limit):
+    """Move vertices between parts so that fewer edges are cut.
+
+    Collective on graph.comm.
+
+    Args:
+        graph: Graph.
+        keys: (n,) int64, position of each vertex along the space-filling curve, distinct.
+        weights: (n,) int64, positive.
+        part: (n,) int32, the parts to start from; each of them lies on one rank.
+        parts: number of parts.
+        limit: most weight of a part.
+
+    Returns:
+        (n,) int32 parts, as given if they cannot be improved within the limit.
+    """
+    starts, mean = [], graph.comm.allreduce(int(weights.sum())) / parts
+    if mean >= WORTHWHILE:
+        starts.append(_straight(graph, keys, weights, part, parts))
+        if parts <= FEW and BOXES[-1] in graphs(parts, mean):
+            starts.append(_straight(graph, keys, weights, part, parts, shells=True))
+    for chosen in (starts, [part]):
+        ends = [_exchanged(graph, keys, weights, start, parts, limit) for start in chosen]
+        light = [end for end in ends if _loads(graph.comm, end, weights, parts).max() <= limit]
+        best = min(light, key=graph.cut, default=part)
+        if graph.cut(best) < graph.cut(part):
+            return best
+    return part
+
+
+def graphs(parts, mean):
+    """Boxes a part of the coarse graphs on which interfaces flow, one after the other.
+
+    Local.
+
+    Args:
+        parts: number of parts.
+        mean: their mean weight.
+
+    Returns:
+        tuple of int.
+    """
+    return BOXES[:1] + tuple(n for n in BOXES[1:] if n * parts <= MOST_BOXES and n * LEAST <= mean)
+
+
+def _straight(graph, keys, weights, home, parts, shells=False):
+    """The parts after the flow of their interfaces on graphs of boxes; some may be too heavy, by `SLACK`.
+
+    Boxes keep to the parts `home`, each of which lies on one rank: so they are the same on any number of ranks.
+    """
+    comm, part = graph.comm, home
+    mean = comm.allreduce(int(weights.sum())) / parts
+    for boxes in graphs(parts, mean):
+        group, first, bits = _boxes(keys, weights, home.astype(np.int64) * parts + part, mean / boxes)
+        coarse = graph.contracted(group, len(first))
+        heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
+        state = [keys[first], heavy, part[first], bits]
+        if boxes * parts <= MOST_BOXES:  # every rank does all of it, rather than wait for hundreds of messages
+            mine = slice(coarse.offset, coarse.offset + coarse.size)
+            state = [np.concatenate(comm.allgather(values)) for values in state]
+            coarse = coarse.gathered()
+        else:
+            mine = slice(None)
+        part = _flowed(coarse, *state, parts, mean, shells and boxes == BOXES[0])[mine][group]
+    return part
+
+
+def _flowed(graph, keys, weights, start, bits, parts, mean, shells):
+    """The parts of boxes after the flow of their interfaces.  Collective on graph.comm."""
+    if shells:
+        start = _shells(graph.comm, keys, bits, weights, parts)
+    heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
+    slack = max(SLACK * mean, mean + heaviest)
+    return _exchanged(graph, keys, weights, _flow(graph, weights, start, parts, slack), parts, slack)
+
+
+def _shells(comm, keys, bits, weights, parts):
+    """Parts of equal weight from the smallest boxes to the largest: (n,) int32.  Collective on comm."""
+    order = keys | bits // 3 << 58
+    return np.searchsorted(space_filling_curve.cut(comm, order, weights, parts), order, side="right").astype(np.int32)
+
+
+def _loads(comm, part, weights, parts):
+    """Weight of every part: (parts,) int64.  Collective on comm."""
+    loads = np.bincount(part, weights=weights, minlength=parts).astype(np.int64)
+    comm.Allreduce(MPI.IN_PLACE, loads)
+    return loads
+
+
+def _boxes(keys, weights, part, most):
+    """The largest boxes of the forest, restricted to a part, that are not heavier than a limit.
+
+    Returns (n,) int64 box of each vertex, and the first vertex of each box and the bits of a key in which its vertices
+    may differ.
+    """
+    order = np.lexsort((keys, part))
+    along, parts, heavy = keys[order], part[order], weights[order]
+    box, size, first = np.arange(len(order)), np.zeros(len(order), dtype=np.int64), order
+    for bits in range(3, 63, 3):
+        new = np.ones(len(along), dtype=bool)
+        new[1:] = (along[1:] >> bits != along[:-1] >> bits) | (parts[1:] != parts[:-1])
+        number = np.cumsum(new) - 1
+        fits = np.bincount(number, weights=heavy)[number] <= most
+        if not fits.any():
+            break
+        size[fits] = bits
+        kept = new | ~fits  # a box that is too heavy stays in pieces, and so do all that hold it
+        number = np.cumsum(kept) - 1
+        box, heavy = number[box], np.bincount(number, weights=heavy)
+        along, parts, size, first = along[kept], parts[kept], size[kept], first[kept]
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = box
+    return group, first, size
+
+
+def _flow(graph, weights, part, parts, limit):
+    """Let the interfaces flow by their mean curvature; the parts of the shortest state within the limit."""
+    comm = graph.comm
+    degree = np.maximum(graph.degree, 1)
+    prices = np.zeros(parts, dtype=np.int64)
+    total = comm.allreduce(graph.size)
+    best, shortest = part, graph.cut(part)
+    for _ in range(DECISIONS):
+        before = part
+        seen = csr_matrix((np.full(graph.size, _ONE), part, np.arange(graph.size + 1)), shape=(graph.size, parts))
+        for _ in range(STEPS):
+            around = graph.matrix @ graph.ghosted_rows(seen)
+            seen.data *= np.repeat(degree, np.diff(seen.indptr))
+            seen = (seen + around).tocsr()
+            seen.data //= np.repeat(2 * degree, np.diff(seen.indptr))
+            seen.eliminate_zeros()
+        part, loads = _auction(comm, seen, weights, prices, limit)
+        length = graph.cut(part)
+        if length < shortest and loads.max() <= limit:
+            best, shortest = part, length
+        if comm.allreduce(int((part != before).sum())) < 1e-3 * total:
+            break
+    return best
+
+
+def _auction(comm, seen, weights, prices, limit):
+    """Each vertex joins the part it sees most of, less its price; prices change until no part is too heavy.
+
+    Returns the parts, (n,) int32, and their weights; `prices` is changed.
+    """
+    parts = len(prices)
+    bits = int(parts).bit_length()
+    step, before = np.full(parts, _ONE / 20), np.zeros(parts)
+    for _ in range(30):
+        # One integer holds the offer, and below it the part: equal offers go to the lowest part.
+        offer = ((seen.data - prices[seen.indices]) << bits) + (parts - seen.indices)
+        part = (parts - (np.maximum.reduceat(offer, seen.indptr[:-1]) & (1 << bits) - 1)).astype(np.int32)
+        loads = _loads(comm, part, weights, parts)
+        if loads.max() <= limit:
+            break
+        excess = np.clip(loads * parts / loads.sum() - 1, -1, 1)
+        step *= np.where(excess * before < 0, 0.5, 1.2)
+        before = excess
+        prices += np.rint(2 * step * excess).astype(np.int64)
+    return part, loads
+
+
+def _exchanged(graph, keys, weights, part, parts, limit):
+    """Let vertices on an interface change sides as long as this helps.
+
+    In one round they go to parts of higher number only, in the next to lower ones: neighbours do not swap places.
+    """
+    part = part.copy()
+    loads = _loads(graph.comm, part, weights, parts)
+    mean = loads.sum() / parts
+    heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
+    quiet = 0
+    for number in range(PATIENCE):
+        # Where all parts around a heavy one are full, those above the mean make room.
+        most = limit if number < ROUNDS else mean
+        vertex, target, gain = _offers(graph, weights, part, loads, most, upward=number % 2 == 0)
+        # A part that is too heavy gives vertices away at a loss, but no more than needed.
+        willing = gain >= 0
+        loss, spare = vertex[~willing], np.maximum(loads - np.int64(most), 0) + heaviest
+        willing[~willing] = _admitted(graph.comm, part[loss], gain[~willing], keys[loss], weights[loss], spare)
+        vertex, target, gain = vertex[willing], target[willing], gain[willing]
+        taken = _admitted(graph.comm, target, gain, keys[vertex], weights[vertex], np.int64(limit) - loads)
+        part[vertex[taken]] = target[taken]
+        loads = _loads(graph.comm, part, weights, parts)
+        quiet = 0 if graph.comm.allreduce(int(taken.sum())) else quiet + 1
+        if quiet == 2 or (number + 1 >= ROUNDS and loads.max() <= limit):
+            break
+    return part
+
+
+def _offers(graph, weights, part, loads, most, upward):
+    """The best change of side of each vertex on an interface, where it helps: vertices, targets, facets gained."""
+    parts = len(loads)
+    everywhere = graph.ghosted(part)
+    differs = np.flatnonzero(everywhere[graph.matrix.indices] != part[graph.rows])
+    row, data = graph.rows[differs], graph.matrix.data[differs]
+    there, here = everywhere[graph.matrix.indices[differs]], part[row]
+    kept = graph.degree - np.bincount(row, weights=data, minlength=graph.size).astype(np.int64)
+    across = there > here if upward else there < here
+    pairs, slot = np.unique(row[across] * parts + there[across], return_inverse=True)
+    vertex, target = np.divmod(pairs, parts)
+    gain = np.bincount(slot, weights=data[across], minlength=len(pairs)).astype(np.int64) - kept[vertex]
+    own = loads[part[vertex]]
+    evens_out = loads[target] + weights[vertex] < own
+    helps = (gain > 0) | evens_out & ((gain == 0) | (own > most))
+    vertex, target, gain = vertex[helps], target[helps], gain[helps]
+    order = np.lexsort((target, -gain, vertex))
+    best = order[np.diff(vertex[order], prepend=-1) != 0]
+    return vertex[best], target[best].astype(part.dtype), gain[best]
+
+
+def _admitted(comm, part, gain, keys, weights, room):
+    """Which of all ranks' candidates find room in a part: the most useful first, equals in the order of the curve.
+
+    Collective on comm.  Each part is decided on by one rank.
+
+    Args:
+        comm: MPI communicator.
+        part: (n,) int, the part that each candidate asks.
+        gain, keys, weights: (n,) int64 of the candidates.
+        room: (parts,) int64, how much weight each part admits.
+
+    Returns:
+        (n,) bool.
+    """
+    exchange = Exchange(comm, part.astype(np.int64) * comm.size // len(room))
+    part, gain, keys, weights = exchange.forward(np.stack([part, gain, keys, weights], axis=1)).T
+    order = np.lexsort((keys, -gain, part))
+    weight, first = np.cumsum(weights[order]), np.flatnonzero(np.diff(part[order], prepend=-1))
+    before = (weight - weights[order])[first]
+    weight -= np.repeat(before, np.diff(np.append(first, len(order))))
+    admitted = np.empty(len(order), dtype=bool)
+    admitted[order] = weight <= room[part[order]]
+    return exchange.backward(admitted)

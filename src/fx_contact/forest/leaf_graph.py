@@ -1,0 +1,168 @@
+"""The graph of the leaves, distributed like them: leaves that share a facet, across hanging interfaces too.
+
+Contracting it gives the graph of any groups of leaves: of facing leaves, or of the boxes of a coarser forest.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_matrix, csr_matrix, vstack
+
+from fx_contact.parallel.mpi import Exchange
+from fx_contact.problem.lattice import MAX_LEVEL
+
+
+class Graph:
+    """An undirected graph whose vertices are numbered rank by rank.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        size: number of this rank's vertices.
+        rows: (k,) int64, a vertex of this rank by its local number; each edge is given from both its ends.
+        columns: (k,) int64, its neighbour by its global number; loops are dropped.
+        weights: (k,) int64; those of repeated edges are added.
+
+    Attributes:
+        comm, size: as given.
+        ends: (ranks,) int64, global number behind the last vertex of each rank.
+        offset: global number of this rank's first vertex.
+        ghosts: (g,) int64, global numbers of other ranks' vertices that are neighbours of this rank's, ascending.
+        matrix: (size, size + g) scipy CSR int64 of the weights, this rank's vertices first, then the ghosts.
+    """
+
+    def __init__(self, comm, size, rows, columns, weights):
+        self.comm, self.size = comm, size
+        self.ends = np.cumsum(comm.allgather(size))
+        self.offset = int(self.ends[comm.rank]) - size
+        proper = columns != rows + self.offset
+        rows, columns, weights = rows[proper], columns[proper], weights[proper]
+        own = (columns >= self.offset) & (columns < self.offset + size)
+        self.ghosts = np.unique(columns[~own])
+        local = np.where(own, columns - self.offset, size + np.searchsorted(self.ghosts, columns))
+        self.matrix = coo_matrix((weights, (rows, local)), shape=(size, size + len(self.ghosts))).tocsr()
+        self._exchange = Exchange(comm, np.searchsorted(self.ends, self.ghosts, side="right"))
+        self._asked = self._exchange.forward(self.ghosts) - self.offset
+
+    @cached_property
+    def rows(self):
+        """(k,) int64, this rank's vertex of each entry of `matrix`.  Local."""
+        return np.repeat(np.arange(self.size), np.diff(self.matrix.indptr))
+
+    @cached_property
+    def degree(self):
+        """(size,) int64, weight of all edges of each vertex.  Local."""
+        return np.asarray(self.matrix.sum(axis=1), dtype=np.int64).ravel()
+
+    def ghosted(self, values):
+        """Values of this rank's vertices and of the ghosts.
+
+        Collective on comm.
+
+        Args:
+            values: (size,) array.
+
+        Returns:
+            (size + ghosts,) array.
+        """
+        return np.concatenate([values, self._exchange.backward(values[self._asked])])
+
+    def ghosted_rows(self, matrix):
+        """Sparse rows of this rank's vertices and of the ghosts.
+
+        Collective on comm.
+
+        Args:
+            matrix: (size, k) scipy CSR.
+
+        Returns:
+            (size + ghosts, k) scipy CSR.
+        """
+        asked = matrix[self._asked]
+        lengths = np.diff(asked.indptr)
+        entries = Exchange(self.comm, np.repeat(self._exchange.source, lengths))
+        start = np.concatenate([[0], np.cumsum(self._exchange.backward(lengths))])
+        far = csr_matrix(
+            (entries.forward(asked.data), entries.forward(asked.indices), start),
+            shape=(len(self.ghosts), matrix.shape[1]),
+        )
+        return vstack([matrix, far], format="csr")
+
+    def cut(self, part):
+        """Weight of all edges between different parts.
+
+        Collective on comm.
+
+        Args:
+            part: (size,) int, part of each vertex.
+
+        Returns:
+            int, the same on all ranks.
+        """
+        across = self.ghosted(part)[self.matrix.indices] != part[self.rows]
+        return self.comm.allreduce(int(self.matrix.data[across].sum())) // 2
+
+    def contracted(self, group, count):
+        """The graph of groups of vertices, each group on one rank.
+
+        Collective on comm.
+
+        Args:
+            group: (size,) int64, group of each vertex in 0..count - 1 of this rank.
+            count: number of this rank's groups.
+
+        Returns:
+            Graph.
+        """
+        number = self.ghosted((self.comm.exscan(count) or 0) + group)
+        return Graph(self.comm, count, group[self.rows], number[self.matrix.indices], self.matrix.data)
+
+    def gathered(self):
+        """The whole graph on every rank: for small ones.  Collective on comm.
+
+        Returns:
+            Graph, on this rank alone.
+        """
+        number = np.concatenate([self.offset + np.arange(self.size), self.ghosts])
+        edges = self.offset + self.rows, number[self.matrix.indices], self.matrix.data
+        rows, columns, weights = (np.concatenate(self.comm.allgather(values)) for values in edges)
+        return Graph(MPI.COMM_SELF, int(self.ends[-1]), rows, columns, weights)
+
+
+def create_leaf_graph(forest):
+    """The graph of the leaves, an edge for every facet between two of them; hanging facets count one by one.
+
+    Collective on forest.comm.  Two leaves of one level share a facet if their faces have the same centre; a leaf's face
+    lies in a coarser leaf's if that leaf has a face whose centre is the right corner of the finer leaf.
+
+    Args:
+        forest: Forest.
+
+    Returns:
+        Graph.
+    """
+    comm, count = forest.comm, len(forest)
+    ends = np.cumsum(comm.allgather(count))
+    number = ends[comm.rank] - count + np.arange(count)
+    faces, each = forest.faces.cells.ravel(), np.repeat(number, 6)
+    low, high = np.empty((2, len(forest.faces.directory.keys)), dtype=np.int64)
+    high[faces], low[faces[::-1]] = each, each[::-1]  # the last value stays, and numbers ascend
+    lowest = forest.faces.directory.lowest(low)
+    both = lowest - forest.faces.directory.lowest(-high)
+    other = both[faces] - each
+    even = np.flatnonzero(other != each)
+
+    # The corner two steps from the corner a leaf shares with its parent is the centre of a face of the parent.
+    fine = np.flatnonzero(forest.level > 0)
+    child = (forest.anchor[fine] >> (MAX_LEVEL + 1 - forest.level[fine].astype(np.int32))[:, None] & 1) @ [1, 2, 4]
+    centres = forest.corners[fine[:, None], child[:, None] ^ [3, 5, 6]]
+    keys = forest.lattice.keys(forest.cell[fine], centres).ravel()
+    coarse, found = forest.faces.directory.lookup(keys, low, np.ones(len(low), dtype=bool))
+    fine, coarse = number[np.repeat(fine, 3)[found]], coarse[found]
+    exchange = Exchange(comm, np.searchsorted(ends, coarse, side="right"))
+    start = ends[comm.rank] - count
+    rows = np.concatenate([even // 6, fine - start, exchange.forward(coarse) - start])
+    columns = np.concatenate([other[even], coarse, exchange.forward(fine)])
+    return Graph(comm, count, rows, columns, np.ones(len(rows), dtype=np.int64))

@@ -1,0 +1,192 @@
+"""Where each leaf goes: four kinds of partition behind one door, repeated after every refinement.
+
+    contact-sfc      the Hilbert curve; facing leaves are one super-element with the weight of both (section 3 of the
+                     paper); then the interfaces between the parts are straightened
+    equidistributed  facing leaves on their own share of the ranks, all leaves dealt out by local number (the paper's
+                     former way)
+    sfc              the Hilbert curve, blind to contact: pairs may be split
+    graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
+
+Each is a chain of stages.  A stage sees `Units`, the graph, curve keys, weights and pairs, and where they lie, and says
+which part each of them goes to; a part is a number, of a rank in a run, of any partition in a study.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.forest import space_filling_curve
+from fx_contact.forest.interface_smoothing import smoothed
+from fx_contact.forest.super_elements import Units, curve_keys
+from fx_contact.parallel import compat
+from fx_contact.parallel.errors import PartitionError
+from fx_contact.parallel.mpi import Directory
+from fx_contact.parallel.validation import check_name
+
+#: Largest weight of a part over the mean, unless one unit alone exceeds it.
+IMBALANCE = 1.02
+
+
+def along_curve(units, parts, _home):
+    """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit.  Collective on units.comm."""
+    cuts = space_filling_curve.cut(units.comm, units.keys, units.weights, parts)
+    return np.searchsorted(cuts, units.keys, side="right").astype(np.int32)
+
+
+def straightened(units, parts, home):
+    """The present parts with shorter interfaces: (m,) int32 part of each unit.  Collective on units.comm."""
+    total, heaviest = units.comm.allreduce(int(units.weights.sum())), int(units.weights.max(initial=0))
+    heaviest = units.comm.allreduce(heaviest, op=MPI.MAX)
+    limit = max(IMBALANCE * total / parts, total / parts + heaviest)
+    return smoothed(units.graph, units.keys, units.weights, home, parts, limit)
+
+
+def by_graph(units, parts, _home):
+    """PT-SCOTCH: (m,) int32 part of each unit.  Collective on units.comm."""
+    graph = units.graph
+    number = np.concatenate([graph.offset + np.arange(graph.size), graph.ghosts])
+    return compat.partition_graph(units.comm, parts, graph.matrix.indptr, number[graph.matrix.indices])
+
+
+def dealt_out(units, parts, home):
+    """Units with contact on some parts, the others on the rest, block by block of the units' local numbers.
+
+    Collective on units.comm: two numbers are summed, to give the contact its share of the parts.  What was on one part
+    before is cut into as many blocks as there are parts to serve, one for each of them.  Parts start at different
+    blocks, so that what does not divide evenly spreads.
+
+    Args:
+        units: Units.
+        parts: number of parts.
+        home: (m,) int32, the part on which each unit is now.
+
+    Returns:
+        (m,) int32 part of each unit.
+    """
+    mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
+    contact, total = units.comm.allreduce(mine, op=MPI.SUM)
+    share = min(max(round(parts * contact / total), int(contact > 0)), parts - int(contact < total))
+    result = np.empty(len(units), dtype=np.int32)
+    for chosen, first, count in ((units.contact, 0, share), (~units.contact, share, parts - share)):
+        rows = np.flatnonzero(chosen)
+        order = rows[np.argsort(home[rows], kind="stable")]
+        length = np.bincount(home[order], minlength=parts)
+        number = np.arange(len(order)) - (np.cumsum(length) - length)[home[order]]
+        result[order] = first + (number * count // length[home[order]] + home[order]) % max(count, 1)
+    return result
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of partition.
+
+    Attributes:
+        pairs: whether it keeps facing leaves together.
+        stages: functions of (units, parts, home) that give the part of each unit; each starts from where the one before
+            has put the units.
+    """
+
+    pairs: bool
+    stages: tuple
+
+
+KINDS = {
+    "contact-sfc": Kind(True, (along_curve, straightened)),
+    "equidistributed": Kind(True, (dealt_out,)),
+    "sfc": Kind(False, (along_curve,)),
+    "graph": Kind(True, (along_curve, by_graph)),
+}
+
+
+def assign(forest, parts, kind, home=None):
+    """A partition into any number of parts, without moving a leaf.
+
+    Collective on forest.comm; facing leaves are on one rank, and for "contact-sfc" what is on one part too.
+
+    Args:
+        forest: Forest.
+        parts: number of parts.
+        kind: a key of `KINDS`.
+        home: (n,) int, the part on which each leaf is before; default the first.
+
+    Returns:
+        Units of the kind, and the (m,) int32 part of each.
+
+    Raises:
+        PartitionError: more parts than units.
+    """
+    units = Units(forest, KINDS[kind].pairs)
+    if parts > units.comm.allreduce(len(units)):
+        raise PartitionError(f"{forest.size_global} leaves cannot be spread over {parts} parts by {kind!r}")
+    part = np.zeros(len(units), dtype=np.int32)
+    if home is not None:
+        part[units.of_leaf] = home
+    for stage in KINDS[kind].stages:
+        part = stage(units, parts, part)
+    return units, part
+
+
+def repartition(forest, values, kind="contact-sfc"):
+    """Move leaves, and data they carry, to the ranks that a partition of the given kind assigns.
+
+    Collective on forest.comm; on one rank nothing is moved.
+
+    Args:
+        forest: Forest.
+        values: (n, ...) array carried by the leaves, or None.
+        kind: a key of `KINDS`.
+
+    Returns:
+        The new Forest, each rank's leaves in curve order, and the (m, ...) values or None.
+
+    Raises:
+        SceneError: unknown kind.
+        PartitionError: a rank would get no leaf.
+    """
+    check_name("partition", kind, KINDS)
+    comm, pairs = forest.comm, KINDS[kind].pairs
+    if comm.size > 1:
+        if pairs:
+            forest, values = _moved(forest, values, _meeting_place(forest))
+        for stage in KINDS[kind].stages:
+            units = Units(forest, pairs)
+            here = np.full(len(units), comm.rank, dtype=np.int32)
+            forest, values = _moved(forest, values, stage(units, comm.size, here)[units.of_leaf])
+            if comm.allreduce(len(forest), op=MPI.MIN) == 0:
+                raise PartitionError(
+                    f"{forest.size_global} leaves cannot be spread over {comm.size} ranks by {kind!r}"
+                    f"{', facing leaves together' if pairs else ''}: "
+                    "run on fewer ranks, or start from a finer root mesh"
+                )
+    order = np.argsort(curve_keys(forest, pairs), kind="stable")
+    return forest.ordered(order), None if values is None else values[order]
+
+
+def _moved(forest, values, destination):
+    """The forest and the values after a move that concerns any leaf.  Collective on forest.comm."""
+    if not forest.comm.allreduce(bool((destination != forest.comm.rank).any()), op=MPI.LOR):
+        return forest, values
+    forest, exchange = forest.moved(destination)
+    return forest, None if values is None else exchange.forward(values)
+
+
+def _meeting_place(forest):
+    """The lowest rank that has a leaf of the same group of facing leaves: (n,) int32.  Collective on forest.comm."""
+    result = np.full(len(forest), forest.comm.rank, dtype=np.int32)
+    paired = np.unique(forest.contact_faces()[0])
+    groups, group = np.unique(forest.representatives[paired], return_inverse=True)
+    result[paired] = Directory(forest.comm, groups).lowest(np.full(len(groups), forest.comm.rank))[group]
+    return result
+
+
+def partitioner(comm):
+    """The partitioner to give `dolfinx.mesh.create_mesh` for leaves that are already where they belong.
+
+    Local.  The leaves were moved with sixteen bytes each; had dolfinx to move them, it would move all geometry nodes,
+    and would compute a dual graph first.
+
+    Args:
+        comm: MPI communicator.
+    """
+    return compat.stay(comm.rank)

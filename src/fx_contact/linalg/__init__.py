@@ -1,0 +1,1 @@
+"""PETSc: the matrix on the conforming unknowns, preconditioners, conjugate gradients."""

@@ -1,0 +1,138 @@
+"""The conforming matrix: blocks of 3 x 3 while it is assembled, hypre's own format where hypre preconditions it.
+
+PETSc's own conversion to hypre's format passes through coordinates and keeps them: it needs three times the memory of
+the matrix on top of it.  Copied row by row into exactly allocated rows, the matrix exists twice for a moment, and once
+while it is solved with.
+"""
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.memory import check_memory
+from fx_contact.parallel.mpi import Exchange, together
+
+#: Memory of a block of 3 x 3 in the matrix, its copy in hypre's format and the levels below: what a system needs.
+_BLOCK_BYTES = 76 + 108 + 50
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMatrix:
+    """A square matrix on the conforming unknowns.
+
+    Attributes:
+        comm: MPI communicator, the one of the run.
+        mat: PETSc BAIJ matrix with blocks of 3.
+        row_lengths: two (owned,) int32, blocks of each owned row in columns of this rank and of others.
+    """
+
+    comm: object
+    mat: PETSc.Mat
+    row_lengths: tuple[np.ndarray, np.ndarray]
+
+    def in_hypre_format(self):
+        """A copy with the rows in hypre's format; the blocks may be destroyed then.
+
+        Collective on mat.comm.  Entries that are there can be changed later, new ones cannot be added.  All that have
+        room must be there, zeros too (`PenaltyTerm.reserve`): PETSc reads rows to their allocated ends.
+
+        Returns:
+            PETSc Mat of type hypre.
+
+        Raises:
+            SolveError: PETSc has no memory for it, or no hypre.
+        """
+        result = PETSc.Mat().create(self.mat.comm)
+        result.setSizes(self.mat.getSizes(), bsize=3)
+        result.setType(PETSc.Mat.Type.HYPRE)
+        result.setOption(PETSc.Mat.Option.SORTED_FULL, True)
+        near, far = (np.repeat(3 * lengths, 3).astype(PETSc.IntType) for lengths in self.row_lengths)
+        preallocate = ctypes.CDLL(PETSc.__file__).MatHYPRESetPreallocation  # petsc4py lacks it
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (near, far))
+        integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
+        first, second = pointers
+        with together(self.comm):
+            if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
+                clear_hypre_errors()
+                raise SolveError("PETSc cannot allocate a matrix in hypre's format")
+        self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return result
+
+
+def create_matrix(prolongation, cells, pairs):
+    """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
+
+    Collective on prolongation.comm.
+
+    Args:
+        prolongation: Prolongation.
+        cells: (ncells, 8) int32, position in the forest's vertices of each local cell's corners.
+        pairs: NodePairs or None.
+
+    Returns:
+        BlockMatrix.
+
+    Raises:
+        SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
+    """
+    imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, pairs)
+    check_memory(
+        prolongation.comm,
+        f"the system of {3 * imap.size_global:,} unknowns",
+        _BLOCK_BYTES * sum(int(length.sum()) for length in lengths),
+        "ask for a larger tolerance, or use more hosts",
+    )
+    mat = PETSc.Mat().create(prolongation.comm)
+    mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
+    mat.setType(PETSc.Mat.Type.BAIJ)
+    mat.setPreallocationNNZ(lengths)
+    return BlockMatrix(prolongation.comm, mat, lengths)
+
+
+def clear_hypre_errors():
+    """Let hypre forget that it failed: its error flag stays, and every later call would fail in its name.  Local."""
+    clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
+    if clear is not None:
+        clear()
+
+
+def _row_lengths(prolongation, cells, pairs):
+    """Blocks of each owned row in columns of this rank and of others, exactly: two (owned,) int32."""
+    imap, comm = prolongation.index_map, prolongation.comm
+    size, owned = imap.size_local + imap.num_ghosts, imap.size_local
+    corners = csr_matrix(
+        (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
+        shape=(len(cells), len(prolongation.vertices)),
+    )
+    touches = corners @ prolongation.matrix.astype(bool)
+    graph = touches.T @ touches
+    if pairs is not None:
+        facing = csr_matrix((np.ones(len(pairs), dtype=bool), (pairs.first, pairs.second)), shape=(size, size))
+        graph = graph + facing + facing.T
+    rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
+    near = np.bincount(rows[columns < owned], minlength=size)[:owned]
+    far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
+    if comm.size == 1:
+        return near.astype(np.int32), far.astype(np.int32)
+
+    # Rows of which other ranks have a share: their columns are brought together, by global numbers.
+    number = imap.local_to_global(np.arange(size, dtype=np.int32))
+    theirs = rows >= owned
+    exchange = Exchange(comm, imap.owners[rows[theirs] - owned])
+    first = imap.local_range[0]
+    place = exchange.forward(number[rows[theirs]]) - first
+    shared = np.zeros(size, dtype=bool)
+    shared[place] = True
+    ours = shared[rows]
+    place = np.concatenate([place, rows[ours]])
+    column = np.concatenate([exchange.forward(number[columns[theirs]]), number[columns[ours]]])
+    place, column = np.divmod(np.unique(place * imap.size_global + column), imap.size_global)
+    here = (column >= first) & (column < first + owned)
+    shared = shared[:owned]
+    near[shared] = np.bincount(place[here], minlength=owned)[shared]
+    far[shared] = np.bincount(place[~here], minlength=owned)[shared]
+    return near.astype(np.int32), far.astype(np.int32)

@@ -1,0 +1,141 @@
+"""What the user decides of the linear solver: preconditioner, tolerances, further options of PETSc."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Real
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_count, check_label, check_name, check_number, check_sendable, shown
+
+#: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
+PRECONDITIONERS = {
+    "boomeramg": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "boomeramg",
+        "pc_hypre_boomeramg_numfunctions": 3,
+        "pc_hypre_boomeramg_strong_threshold": 0.5,
+        "pc_hypre_boomeramg_coarsen_type": "PMIS",
+        "pc_hypre_boomeramg_interp_type": "ext+i",
+        "pc_hypre_boomeramg_P_max": 4,
+        "pc_hypre_boomeramg_agg_nl": 1,
+        "pc_hypre_boomeramg_relax_type_down": "Chebyshev",
+        "pc_hypre_boomeramg_relax_type_up": "Chebyshev",
+    },
+    "ilu": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "ilu",
+        "pc_hypre_ilu_maxiter": 1,
+        "pc_hypre_ilu_tol": 0.0,
+        "pc_hypre_ilu_tri_solve": True,
+    },
+    "boomeramg-robust": {
+        "pc_type": "hypre",
+        "pc_hypre_type": "boomeramg",
+        "pc_hypre_boomeramg_numfunctions": 3,
+        "pc_hypre_boomeramg_strong_threshold": 0.25,
+        "pc_hypre_boomeramg_relax_type_all": "symmetric-SOR/Jacobi",
+    },
+    "cholesky": {
+        "pc_type": "cholesky",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
+    },
+}
+#: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity: its levels cost nothing there, and
+#: what aggressive coarsening leaves of so few, 6 of 162, tells little, least of equal bodies in a row.
+_FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
+#: Conjugate gradients as PETSc has them, for `ksp_type`: the tolerance is an error in the norm of the energy.
+METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
+#: PETSc options that would undo what the solver states of its error, and why they are not the user's.
+NOT_TO_SET = {
+    "ksp_rtol": "set Solver.tolerance and Solver.loose_tolerance, which are relative to the energy",
+    "ksp_atol": "set Solver.tolerance and Solver.loose_tolerance, which are relative to the energy",
+    "ksp_divtol": "set Solver.max_krylov: a residual may grow for a while",
+    "ksp_max_it": "set Solver.max_krylov",
+    "ksp_convergence_test": "set Solver.tolerance: the error in the norm of the energy decides",
+    "ksp_converged_maxits": "set Solver.max_krylov: a solve that ends there has not reached its tolerance",
+    "ksp_initial_guess_nonzero": "the solver has a first guess of its own, the last displacement",
+    "ksp_error_if_not_converged": "a solve that fails goes on with a stronger preconditioner, and if there is "
+    "none ends in an error that says why",
+    "ksp_pc_side": "in the norm of the energy conjugate gradients have one side alone, PETSc's left",
+}
+#: Options that set several others at once, and those of `PRECONDITIONERS` that would win over them.
+COVERED = {
+    "pc_hypre_boomeramg_relax_type_all": ("pc_hypre_boomeramg_relax_type_down", "pc_hypre_boomeramg_relax_type_up")
+}
+#: Loosest tolerance of a last solve.  An error in the energy spreads over pairs that have little of it each: from 1e-2
+#: on contact forces are wrong by percents, or active sets do not settle; up to here they err by less than that.
+_LOOSEST = 1e-3
+
+
+def preconditioner_options(name, unknowns):
+    """PETSc options of a preconditioner for a system of some size, without prefix.
+
+    Local.
+
+    Args:
+        name: a key of `PRECONDITIONERS`.
+        unknowns: int, on all ranks.
+
+    Returns:
+        dict.
+    """
+    options = PRECONDITIONERS[name]
+    return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the linear systems are solved.
+
+    Attributes:
+        preconditioner: a key of `PRECONDITIONERS`; where PCG fails with it, it goes on with Cholesky's factors if they
+            fit into the memory, else with "boomeramg-robust".
+        tolerance: error of the displacement, in the norm of the operator as the preconditioner sees it, relative to
+            the displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
+            holds for any penalty; the default leaves an error below 1e-7 in the contact force; 1e-3, the largest that
+            is taken, one below 1e-3.
+        loose_tolerance: the same while the active set still changes.
+        max_krylov: most iterations of one linear solve.
+        max_contact: most updates of the active set.
+        options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.  Tolerances and
+            numbers of iterations are not among them: they are above.
+
+    Raises:
+        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1, an option
+            that is neither a text nor a finite number.
+    """
+
+    preconditioner: str = "boomeramg"
+    tolerance: float = 1e-8
+    loose_tolerance: float = 1e-3
+    max_krylov: int = 500
+    max_contact: int = 50
+    options: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
+        for name in ("tolerance", "loose_tolerance"):
+            value = check_number(f"the solver's {name}", getattr(self, name), positive=True)
+            object.__setattr__(self, name, value)
+            if value >= 1:
+                raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
+        if self.tolerance > _LOOSEST:
+            raise SceneError(
+                f"the solver's tolerance must be {_LOOSEST:g} at most, got {self.tolerance!r}: a looser one leaves "
+                "contact forces wrong by percents; the error that the mesh may have is the tolerance of adapt"
+            )
+        if self.loose_tolerance < self.tolerance:
+            raise SceneError(f"loose_tolerance {self.loose_tolerance} is tighter than the tolerance {self.tolerance}")
+        for name in ("max_krylov", "max_contact"):
+            check_count(f"the solver's {name}", getattr(self, name))
+        if not isinstance(self.options, Mapping):
+            raise SceneError(f"the solver's options must be a dict of PETSc options, got {shown(self.options)}")
+        for name, value in self.options.items():
+            check_label("a PETSc option", name)
+            check_sendable("the name of a PETSc option", name)
+            check_sendable(f"the PETSc option {name!r}", value)
+            if not isinstance(value, (str, Real, type(None))):
+                raise SceneError(f"the PETSc option {name!r} must be a text or a number, got {shown(value)}")
+            if isinstance(value, Real) and not isinstance(value, bool):
+                check_number(f"the PETSc option {name!r}", value)

@@ -1,0 +1,1 @@
+"""What every other room stands on: errors raised together, rows between ranks, checks of input, costs, memory."""

@@ -1,0 +1,315 @@
+"""What may be prescribed on a body: displacements, symmetry planes, tractions, pressures, body forces.
+
+Values are numbers, or functions of position as dolfinx has them: of an array (3, n) of points.  Numbers are checked
+when the prescription is made, functions when the Scene is, on the places that they are for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_label, check_number, check_vector, shown
+
+COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True)
+class Dirichlet:
+    """Prescribed displacement components on a surface, along a curve or at a vertex.
+
+    Attributes:
+        where: name of a surface, curve or vertex of the root mesh.
+        x, y, z: displacement [m], None where the component is free: a number, or a function of the undeformed positions
+            (3, n) float64 [m] that gives (n,) float64.
+
+    Raises:
+        SceneError: no component is given, or one is neither a finite number nor a function.
+    """
+
+    where: str
+    x: object = None
+    y: object = None
+    z: object = None
+
+    def __post_init__(self):
+        check_label("the place of a displacement condition", self.where)
+        if not self.held.any():
+            raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
+        for component, value in zip(COMPONENTS, (self.x, self.y, self.z)):
+            if value is not None and not callable(value):
+                check_number(f"the displacement {component} on {self.where!r}", value)
+
+    @property
+    def held(self):
+        """(3,) bool, which components are prescribed."""
+        return np.array([value is not None for value in (self.x, self.y, self.z)])
+
+    def at(self, points):
+        """Displacement at points.
+
+        Args:
+            points: (n, 3) float64 [m].
+
+        Returns:
+            (n, 3) float64 [m], NaN where the component is free.
+
+        Raises:
+            SceneError: a function that does not give a finite number for each point.
+        """
+        result = np.full((len(points), 3), np.nan)
+        for component, value in enumerate((self.x, self.y, self.z)):
+            if value is not None:
+                what = f"the displacement {COMPONENTS[component]} on {self.where!r}"
+                result[:, component] = evaluated(what, value, points, 1)[:, 0]
+        return result
+
+
+class Prescribed:
+    """Displacement components at points, from one condition after the other.
+
+    Local.
+
+    Args:
+        count: number of points.
+        same: difference between two conditions that is rounding [m].
+
+    Attributes:
+        values: (count, 3) float64 [m], NaN where free.
+    """
+
+    def __init__(self, count, same):
+        self.values, self._same = np.full((count, 3), np.nan), same
+        self._places, self._place = [], np.full((count, 3), -1)
+
+    def add(self, where, at, values, position):
+        """Add a condition.
+
+        Args:
+            where: name of its place.
+            at: (n,) int64, its points.
+            values: (n, 3) float64 [m], NaN where free.
+            position: function of one of the points (int) that gives where it is (3,) [m].
+
+        Raises:
+            SceneError: another condition has said something else of one of the components.
+        """
+        before = self.values[at]
+        clash = np.argwhere(np.abs(before - values) > self._same)
+        if len(clash):
+            row, component = clash[0]
+            other = self._places[self._place[at[row], component]]
+            place = ", ".join(f"{x:.6g}" for x in position(at[row]))
+            raise SceneError(
+                f"component {COMPONENTS[component]} on {where!r} is prescribed as {values[row, component]} m where "
+                f"another condition says {before[row, component]} m, that on {other!r}, at ({place}): let them agree, "
+                "or leave one out where they meet"
+            )
+        held = ~np.isnan(values)
+        self.values[at] = np.where(held, values, before)
+        self._place[at] = np.where(held, len(self._places), self._place[at])
+        self._places.append(where)
+
+
+@dataclass(frozen=True)
+class SymmetryPlane:
+    """A plane surface in which the body is cut by symmetry: no displacement across it, free along it.
+
+    Attributes:
+        surface: name of a surface of the root mesh, plane and across x, y or z.
+
+    Raises:
+        SceneError: the name is none.
+    """
+
+    surface: str
+
+    def __post_init__(self):
+        check_label("the surface of a symmetry plane", self.surface)
+
+    def on(self, mesh):
+        """The same as a displacement condition.
+
+        Local.
+
+        Args:
+            mesh: RootMesh.
+
+        Returns:
+            Dirichlet.
+
+        Raises:
+            SceneError: an unknown surface, one that is not plane, or not across an axis.
+        """
+        facets = mesh.surface(self.surface)
+        points, normals = mesh.facet_points(facets).reshape(-1, 3), mesh.outward_normals(facets)
+        normal = normals.mean(axis=0)
+        normal /= max(np.linalg.norm(normal), np.finfo(float).tiny)
+        off = np.ptp(points @ normal) / np.ptp(points, axis=0).max()
+        if off > PLANE or (normals @ normal).min() < 1 - PLANE:
+            raise SceneError(
+                f"the symmetry plane {self.surface!r} is not plane: its nodes are up to {off:.2g} of its size off the "
+                "mean plane; name plane facets only, those of each plane by themselves"
+            )
+        axis = int(np.abs(normal).argmax())
+        if np.abs(normal[axis]) < 1 - PLANE:
+            raise SceneError(
+                f"the symmetry plane {self.surface!r} has the normal {np.round(normal, 6).tolist()}: it must be across "
+                "x, y or z, for single components only can be prescribed; turn the whole model"
+            )
+        return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})
+
+
+#: Distance from a plane, relative to the surface's size, that is rounding of the mesh generator.
+PLANE = 1e-6
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A surface force.
+
+    Attributes:
+        surface: name of a surface of the root mesh.
+        value: force per undeformed area in x, y, z [Pa]: three numbers, or a function of the undeformed positions
+            (3, n) float64 [m] that gives (3, n) float64.
+
+    Raises:
+        SceneError: value is neither three finite numbers nor a function.
+    """
+
+    surface: str
+    value: object
+
+    def __post_init__(self):
+        check_label("the surface of a traction", self.surface)
+        if not callable(self.value):
+            check_vector(self.what, self.value)
+
+    @property
+    def what(self):
+        """What it is and where, for messages."""
+        return f"the traction on {self.surface!r}"
+
+    def at(self, points, normals):
+        """Force per area.
+
+        Args:
+            points: (n, 3) float64 [m].
+            normals: (n, 3) float64, outward unit normals there.
+
+        Returns:
+            (n, 3) float64 [Pa].
+
+        Raises:
+            SceneError: a function that does not give three finite numbers for each point.
+        """
+        return evaluated(self.what, self.value, points, 3)
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """A pressure on a surface, against its undeformed outward normal.
+
+    Attributes:
+        surface: name of a surface of the root mesh.
+        value: pressure [Pa], positive into the body: a number, or a function of the undeformed positions (3, n) float64
+            [m] that gives (n,) float64.
+
+    Raises:
+        SceneError: value is neither a finite number nor a function.
+    """
+
+    surface: str
+    value: object
+
+    def __post_init__(self):
+        check_label("the surface of a pressure", self.surface)
+        if not callable(self.value):
+            check_number(self.what, self.value)
+
+    @property
+    def what(self):
+        """What it is and where, for messages."""
+        return f"the pressure on {self.surface!r}"
+
+    def at(self, points, normals):
+        """Force per area: as `Traction.at`."""
+        return -evaluated(self.what, self.value, points, 1) * normals
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """A force on the volume of a body, as its weight.
+
+    Attributes:
+        body: name of a body of the root mesh.
+        value: force per undeformed volume in x, y, z [N/m^3]: three numbers, or a function of the undeformed positions
+            (3, n) float64 [m] that gives (3, n) float64.
+
+    Raises:
+        SceneError: value is neither three finite numbers nor a function.
+    """
+
+    body: str
+    value: object
+
+    def __post_init__(self):
+        check_label("the body of a body force", self.body)
+        if not callable(self.value):
+            check_vector(self.what, self.value)
+
+    @property
+    def what(self):
+        """What it is and where, for messages."""
+        return f"the body force on {self.body!r}"
+
+    def at(self, points):
+        """Force per volume at points (n, 3) float64 [m]: (n, 3) float64 [N/m^3]; errors as `Traction.at`."""
+        return evaluated(self.what, self.value, points, 3)
+
+
+def evaluated(what, value, points, components):
+    """A number, vector or function of position at points.
+
+    Local.
+
+    Args:
+        what: it is, for messages.
+        value: number, vector, or function of (3, n) float64 [m] that gives (n,) for one component, (3, n) for three.
+        points: (n, 3) float64 [m].
+        components: 1 or 3.
+
+    Returns:
+        (n, components) float64.
+
+    Raises:
+        SceneError: a function that fails, or gives something else or a number that is not finite.
+    """
+    if not callable(value):
+        return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))
+    shape = (len(points),) if components == 1 else (components, len(points))
+    if not len(points):
+        return np.empty((0, components))
+    try:
+        given = value(points.T.copy())
+        if np.ma.is_masked(given):
+            raise ValueError("it gives masked values, and a value is needed everywhere")
+        result = np.asarray(given)
+    except (Exception, SystemExit) as error:  # one that ends the program would end it on this rank alone
+        raise SceneError(
+            f"{what} is a function that fails at {len(points)} points, an array of shape {(3, len(points))}: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if result.shape != shape or result.dtype.kind not in "fiu":
+        given = f"shape {result.shape}" if result.dtype.kind in "fiu" else shown(result)
+        raise SceneError(
+            f"{what} is a function that must give an array of shape {shape} for points of shape {(3, len(points))}, "
+            f"got {given}" + ("; for a constant give a number" if not result.shape else "")
+        )
+    result = result.reshape(components, -1).T.astype(np.float64)
+    bad = ~np.isfinite(result).all(axis=1)
+    if bad.any():
+        raise SceneError(
+            f"{what} is {np.squeeze(result[bad][0])} at {points[bad][0]}: it must be finite on all of it"
+        )
+    return result

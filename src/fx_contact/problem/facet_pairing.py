@@ -1,0 +1,283 @@
+"""Which root facets of two contact surfaces face each other, and the partner of a leaf by integer arithmetic.
+
+The pairing is decided once, on the root mesh; from then on the partner of a leaf or of a lattice point follows from
+integers alone, without search or communication ("éléments appariés", section 2 of the paper).
+"""
+
+from itertools import product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fx_contact.parallel.errors import PairingError
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE
+
+#: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
+_SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
+
+_MATCH = 1e-6
+"""Distance within which projected nodes coincide, relative to the facet's size."""
+_ASTRAY = 0.1
+"""Largest tangential offset of paired nodes, relative to the facet's size, where no direction is given."""
+
+
+class Pairing:
+    """Facing facets of the contact surfaces of a root mesh, replicated on all ranks.
+
+    Local (every rank computes the same).
+
+    Args:
+        mesh: RootMesh.
+        pairs: sequence of ContactPair.
+
+    Attributes:
+        partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
+        pair: (ncells, 6) int32, index of the contact pair, -1 where none.
+        first: (ncells, 6) bool, whether the face belongs to the first surface of its pair.
+        rim: (ncells, 6, 4) bool, whether a cell that has no face on the surface touches the edge of a paired face,
+            edges as in `reference.FACE_EDGES`.
+
+    Raises:
+        SceneError: an unknown surface.
+        PairingError: surfaces that do not match facet by facet and node by node, or that are paired twice.
+    """
+
+    def __init__(self, mesh, pairs):
+        ncells = len(mesh.cells)
+        self.partner = np.full((ncells, 6, 2), -1, dtype=np.int32)
+        self.pair = np.full((ncells, 6), -1, dtype=np.int32)
+        self.first = np.zeros((ncells, 6), dtype=bool)
+        self.rim = np.zeros((ncells, 6, 4), dtype=bool)
+        self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
+        for index, pair in enumerate(pairs):
+            facets = mesh.surface(pair.first), mesh.surface(pair.second)
+            match, symmetry = _match(mesh, pair, *facets)
+            facets = facets[0], facets[1][match]
+            for facing, other, code in zip(facets, facets[::-1], (symmetry, _inverse(symmetry))):
+                self._insert(pair, facing, other, code)
+                self.pair[facing[:, 0], facing[:, 1]] = index
+                self.rim[facing[:, 0], facing[:, 1]] = _rim(mesh, facing)
+            self.first[facets[0][:, 0], facets[0][:, 1]] = True
+
+    def _insert(self, pair, facets, partner, symmetry):
+        taken = self.pair[facets[:, 0], facets[:, 1]] >= 0
+        if taken.any():
+            cell, face = facets[taken][0]
+            raise PairingError(
+                f"face {face} of root cell {cell} is in two contact pairs, the second one "
+                f"({pair.first!r}, {pair.second!r}); split the surface so that each facet has one partner"
+            )
+        self.partner[facets[:, 0], facets[:, 1]] = partner
+        self._symmetry[facets[:, 0], facets[:, 1]] = symmetry
+
+    def opposite(self, cell, face, points):
+        """Lattice points that face given lattice points on paired root facets.
+
+        Args:
+            cell: (n,) int, root cells.
+            face: (n,) int, local faces, all paired.
+            points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
+
+        Returns:
+            (n,) int32 facing root cells, (n,) int32 their faces, (n, m, 3) lattice coordinates there, of that dtype.
+        """
+        swap, *flips = _SYMMETRIES[self._symmetry[cell, face]].T
+        other, other_face = self.partner[cell, face].T
+        uv = np.take_along_axis(points, hexahedron.FACE_TANGENTS[face][:, None], axis=2)
+        uv = np.where(swap[:, None, None], uv[:, :, ::-1], uv)
+        uv = np.where(np.stack(flips, axis=1)[:, None], SIDE - uv, uv)
+        result = np.empty_like(points)
+        np.put_along_axis(result, hexahedron.FACE_TANGENTS[other_face][:, None], uv, axis=2)
+        normal = np.where(hexahedron.FACE_SIDE[other_face] == 1, SIDE, 0).astype(points.dtype)
+        np.put_along_axis(result, hexahedron.FACE_AXIS[other_face][:, None, None], normal[:, None, None], axis=2)
+        return other, other_face, result
+
+    def faces(self, cell, level, anchor):
+        """Paired faces of leaves.
+
+        Args:
+            cell, level, anchor: (n,) int32, (n,) int8, (n, 3) int32 leaves.
+
+        Returns:
+            (m,) int64 leaf indices and (m,) int64 local faces, by leaf then face.
+        """
+        side = (SIDE >> level.astype(np.int32))[:, None]
+        low, high = anchor == 0, anchor + side == SIDE
+        on = np.stack(
+            [(high if s else low)[:, a] for a, s in zip(hexahedron.FACE_AXIS, hexahedron.FACE_SIDE)], axis=1
+        )
+        return np.nonzero(on & (self.pair[cell] >= 0))
+
+    def partners(self, cell, level, anchor, face):
+        """The leaf on the other side of paired faces.
+
+        Args:
+            cell, level, anchor, face: (n,) int32, (n,) int8, (n, 3) int32, (n,) int leaves and their paired faces.
+
+        Returns:
+            (n,) int32 root cells and (n, 3) int32 anchors; the level is the same.
+        """
+        side = (SIDE >> level.astype(np.int32)).astype(np.int32)
+        corners = np.stack([anchor, anchor + side[:, None]], axis=1)
+        axis = hexahedron.FACE_AXIS[face][:, None, None]
+        normal = np.where(hexahedron.FACE_SIDE[face] == 1, SIDE, 0).astype(np.int32)[:, None, None]
+        np.put_along_axis(corners, axis, np.broadcast_to(normal, (len(corners), 2, 1)), axis=2)
+        other, other_face, points = self.opposite(cell, face, corners)
+        low = points.min(axis=1)
+        rows = np.arange(len(low))
+        high_side = hexahedron.FACE_SIDE[other_face] == 1
+        low[rows[high_side], hexahedron.FACE_AXIS[other_face][high_side]] -= side[high_side]
+        return other, low
+
+    def representatives(self, cell, level, anchor):
+        """The leaf that stands for each group of facing leaves: that of the lowest code, by arithmetic alone.
+
+        Args:
+            cell, level, anchor: (n,) int32, (n,) int8, (n, 3) int32 leaves.
+
+        Returns:
+            (n,) int64 codes (`leaf_code`); a leaf that faces nothing stands for itself.
+        """
+        result = leaf_code(cell, anchor)
+        origin, face = self.faces(cell, level, anchor)
+        seen = np.stack([np.arange(len(cell)), result], axis=1)[np.unique(origin)]
+        cells, anchors = cell[origin], anchor[origin]
+        while len(origin):
+            cells, anchors = self.partners(cells, level[origin], anchors, face)
+            code = leaf_code(cells, anchors)
+            np.minimum.at(result, origin, code)
+            reached = np.stack([origin, code], axis=1)
+            known = len(seen)
+            seen, index = np.unique(np.concatenate([seen, reached]), axis=0, return_index=True)
+            fresh = index[index >= known] - known
+            origin, cells, anchors = origin[fresh], cells[fresh], anchors[fresh]
+            leaf, face = self.faces(cells, level[origin], anchors)
+            origin, cells, anchors = origin[leaf], cells[leaf], anchors[leaf]
+        return result
+
+
+def leaf_code(cell, anchor):
+    """An integer that names a leaf among all leaves of a forest: root cell, then anchor.
+
+    Args:
+        cell: (n,) int32.
+        anchor: (n, 3) int32.
+
+    Returns:
+        (n,) int64.
+    """
+    x, y, z = (anchor.T >> 1).astype(np.int64)
+    return ((cell.astype(np.int64) << MAX_LEVEL | x) << MAX_LEVEL | y) << MAX_LEVEL | z
+
+
+def decode_leaf(code):
+    """Inverse of `leaf_code`: (n,) int32 root cells and (n, 3) int32 anchors."""
+    mask = (1 << MAX_LEVEL) - 1
+    anchor = np.stack([code >> 2 * MAX_LEVEL & mask, code >> MAX_LEVEL & mask, code & mask], axis=1) << 1
+    return (code >> 3 * MAX_LEVEL).astype(np.int32), anchor.astype(np.int32)
+
+
+def _match(mesh, pair, first, second):
+    """For each facet of the first surface the index of its partner, and how the two face each other."""
+    label = f"contact pair ({pair.first!r}, {pair.second!r})"
+    if len(first) != len(second):
+        raise PairingError(
+            f"{label}: {len(first)} facets face {len(second)}; node-to-node contact needs matching surface meshes"
+        )
+    _check_facing(mesh, label, pair, first, second)
+    points = [mesh.facet_points(facets) for facets in (first, second)]
+    if pair.direction is not None:
+        direction = pair.unit_direction
+        points = [x - (x @ direction)[..., None] * direction for x in points]
+    size = np.sqrt(
+        np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max()
+    )
+    centres = [x.mean(axis=1) for x in points]
+    match = cKDTree(centres[1]).query(centres[0])[1]
+    back = cKDTree(centres[0]).query(centres[1])[1]
+    astray = back[match] != np.arange(len(match))
+    seen = points[1][match]
+    images = np.stack([seen[:, _face_order(mesh.order, code)] for code in range(8)], axis=1)
+    offset = ((points[0][:, None] - images) ** 2).sum(axis=(2, 3))
+    symmetry = offset.argmin(axis=1)
+    difference = points[0] - images[np.arange(len(match)), symmetry]
+    if pair.direction is None:
+        difference -= _along_normal(mesh, first, difference)
+    far = np.linalg.norm(difference, axis=2).max(axis=1)
+    astray |= far > (_MATCH if pair.direction is not None else _ASTRAY) * size
+    if astray.any():
+        worst = np.flatnonzero(astray)
+        names = ", ".join(f"face {f} of root cell {c}" for c, f in first[worst[:4]])
+        raise PairingError(
+            f"{label}: {len(worst)} of {len(first)} facets have no partner, first {names} near "
+            f"{mesh.facet_points(first[worst[:1]]).mean(axis=1)[0]}; the nodes are up to {far.max():.3g} apart; "
+            "mesh both surfaces alike, or give the direction in which they face each other"
+        )
+    _check_one_to_one(mesh, label, first, second[match], symmetry)
+    return match, symmetry
+
+
+def _check_facing(mesh, label, pair, first, second):
+    """A given direction must lead out of the first body and into the second."""
+    if pair.direction is None:
+        return
+    direction = pair.unit_direction
+    for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
+        away = sign * mesh.outward_normals(facets) @ direction <= 0
+        if away.any():
+            cell, face = facets[away][0]
+            raise PairingError(
+                f"{label}: face {face} of root cell {cell} of {name!r} looks away from the other surface; the "
+                f"direction {tuple(pair.direction)} must lead from the first surface to the second: exchange them, or "
+                "turn it round"
+            )
+
+
+def _along_normal(mesh, facets, vectors):
+    """The part of vectors at facet nodes along the facets' mean normals."""
+    corners = mesh.facet_points(facets, order=1)
+    normal = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return np.einsum("nmi,ni,nj->nmj", vectors, normal, normal)
+
+
+def _face_order(order, code):
+    """Node of the second facet that faces each node of the first, for a symmetry code: ((p+1)^2,) int."""
+    swap, flip_u, flip_v = _SYMMETRIES[code]
+    v, u = np.divmod(np.arange((order + 1) ** 2), order + 1)
+    a, b = (v, u) if swap else (u, v)
+    a, b = (order - a if flip_u else a), (order - b if flip_v else b)
+    return a + (order + 1) * b
+
+
+def _inverse(symmetry):
+    """Codes of the inverse maps: undo the flips, then the swap."""
+    swap, flip_u, flip_v = _SYMMETRIES[symmetry].T
+    return 4 * swap + 2 * np.where(swap, flip_v, flip_u) + np.where(swap, flip_u, flip_v)
+
+
+def _check_one_to_one(mesh, label, first, second, symmetry):
+    nodes = hexahedron.face_nodes(mesh.order)
+    one = mesh.cells[first[:, :1], nodes[first[:, 1]]]
+    two = mesh.cells[second[:, :1], nodes[second[:, 1]]]
+    two = np.take_along_axis(two, np.array([_face_order(mesh.order, code) for code in range(8)])[symmetry], axis=1)
+    links = np.unique(np.stack([one.ravel(), two.ravel()], axis=1), axis=0)
+    for column in links.T:
+        nodes, count = np.unique(column, return_counts=True)
+        if (count > 1).any():
+            raise PairingError(
+                f"{label}: the node at {mesh.points[nodes[count > 1][0]]} faces several nodes; "
+                "give the direction in which the surfaces face each other"
+            )
+
+
+def _rim(mesh, facets):
+    """Whether a cell without a facet of the surface at that edge touches each edge of each facet: (n, 4) bool.
+
+    Such a cell need not be refined with the facing leaves, and could leave a vertex hanging on one side only.
+    """
+    edges = mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]]
+    around = np.bincount(mesh.edges.ravel())
+    facing = np.unique(np.stack([np.repeat(facets[:, 0], 4), edges.ravel()], axis=1), axis=0)[:, 1]
+    return around[edges] != np.bincount(facing, minlength=len(around))[edges]

@@ -1,0 +1,73 @@
+"""What a scene asks for, in a form that can be kept and compared: with what a checkpoint holds, between ranks."""
+
+import hashlib
+
+import numpy as np
+
+from fx_contact.problem.boundary_conditions import Traction, evaluated
+
+
+def problem(scene):
+    """What a scene asks for, part by part, as JSON can hold it; the root mesh by a digest.
+
+    Local.  Functions of position are told apart by their values, not by their code.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        dict.
+    """
+    return {
+        "root mesh": mesh_digest(scene.mesh),
+        "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
+        "displacement conditions": [
+            [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))] for c in scene.conditions
+        ],
+        "contact pairs": [
+            [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact
+        ],
+        "tractions": [
+            [t.surface, _given(scene, t.surface, t.value, 3 if isinstance(t, Traction) else 1)]
+            for t in scene.tractions
+        ],
+        "body forces": [[f.body, _given(scene, f.body, f.value, 3)] for f in scene.body_forces],
+        "symmetry": [int(scene.symmetry), *_floats(scene.contact_centre)],
+    }
+
+
+def mesh_digest(mesh):
+    """A digest of a root mesh.
+
+    Local.  Positions are rounded to 1e-9 of the mesh's size: what another machine's Gmsh rounds otherwise is the same.
+
+    Args:
+        mesh: RootMesh.
+
+    Returns:
+        str.
+    """
+    size = np.ptp(mesh.points, axis=0).max()
+    digest = hashlib.sha256(repr([mesh.bodies, float(f"{size:.9g}")]).encode())
+    for array in (np.rint(mesh.points / size * 1e9), mesh.cells, mesh.body):
+        digest.update(np.ascontiguousarray(array, np.int64))
+    for kind in (mesh.surfaces, mesh.vertices, mesh.curves):
+        for name in sorted(kind):
+            digest.update(repr([name, np.shape(kind[name])]).encode())
+            digest.update(np.ascontiguousarray(kind[name], np.int64))
+    return digest.hexdigest()[:16]
+
+
+def _given(scene, name, value, components):
+    """A prescribed value as JSON can hold it: numbers, or for a function a digest of what it gives on its place."""
+    if not callable(value):
+        return None if value is None else _floats(np.atleast_1d(value))
+    values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
+    size = np.abs(values).max()
+    rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
+    digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
+    return f"function {digest.hexdigest()[:16]}"
+
+
+def _floats(values):
+    return [None if value is None else float(value) for value in values]

@@ -1,0 +1,338 @@
+"""Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
+
+Physical groups name things: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
+order of Gmsh's nodes is read from Gmsh itself, so that all orders work alike.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from fx_contact.parallel.agreement import shared_path
+from fx_contact.parallel.errors import GeometryError, SceneError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import check_comm, shown
+from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh import MAX_ORDER, RootMesh
+
+#: Seconds that Gmsh may take to read any file, and the bytes that it reads in each further one, at the very least.
+_SECONDS, _BYTES_PER_SECOND = 60, 1e6
+
+
+def root_mesh_from_gmsh(comm, build):
+    """Build a model with Gmsh on rank 0 and share its mesh.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        build: function of no argument, called on rank 0 with Gmsh initialised and silent; it leaves a meshed current
+            model.  Other ranks may give None.
+
+    Returns:
+        RootMesh, the same on all ranks.
+
+    Raises:
+        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6, a function that
+            ends the program.
+    """
+    check_comm(comm)
+    parts = None
+    with together(comm):
+        if comm.rank == 0:
+            if not callable(build):
+                raise SceneError(f"what builds the Gmsh model must be a function of no argument, got {shown(build)}")
+            parts = _with_gmsh(build)
+    parts = comm.bcast(parts, root=0)
+    with together(comm):
+        return RootMesh(**parts)
+
+
+def root_mesh_from_file(comm, path):
+    """Read a .msh file on rank 0 and share its mesh.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        path: of a .msh file, with hexahedra and physical groups.
+
+    Returns:
+        RootMesh, the same on all ranks.
+
+    Raises:
+        SceneError: there is no such file, Gmsh cannot read it or takes far too long, or a name in it is not in UTF-8.
+        GeometryError: as `root_mesh_from_gmsh`.
+    """
+    check_comm(comm)
+    path = shared_path(comm, "a mesh file", path)
+
+    def read():
+        """The file becomes Gmsh's current model, once another process could read it; SceneError where none can."""
+        import gmsh
+
+        _check_head(path)
+        with _alone(path) as link:
+            _check_reading(path, link)
+            try:
+                gmsh.open(str(link))
+            except Exception as error:
+                raise _unreadable(path, link, str(error)) from None
+
+    return root_mesh_from_gmsh(comm, read)
+
+
+def _check_head(path):
+    """The file must begin as Gmsh's meshes do: what does not Gmsh runs as a script, which may call any command."""
+    try:
+        if not path.is_file():
+            there = f"{str(path)!r} is no regular file" if path.exists() else f"there is no mesh file {str(path)!r}"
+            raise SceneError(f"{there}: give a .msh file of Gmsh")
+        with path.open("rb") as file:
+            head = file.read(100)
+    except OSError as error:
+        raise SceneError(f"cannot read the mesh file {str(path)!r}: {error.strerror}") from None
+    if not head:
+        raise SceneError(f"the mesh file {str(path)!r} is empty")
+    if not head.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
+        raise SceneError(
+            f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat; for a script use "
+            "root_mesh_from_gmsh"
+        )
+
+
+@contextmanager
+def _alone(path):
+    """The file as a link in an empty folder: beside x.msh Gmsh runs x.msh.opt, a script that may call any command."""
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder, "mesh.msh")
+        link.symlink_to(path.resolve())
+        yield link
+
+
+#: Reads a file in a process of its own, and ends with what Gmsh says against it.
+_TRIAL = """
+import gmsh, sys
+gmsh.initialize(readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+try:
+    gmsh.open(sys.argv[1])
+except Exception as error:
+    sys.exit(str(error))
+"""
+
+
+def _check_reading(path, link):
+    """A damaged file can crash Gmsh or keep it busy, and the run with it; so another process reads it first.
+
+    What that one cannot read the run does not open: a file of which Gmsh complains once may crash it the next time.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
+    patience = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    try:
+        subprocess.check_output(
+            [sys.executable, "-c", _TRIAL, str(link)], env=environment, stderr=subprocess.STDOUT, timeout=patience
+        )
+    except subprocess.TimeoutExpired:
+        raise SceneError(
+            f"Gmsh cannot read {str(path)!r} in {patience:.0f} s, so a number in it that counts something must be "
+            "wrong; is it whole? write it again"
+        ) from None
+    except subprocess.CalledProcessError as failed:
+        crashed = failed.returncode < 0 and f"it crashes ({signal.Signals(-failed.returncode).name})"
+        raise _unreadable(path, link, crashed or failed.output.decode(errors="replace")) from None
+
+
+def _unreadable(path, link, reason):
+    """The error for a file that Gmsh cannot read, with its reason, which names the link or is empty.  Local."""
+    reason = reason.strip().replace(str(link), str(path)) or "its numbers make no sense"
+    return SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again")
+
+
+def _with_gmsh(build):
+    import gmsh
+
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        build()
+        return _read_model(gmsh.model)
+    except SystemExit as error:  # it would end this rank alone
+        raise SceneError(
+            f"what builds the Gmsh model ends the program, by SystemExit: {error}; let it raise another error"
+        ) from error
+    finally:
+        if ours:
+            gmsh.finalize()
+
+
+def _read_model(model):
+    """Arguments of RootMesh from the current Gmsh model."""
+    order, element_type = _hexahedron(model)
+    tags, points = _nodes(model)
+    bodies, groups = _groups(model, 3), []
+    nameless = {tag for _, tag in model.getEntities(3)} - {tag for tags in bodies.values() for tag in tags}
+    if nameless:
+        raise SceneError(
+            f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
+            "with a name, or remove the volumes"
+        )
+    holders = {}
+    for name, entities in bodies.items():
+        for entity in entities:
+            holders.setdefault(int(entity), []).append(name)
+    shared = {entity: names for entity, names in holders.items() if len(names) > 1}
+    if shared:
+        raise SceneError(
+            f"volumes of the Gmsh model are in more than one physical group, {shared}: a volume belongs to one body"
+        )
+    for name, entities in bodies.items():
+        nodes = [_elements(model, element_type, 3, entity) for entity in entities]
+        groups.append(np.concatenate([n.reshape(-1, (order + 1) ** 3) for n in nodes]))
+    if not groups:
+        raise SceneError("the Gmsh model has no physical volumes; give each body a physical group with a name")
+    cells = np.concatenate(groups)
+    used, cells = np.unique(cells, return_inverse=True)
+    place = np.searchsorted(tags, used)
+    body = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
+    cells = cells.reshape(len(body), -1)[:, _tensor_order(model, element_type, order)]
+    return {
+        "points": points[place],
+        "cells": cells,
+        "bodies": tuple(bodies),
+        "body": body,
+        "surfaces": _surfaces(model, order, used, cells),
+        "curves": _curves(model, order, used, cells),
+        "vertices": _vertices(model, used),
+    }
+
+
+def _hexahedron(model):
+    """Order and Gmsh type of the volume elements."""
+    types = model.mesh.getElementTypes(3)
+    if not len(types):
+        raise GeometryError("the Gmsh model has no volume mesh; call gmsh.model.mesh.generate(3)")
+    properties = [model.mesh.getElementProperties(t) for t in types]
+    for name, _, order, nodes, *_ in properties:
+        if "hexahedron" not in name.lower():
+            raise GeometryError(
+                f"the mesh has cells of type {name!r}; only hexahedra can be refined: use transfinite volumes and "
+                "recombine their surfaces"
+            )
+        if order > MAX_ORDER or nodes != (order + 1) ** 3:
+            raise GeometryError(
+                f"the mesh has cells of type {name!r}; only complete hexahedra of order 1 to {MAX_ORDER} are supported"
+            )
+    if len(types) > 1:
+        raise GeometryError(f"the mesh mixes {', '.join(repr(p[0]) for p in properties)}; use one order")
+    return properties[0][2], types[0]
+
+
+def _tensor_order(model, element_type, order):
+    """Gmsh's local number of each node in tensor order."""
+    _, dimension, _, nodes, coordinates, _ = model.mesh.getElementProperties(element_type)
+    ijk = np.rint((np.reshape(coordinates, (nodes, dimension)) + 1) / 2 * order).astype(np.int64)
+    return np.argsort(ijk @ [1, order + 1, (order + 1) ** 2])
+
+
+def _nodes(model):
+    tags, points, _ = model.mesh.getNodes()
+    order = np.argsort(tags)
+    return tags[order].astype(np.int64), points.reshape(-1, 3)[order]
+
+
+def _groups(model, dimension):
+    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number.
+
+    Gmsh takes a name away from a group where another one of the dimension has it.
+    """
+    groups = {}
+    for _, tag in model.getPhysicalGroups(dimension):
+        try:
+            name = model.getPhysicalName(dimension, tag) or str(tag)
+        except UnicodeDecodeError as error:
+            raise SceneError(
+                f"the name {error.object!r} of a physical group is not in UTF-8: save the file in this encoding, or "
+                "use letters without accents"
+            ) from None
+        groups[name] = model.getEntitiesForPhysicalGroup(dimension, tag)
+    return groups
+
+
+def _elements(model, element_type, dimension, entity):
+    types, _, nodes = model.mesh.getElements(dimension, entity)
+    found = [n for t, n in zip(types, nodes) if t == element_type]
+    return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
+
+
+def _surfaces(model, order, used, cells):
+    """Name -> rows (cell, local face) of the physical surfaces."""
+    return _facing(
+        model, 2, 4, "quadrangles", used[cells[:, hexahedron.corner_nodes(order)]], hexahedron.FACE_CORNERS
+    )
+
+
+def _curves(model, order, used, cells):
+    """Name -> rows (cell, local edge) of the physical curves."""
+    return _facing(model, 1, 2, "lines", used[cells[:, hexahedron.corner_nodes(order)]], hexahedron.EDGE_CORNERS)
+
+
+def _facing(model, dimension, ncorners, kind, corners, local):
+    """Name -> rows (cell, local entity) of the physical groups of a dimension.
+
+    Args:
+        model: Gmsh model.
+        dimension, ncorners, kind: of the elements of the groups: 2, 4 or 1, 2, and what to call them.
+        corners: (ncells, 8) int64, Gmsh nodes at the cell corners.
+        local: (k, ncorners) int, corners of the local faces or edges.
+    """
+    k = len(local)
+    distinct, example = np.unique(np.sort(corners[:, local], axis=2).reshape(-1, ncorners), axis=0, return_index=True)
+    groups = {}
+    for name, entities in _groups(model, dimension).items():
+        wanted = np.concatenate([_corner_tags(model, name, dimension, e, ncorners, kind) for e in entities])
+        if not len(wanted):
+            continue
+        both, where = np.unique(np.concatenate([distinct, np.sort(wanted, axis=1)]), axis=0, return_inverse=True)
+        where = where.ravel()
+        place = np.full(len(both), -1, dtype=np.int64)
+        place[where[: len(distinct)]] = example
+        found = place[where[len(distinct) :]]
+        if (found < 0).any():
+            raise SceneError(f"group {name!r} has {kind} that belong to no cell of any body")
+        groups[name] = np.stack(np.divmod(np.unique(found), k), axis=1).astype(np.int32)
+    return groups
+
+
+def _corner_tags(model, name, dimension, entity, ncorners, kind):
+    """Corner nodes of the elements of an entity: (n, ncorners)."""
+    types, _, nodes = model.mesh.getElements(dimension, entity)
+    rows = [np.empty((0, ncorners), np.int64)]
+    for element_type, tags in zip(types, nodes):
+        what, _, _, count, _, corners = model.mesh.getElementProperties(element_type)
+        if corners != ncorners:
+            raise GeometryError(
+                f"group {name!r} has elements of type {what!r}; recombine the surface into quadrangles"
+            )
+        rows.append(tags.reshape(-1, count)[:, :ncorners].astype(np.int64))
+    return np.concatenate(rows)
+
+
+def _vertices(model, used):
+    """Name -> nodes of the physical points."""
+    vertices = {}
+    for name, entities in _groups(model, 0).items():
+        tags = np.concatenate([model.mesh.getNodes(0, entity)[0] for entity in entities]).astype(np.int64)
+        place = np.minimum(np.searchsorted(used, tags), len(used) - 1)
+        vertices[name] = place[used[place] == tags]
+        if len(vertices[name]) < len(tags) or not len(tags):
+            raise SceneError(f"point {name!r} of the Gmsh model is not a corner of the mesh of any body")
+    return vertices

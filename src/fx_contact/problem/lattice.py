@@ -1,0 +1,122 @@
+"""Canonical names of lattice points: keys that every rank computes alike, without communication.
+
+Each root cell carries an integer lattice with 2^15 intervals a side: twice as fine as the finest leaves, so that
+midpoints of leaf edges and faces are lattice points too.  A lattice point is named by the root entity (vertex, edge,
+face or cell) in whose interior it lies and by its integer coordinates in that entity's canonical frame, which starts
+at the entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from fx_contact.parallel.errors import GeometryError
+from fx_contact.problem import hexahedron
+
+MAX_LEVEL = 14
+BITS = MAX_LEVEL + 1
+SIDE = 1 << BITS
+"""Intervals of the lattice along a root edge; a leaf of level l has the side `SIDE >> l`."""
+
+_LOW, _HIGH, _INSIDE = 0, 1, 2
+_CODES = [code[::-1] for code in product((_LOW, _HIGH, _INSIDE), repeat=3)]
+"""The 27 parts of a closed cell, x fastest: along each axis at the low end, at the high end, or between."""
+
+
+class Lattice:
+    """Keys of the lattice points of a root mesh.  Local.
+
+    Args:
+        mesh: RootMesh.
+
+    Raises:
+        GeometryError: too many root cells for the keys.
+    """
+
+    def __init__(self, mesh):
+        ncells = len(mesh.cells)
+        _, vertices = np.unique(mesh.corners, return_inverse=True)
+        vertices = vertices.reshape(ncells, 8)
+        self._start = np.zeros((ncells, 27), dtype=np.int64)
+        self._unused = np.array([BITS * (3 - code.count(_INSIDE)) for code in _CODES])
+        self._flip = np.zeros((ncells, 27, 3), dtype=bool)
+        self._swap = np.zeros((ncells, 27), dtype=bool)
+        self._axes = np.full((27, 3), 3)
+        used = 0
+        for dimension in range(4):
+            parts = [i for i, code in enumerate(_CODES) if code.count(_INSIDE) == dimension]
+            corners = np.stack([vertices[:, _part_corners(_CODES[i])] for i in parts], axis=1)
+            rows = np.sort(corners, axis=2).reshape(ncells * len(parts), -1)
+            _, ids = np.unique(rows, axis=0, return_inverse=True)
+            before, used = used, used + (int(ids.max() + 1) << dimension * BITS)
+            if used >= 1 << 63:
+                raise GeometryError(f"the root mesh has {ncells} cells, and the keys of their points end at 250,000")
+            self._start[:, parts] = before + (ids.reshape(ncells, len(parts)) << dimension * BITS)
+            for slot, part in enumerate(parts):
+                inside = [axis for axis in range(3) if _CODES[part][axis] == _INSIDE]
+                self._axes[part, :dimension] = inside
+                if dimension in (1, 2):
+                    self._orient(part, dimension, corners[:, slot])
+
+    def _orient(self, part, dimension, corners):
+        """Canonical frame of an edge or face: from the lowest root vertex, the lower of its neighbours first."""
+        origin = corners.argmin(axis=1)
+        for axis in range(dimension):
+            self._flip[:, part, axis] = origin >> axis & 1
+        if dimension == 2:
+            rows = np.arange(len(corners))
+            self._swap[:, part] = corners[rows, origin ^ 2] < corners[rows, origin ^ 1]
+
+    def keys(self, cell, points):
+        """Keys of lattice points.
+
+        Args:
+            cell: (n,) int, root cells.
+            points: (n, m, 3) int, lattice coordinates in 0..SIDE within those cells.
+
+        Returns:
+            (n, m) int64 keys, the same from every cell that shares the point.
+        """
+        cell = np.asarray(cell)[:, None]
+        part = np.zeros(points.shape[:2], dtype=np.int64)
+        for axis in range(3):
+            x = points[:, :, axis]
+            part += 3**axis * np.where(x == 0, _LOW, np.where(x == SIDE, _HIGH, _INSIDE))
+        padded = np.concatenate([points, np.zeros((*points.shape[:2], 1), points.dtype)], axis=2)
+        local = np.take_along_axis(padded, self._axes[part], axis=2).astype(np.int64)
+        local = np.where(self._flip[cell, part], SIDE - local, local)
+        swap = self._swap[cell, part]
+        first = np.where(swap, local[:, :, 1], local[:, :, 0])
+        second = np.where(swap, local[:, :, 0], local[:, :, 1])
+        inside = ((first << BITS | second) << BITS | local[:, :, 2]) >> self._unused[part]
+        return self._start[cell, part] + inside
+
+
+def _part_corners(code):
+    """Corners of a part of the cell, its first inside axis fastest."""
+    free = [(0, 1) if c == _INSIDE else (c,) for c in code]
+    return [x + 2 * y + 4 * z for z, y, x in product(*free[::-1])]
+
+
+def leaf_corners(anchor, level):
+    """Lattice coordinates of the corners of leaves.
+
+    Args:
+        anchor: (n, 3) int32, low corner.
+        level: (n,) int8.
+
+    Returns:
+        (n, 8, 3) int32, tensor order.
+    """
+    side = (SIDE >> level.astype(np.int32)).astype(np.int32)
+    return anchor[:, None] + side[:, None, None] * hexahedron.CORNERS.astype(np.int32)
+
+
+def edge_midpoints(corners):
+    """Lattice coordinates of the midpoints of the 12 edges, from the corners (n, 8, 3): (n, 12, 3)."""
+    return corners[:, hexahedron.EDGE_CORNERS].sum(axis=2) // 2
+
+
+def face_centres(corners):
+    """Lattice coordinates of the centres of the 6 faces, from the corners (n, 8, 3): (n, 6, 3)."""
+    return corners[:, hexahedron.FACE_CORNERS[:, [0, 3]]].sum(axis=2) // 2

@@ -1,0 +1,375 @@
+"""What is asked for: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
+from fx_contact.problem import hexahedron
+from fx_contact.problem.boundary_conditions import (
+    PLANE,
+    BodyForce,
+    Dirichlet,
+    Prescribed,
+    Pressure,
+    SymmetryPlane,
+    Traction,
+)
+from fx_contact.problem.facet_pairing import Pairing
+from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.scene_validation import check_forces, check_units
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Two surfaces that may touch.
+
+    Attributes:
+        first, second: names of surfaces of the root mesh, meshed alike.
+        direction: from the first body to the second, the direction in which points face each other, and along which the
+            contact force is summed [-], of any length; None: the closest points face each other, and magnitudes are
+            summed.  The forces act along the surfaces' normals, whatever the direction.
+
+    Raises:
+        SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
+    """
+
+    first: str
+    second: str
+    direction: tuple[float, float, float] | None = None
+
+    def __post_init__(self):
+        for surface in (self.first, self.second):
+            check_label("a contact surface", surface)
+        if self.first == self.second:
+            raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
+        if self.direction is not None:
+            check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
+            if not np.any(self.direction):
+                raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
+
+    @property
+    def unit_direction(self):
+        """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
+        given = None if self.direction is None else np.array([float(component) for component in self.direction])
+        return None if given is None else (scaled := given / np.abs(given).max()) / np.linalg.norm(scaled)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A contact problem.
+
+    Attributes:
+        name: for records and file names.
+        mesh: RootMesh.
+        materials: body name -> Material, one for each body.
+        dirichlet: prescribed displacements (`Dirichlet`) and symmetry planes (`SymmetryPlane`).
+        contact: contact pairs.
+        tractions: surface forces: `Traction` and `Pressure`; those on one surface add up.
+        body_forces: `BodyForce`; those on one body add up.
+        symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
+            records are those of the whole.
+        contact_centre: a point on the axis about which `contact_radius` is measured [m].
+
+    Raises:
+        SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
+            place, a function that fails or is not finite on its place, a symmetry plane that is none across an axis, a
+            body that nothing holds.
+    """
+
+    name: str
+    mesh: RootMesh
+    materials: Mapping[str, Material]
+    dirichlet: tuple[Dirichlet | SymmetryPlane, ...] = ()
+    contact: tuple[ContactPair, ...] = ()
+    tractions: tuple[Traction | Pressure, ...] = ()
+    symmetry: int = 1
+    contact_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    body_forces: tuple[BodyForce, ...] = ()
+
+    def __post_init__(self):
+        mesh = self.mesh
+        check_label("the name of a scene", self.name)
+        if not isinstance(mesh, RootMesh):
+            raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
+        for name, kinds in _PARTS.items():
+            items = getattr(self, name)
+            if not isinstance(items, (tuple, list)) or not all(isinstance(item, kinds) for item in items):
+                wanted = " and ".join(kind.__name__ for kind in kinds)
+                raise SceneError(f"{name} must be a tuple of {wanted}, got {shown(items)}")
+        check_count("symmetry, the number of copies,", self.symmetry)
+        check_vector("contact_centre", self.contact_centre)
+        if not isinstance(self.materials, Mapping):
+            raise SceneError(f"materials must be a dict of body names and Material, got {shown(self.materials)}")
+        for body in self.materials:
+            check_name("body", body, mesh.bodies, "the root mesh has")
+        for body in mesh.bodies:
+            if not isinstance(self.materials.get(body), Material):
+                given = self.materials.get(body)
+                raise SceneError(f"body {body!r} has no material" + ("" if given is None else f" but {shown(given)}"))
+        for pair in self.contact:
+            mesh.surface(pair.first), mesh.surface(pair.second)
+        for traction in self.tractions:
+            mesh.surface(traction.surface)
+        for force in self.body_forces:
+            check_name("body", force.body, mesh.bodies, "the root mesh has")
+        check_units(self)
+        check_forces(self)
+        _check_held(self)
+
+    @cached_property
+    def conditions(self):
+        """Tuple of Dirichlet: `dirichlet`, symmetry planes among them as what they prescribe."""
+        return tuple(c.on(self.mesh) if isinstance(c, SymmetryPlane) else c for c in self.dirichlet)
+
+    @cached_property
+    def pairing(self):
+        """Which root facets face each other (`Pairing`)."""
+        return Pairing(self.mesh, self.contact)
+
+    @property
+    def free_motions(self):
+        """Rigid motions of the bodies that no displacement condition stops: (k, nbodies, 6) float64.
+
+        Three translations and three rotations about the middle of each body, in units of its size.
+        """
+        return self._motions[0]
+
+    @property
+    def prescribed_motion(self):
+        """The least rigid motions of the bodies that come closest to what is prescribed: (nbodies, 6) float64 [m]."""
+        return self._motions[1]
+
+    @cached_property
+    def _motions(self):
+        """`free_motions` and `prescribed_motion`."""
+        mesh = self.mesh
+        body = np.zeros(len(mesh.points), dtype=np.int64)
+        body[mesh.corners] = mesh.body[:, None]
+        prescribed = self.prescribed(mesh.points)
+        rows, values = [np.zeros((1, 6 * len(mesh.bodies)))], [np.zeros(1)]
+        for component, direction in enumerate(np.eye(3)):
+            nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
+            rows.append(self.rigid_motions(mesh.points[nodes], body[nodes], direction))
+            values.append(prescribed[nodes, component])
+        held = np.concatenate(rows)
+        _, strength, motions = np.linalg.svd(held.T @ held)
+        free = strength <= 1e-10 * max(strength[0], 1e-300)
+        stopped = motions[~free]
+        motion = ((stopped @ (held.T @ np.concatenate(values))) / strength[~free]) @ stopped
+        return motions[free].reshape(-1, len(mesh.bodies), 6), motion.reshape(-1, 6)
+
+    @cached_property
+    def _extents(self):
+        """Middle and size of each body: (nbodies, 3) and (nbodies, 1) float64 [m]."""
+        mesh = self.mesh
+        corners = [mesh.points[mesh.corners[mesh.body == body]].reshape(-1, 3) for body in range(len(mesh.bodies))]
+        low, high = (np.array([end(points, axis=0) for points in corners]) for end in (np.min, np.max))
+        return (low + high) / 2, (high - low).max(axis=1, keepdims=True)
+
+    def rigid_modes(self, points, bodies):
+        """Three translations, and three rotations about the middle of each body in units of its size.
+
+        Local.
+
+        Args:
+            points: (n, 3) float64 [m].
+            bodies: (n,) int, the body of each.
+
+        Returns:
+            (n, 6, 3) float64.
+        """
+        middle, size = self._extents
+        rotations = np.cross(np.eye(3), ((points - middle[bodies]) / size[bodies])[:, None])
+        return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
+
+    def rigid_motions(self, points, bodies, direction):
+        """What rigid motions of all bodies move at points along a direction.
+
+        Local.
+
+        Args:
+            points, bodies: as in `rigid_modes`.
+            direction: (3,) or (n, 3) float64.
+
+        Returns:
+            (n, 6 nbodies) float64.
+        """
+        result = np.zeros((len(points), len(self.mesh.bodies), 6))
+        direction = np.broadcast_to(direction, points.shape)
+        result[np.arange(len(points)), bodies] = np.einsum("nmi,ni->nm", self.rigid_modes(points, bodies), direction)
+        return result.reshape(len(points), 6 * len(self.mesh.bodies))
+
+    def motion(self, points, bodies, direction):
+        """What the free motions move at points along a direction.
+
+        Args:
+            points: (n, 3) float64 [m].
+            bodies: (n,) int, the body of each.
+            direction: (3,) or (n, 3) float64 unit vectors.
+
+        Returns:
+            (n, k) float64, a column for each of `free_motions`.
+        """
+        rigid = self.rigid_motions(points, bodies, direction)
+        return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
+
+    def unresisted(self, resistance):
+        """Names of the bodies that move freely under a resistance to the free motions.
+
+        Args:
+            resistance: (k, k) float64, sum of r^T r over the rows r of `motion` that contact resists.
+
+        Returns:
+            list of str.
+        """
+        if not len(self.free_motions):
+            return []
+        strength, vectors = np.linalg.eigh(resistance)
+        loose = vectors.T[strength <= 1e-10 * max(strength[-1], 1e-12)]
+        moves = np.abs(loose @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies))) > 1e-6
+        bodies = moves.reshape(-1, len(self.mesh.bodies), 6).any(axis=(0, 2))
+        return [name for name, free in zip(self.mesh.bodies, bodies) if free]
+
+    def place(self, name):
+        """Corner nodes of a named surface, curve or vertex of the root mesh.
+
+        Args:
+            name: of a surface, a curve or a vertex.
+
+        Returns:
+            (n,) int64 nodes.
+
+        Raises:
+            SceneError: nothing has that name.
+        """
+        mesh = self.mesh
+        check_name(
+            "surface, curve or vertex", name, [*mesh.surfaces, *mesh.curves, *mesh.vertices], "the root mesh has"
+        )
+        if name in mesh.surfaces:
+            cell, face = mesh.surfaces[name].T
+            return np.unique(mesh.corners[cell[:, None], hexahedron.FACE_CORNERS[face]])
+        if name in mesh.curves:
+            cell, edge = mesh.curves[name].T
+            return np.unique(mesh.corners[cell[:, None], hexahedron.EDGE_CORNERS[edge]])
+        return mesh.vertices[name]
+
+    def samples(self, name):
+        """Points at which a function on a named place or body is tried: more than the root mesh has nodes there.
+
+        Args:
+            name: of a surface, a curve, a vertex or a body.
+
+        Returns:
+            (n, 3) float64 [m].
+        """
+        mesh = self.mesh
+        if name in mesh.surfaces:
+            return mesh.facet_points(mesh.surfaces[name], _SAMPLES).reshape(-1, 3)
+        cells, along = np.flatnonzero(mesh.body == mesh.bodies.index(name)) if name in mesh.bodies else None, None
+        if name in mesh.curves:
+            cells, along = mesh.curves[name].T
+        if cells is None:
+            return mesh.points[self.place(name)]
+        axes = np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1))
+        points = mesh.evaluate(cells, axes)
+        if along is not None:
+            ends = hexahedron.corner_nodes(_SAMPLES)[hexahedron.EDGE_CORNERS[along]]
+            steps = (ends[:, 1:] - ends[:, :1]) // _SAMPLES * np.arange(_SAMPLES + 1)
+            points = np.take_along_axis(points, (ends[:, :1] + steps)[:, :, None], axis=1)
+        return points.reshape(-1, 3)
+
+    def contact_directions(self, facets):
+        """Direction in which facets of first surfaces face others: as given, or the mean normal.
+
+        Args:
+            facets: (n, 2) int rows (root cell, local face).
+
+        Returns:
+            (n, 3) float64 unit vectors, out of the first body.
+        """
+        result = self.mesh.outward_normals(facets)
+        pair = self.pairing.pair[facets[:, 0], facets[:, 1]]
+        for index, contact in enumerate(self.contact):
+            if contact.direction is not None:
+                result[pair == index] = contact.unit_direction
+        return result
+
+    def prescribed(self, points):
+        """Prescribed displacements at the nodes of the root mesh.
+
+        Args:
+            points: (npoints, 3) float64, the nodes' positions [m].
+
+        Returns:
+            (npoints, 3) float64 [m], NaN where free.
+
+        Raises:
+            SceneError: an unknown place, or two values for one component at one node.
+        """
+        places = [self.place(condition.where) for condition in self.conditions]
+        said = [condition.at(points[nodes]) for condition, nodes in zip(self.conditions, places)]
+        largest = max((np.nanmax(np.abs(values), initial=0.0) for values in said), default=0.0)
+        result = Prescribed(len(points), _SAME * largest)
+        for condition, nodes, values in zip(self.conditions, places, said):
+            result.add(condition.where, nodes, values, points.__getitem__)
+        return result.values
+
+
+#: What the parts of a scene may be.
+_PARTS = {
+    "dirichlet": (Dirichlet, SymmetryPlane),
+    "contact": (ContactPair,),
+    "tractions": (Traction, Pressure),
+    "body_forces": (BodyForce,),
+}
+#: Root cells are cut into so many along each axis to try a function.
+_SAMPLES = 5
+#: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all.
+_SAME = 1e-12
+
+
+def check_scene(scene):
+    """Raises SceneError unless a value is a Scene.  Local."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"the scene must be a Scene, got {shown(scene)}")
+
+
+def _check_held(scene):
+    """The rigid motions of all bodies that neither a condition nor contact resists must be none."""
+    mesh, motions = scene.mesh, scene.free_motions
+    cell, face = np.nonzero(scene.pairing.first)
+    first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
+    direction = scene.contact_directions(first)
+    points = _resisting(scene, first, direction).reshape(-1, 3)
+    here, there = (
+        scene.motion(points, np.repeat(mesh.body[facets[:, 0]], 4), np.repeat(direction, 4, axis=0))
+        for facets in (first, second)
+    )
+    resisted = here - there
+    loose = scene.unresisted(resisted.T @ resisted)
+    if loose:
+        raise SceneError(
+            f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions)} rigid motions that no displacement "
+            "condition stops, some meet no contact surface either; prescribe displacements that stop them (a vertex is "
+            "enough where no force acts)"
+        )
+
+
+def _resisting(scene, facets, direction):
+    """Points of contact facets that resist motions along a direction: (n, 4, 3) [m].
+
+    They are the corners; but the middle, four times, of a curved facet that faces others along its normals: these are
+    others at its corners.
+    """
+    corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
+    middle = corners.mean(axis=1, keepdims=True)
+    height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
+    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
+    along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
+    return np.where((curved & along_normals)[:, None, None], middle, corners)

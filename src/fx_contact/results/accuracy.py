@@ -1,0 +1,144 @@
+"""How far a solution is from a known one: norms of displacements, and the figures of a contact against a reference."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fx_contact.adaptive.step import check_step
+from fx_contact.estimate.error_estimate import VOIGT
+from fx_contact.fem.compilation import compiled
+from fx_contact.fem.elasticity import QUADRATURE_DEGREE
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import shown
+from fx_contact.results.reference_values import ContactReference
+
+#: Figures of a contact that are compared as they stand in the record, and those that are compared in a norm.
+FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
+#: Degree of the Gauss rule where a smooth function that is no polynomial is integrated.
+FINE_QUADRATURE = 6
+
+
+@dataclass(frozen=True)
+class FieldError:
+    """Difference of two displacements relative to the known one.
+
+    Attributes:
+        energy: in the energy norm [-].
+        l2: in the L2 norm [-].
+    """
+
+    energy: float
+    l2: float
+
+
+def field_error(elasticity, exact):
+    """Distance of `elasticity.u` from a known displacement.
+
+    Collective.
+
+    Args:
+        elasticity: Elasticity, its `u` set.
+        exact: UFL vector on its mesh [m].
+
+    Returns:
+        FieldError.
+    """
+    mesh = elasticity.mesh
+    dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": FINE_QUADRATURE})
+    cellwise = fem.functionspace(mesh, ("DG", 0, (4,)))
+    off = elasticity.u - exact
+    densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
+    densities += [ufl.inner(v, v) for v in (off, exact)]
+    form = compiled(
+        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
+    )
+    sums = fem.assemble_vector(form).array.reshape(-1, 4).sum(axis=0)
+    total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
+    energy, energy_scale, l2, l2_scale = np.sqrt(total)
+    return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
+
+
+def energy_distance(elasticity, forest, values):
+    """Distance of `elasticity.u` from another displacement of the same mesh.
+
+    Collective.  The difference is integrated; a difference of energies would understate it, for node pairs on curved
+    facets let the bodies overlap between them.
+
+    Args:
+        elasticity: Elasticity, its `u` set.
+        forest: Forest of its mesh.
+        values: (n, 8, 3) float64, the other displacement at the corners of this rank's leaves [m].
+
+    Returns:
+        float, norm of the difference over the norm of `elasticity.u` [-].
+    """
+    leaf, corner = forest.vertices.example.T
+    off = fem.Function(elasticity.space)
+    off.x.array[:] = elasticity.u.x.array - values[leaf, corner][elasticity.vertex_of_block].ravel()
+    dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    cellwise = fem.functionspace(elasticity.mesh, ("DG", 0, (2,)))
+    densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, elasticity.u)]
+    form = compiled(
+        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
+    )
+    sums = fem.assemble_vector(form).array.reshape(-1, 2).sum(axis=0)
+    total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
+    return float(np.sqrt(total[0] / total[1]))
+
+
+def contact_errors(step, reference):
+    """Deviations of a contact from a reference, relative to it.
+
+    Collective on the step's communicator.
+
+    Args:
+        step: Step of a scene of two half-spheres along z.
+        reference: ContactReference.
+
+    Returns:
+        dict of float: `force`, `contact_radius`, `max_pressure` (signed), and where the reference has them `pressure`
+        (profile in the L2 norm over the contact surface) and `axis_stress` (root of the summed squares at the
+        reference's heights, from the recovered stress) [-].
+
+    Raises:
+        SceneError: no step, one without contact, or a reference of another type.
+    """
+    check_step(step, contact=True)
+    with together(step.forest.comm):
+        if not isinstance(reference, ContactReference):
+            raise SceneError(f"the reference must be a ContactReference, got {shown(reference)}")
+    result = {name: step.record[name] / getattr(reference, name) - 1 for name in FIGURES}
+    if len(reference.profile):
+        result["pressure"] = _pressure_error(step, reference)
+    if len(reference.axis):
+        result["axis_stress"] = _axis_error(step, reference)
+    return {name: float(value) for name, value in result.items()}
+
+
+def _pressure_error(step, reference):
+    pairs = step.pairs
+    known = reference.pressure(np.linalg.norm((pairs.position - step.scene.contact_centre)[:, :2], axis=1))
+    off = step.contact.force / pairs.area - known
+    sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
+    return np.sqrt(sums[0] / sums[1])
+
+
+def _axis_error(step, reference):
+    """Of the upper body; only the vertices on the axis are brought together."""
+    forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
+    leaf, corner = forest.vertices.example.T
+    position = forest.positions(leaf, corner)
+    position -= step.scene.contact_centre
+    upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
+    on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
+    stress = np.empty(len(position))
+    stress[elasticity.vertex_of_block] = step.estimate.stress.x.array[VOIGT.index((2, 2)) :: len(VOIGT)]
+    rows = np.concatenate(comm.allgather(np.stack([position[on, 2], stress[on]], axis=1)))
+    rows = rows[np.argsort(rows[:, 0])]
+    height, known = reference.axis.T
+    off = np.interp(height, rows[:, 0], rows[:, 1]) - known
+    return np.sqrt((off @ off) / (known @ known))

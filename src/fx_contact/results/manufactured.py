@@ -1,0 +1,209 @@
+"""A solved problem to judge the discretisation and the estimate by: a chosen displacement on a curved body.
+
+The load is computed from the displacement (body force and surface tractions), so that its error is known exactly.
+There is no contact; geometry, hanging vertices, solver and estimate are those of every run.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.estimate.error_estimate import Gain, Recovery
+from fx_contact.fem.compilation import compiled
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.leaf_mesh import create_leaf_mesh
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.forest import Forest
+from fx_contact.forest.partition import repartition
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.timing import Stages
+from fx_contact.parallel.versions import library_versions
+from fx_contact.problem import hexahedron
+from fx_contact.problem.facet_pairing import Pairing
+from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.results.accuracy import FINE_QUADRATURE, field_error
+
+#: Centre and width of the bump, and its direction [m]: on the inner curved surface, a fifth of the body wide.
+_CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)
+
+
+def quarter_ring(order=3, coarse=4):
+    """Root mesh of a quarter of a ring: radii 0.5 and 1, height 0.5 [m].  Local.
+
+    Args:
+        order: of the root mesh, 1 to 6.
+        coarse: root cells across the ring; twice as many around it.
+
+    Returns:
+        RootMesh, the body `ring`, its two straight ends `start` and `end`, all other faces `outside`.
+    """
+    counts = np.array([coarse, 2 * coarse, coarse])
+    axes = [np.linspace(0, 1, order * n + 1) for n in counts]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    radius, angle = 0.5 + 0.5 * x.ravel(), 0.5 * np.pi * y.ravel()
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.5 * z.ravel()], axis=1)
+    strides = np.cumprod([1, *(order * counts[:2] + 1)])
+    place = np.stack(np.unravel_index(np.arange(counts.prod()), counts[::-1])[::-1], axis=1)
+    cells = (order * place @ strides)[:, None] + hexahedron.lattice(order) @ strides
+    last = np.where(hexahedron.FACE_SIDE == 1, counts[hexahedron.FACE_AXIS] - 1, 0)
+    facets = np.argwhere(place[:, hexahedron.FACE_AXIS] == last).astype(np.int32)
+    across = hexahedron.FACE_AXIS[facets[:, 1]] == 1
+    high = hexahedron.FACE_SIDE[facets[:, 1]] == 1
+    named = {"start": facets[across & ~high], "end": facets[across & high], "outside": facets[~across]}
+    return RootMesh(points, cells, ("ring",), np.zeros(len(cells), dtype=np.int32), named)
+
+
+def bump(x):
+    """The displacement: a smooth bump [m].
+
+    Args:
+        x: position, three UFL expressions or NumPy arrays [m].
+
+    Returns:
+        three of the same.
+    """
+    exp = ufl.exp if isinstance(x[0], ufl.core.expr.Expr) else np.exp
+    height = exp(-sum((a - b) ** 2 for a, b in zip(x, _CENTRE)) / (2 * _WIDTH**2))
+    return [direction * height for direction in _DIRECTION]
+
+
+@dataclass(frozen=True, eq=False)
+class ManufacturedStep:
+    """The state after one step.
+
+    Attributes:
+        record: dict with `cells`, `dofs`, `hanging_nodes`, `max_level`, `estimate`, `true_error` and `l2_error`
+            (relative to the solution's norms), `effectivity`, and the costs of `Stages`.
+        forest: Forest.
+        elasticity: Elasticity; its `u` is the displacement.
+        estimate: Estimate.
+    """
+
+    record: dict
+    forest: Forest
+    elasticity: Elasticity
+    estimate: object
+
+
+def adapt_manufactured(
+    tolerance, comm=MPI.COMM_WORLD, *, order=3, geometry_order=None, coarse=4, uniform=False, max_steps=20
+):
+    """Solve the manufactured problem on finer and finer forests.
+
+    Collective on comm; so is every step of the iteration.
+
+    Args:
+        tolerance: estimated error relative to the solution at which to stop [-].
+        comm: MPI communicator.
+        order: of the root mesh, 1 to 6.
+        geometry_order: of the leaf maps; None: that of the root mesh.
+        coarse: root cells across the ring.
+        uniform: refine all leaves, not those of criterion (2), from a mesh whose lower half is finer: hanging vertices
+            are there in all steps.
+        max_steps: most solves.
+
+    Yields:
+        ManufacturedStep.
+
+    Raises:
+        SceneError: a tolerance that is not positive.
+    """
+    if not tolerance > 0:
+        raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
+    mesh = quarter_ring(order, coarse)
+    forest, gain = Forest.of_roots(comm, mesh, Pairing(mesh, ())), Gain()
+    if uniform:
+        forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
+    for number in range(max_steps):
+        stages = Stages()
+        with stages("partition"):
+            forest, _ = repartition(forest, None, "contact-sfc")
+        step = _solve(number, forest, geometry_order or order, tolerance, stages)
+        yield step
+        if step.record["estimate"] <= tolerance or number == max_steps - 1:
+            return
+        times = np.ones(len(forest), dtype=np.int8)
+        if not uniform:
+            times[step.elasticity.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, comm)
+        forest, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
+
+
+def _solve(number, forest, order, tolerance, stages):
+    material = Material(young=1.0, poisson=0.3)
+    with stages("hanging"):
+        prolongation = Prolongation(forest)
+    with stages("mesh"):
+        cells = create_leaf_mesh(forest, order)
+    with stages("assemble"):
+        constants = np.array([[material.young, material.poisson]])
+        elasticity = Elasticity(cells, constants, np.zeros(len(forest), dtype=np.int32), prolongation, stages)
+        matrix = elasticity.stiffness()
+    with stages("system"):
+        forces = _load(forest, elasticity, stages)
+        prescribed = _prescribed(forest, prolongation)
+    start = np.zeros((prolongation.owned, 3))
+    solution = solve_contact(matrix, forces, None, prescribed, start, elasticity.energy_norm, Solver(), stages)
+    with stages("estimate"):
+        elasticity.set_displacement(solution.displacement)
+        guess = Recovery(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages).estimate()
+    costs = stages.costs(forest.comm)
+    true = field_error(elasticity, ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh))))
+    record = {
+        "scene": "manufactured",
+        "step": number,
+        "ranks": forest.comm.size,
+        "cells": forest.size_global,
+        "dofs": 3 * prolongation.index_map.size_global,
+        "hanging_nodes": prolongation.hanging_global,
+        "max_level": forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
+        "geometry_order": order,
+        "krylov_iterations": solution.krylov_iterations,
+        "estimate": guess.relative,
+        "tolerance": tolerance,
+        "ratio": guess.relative / tolerance,
+        "true_error": true.energy,
+        "l2_error": true.l2,
+        "effectivity": guess.relative / true.energy,
+        **costs,
+        "versions": library_versions(),
+    }
+    return ManufacturedStep(record, forest, elasticity, guess)
+
+
+def _load(forest, elasticity, stages):
+    """Body force and tractions of the bump on the conforming vertices: (owned, 3) [N]."""
+    mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.space)
+    mesh.topology.create_connectivity(2, 3)
+    outside = elasticity.leaf_mesh.facets(forest, forest.mesh.surface("outside")).ravel()
+    degree = {"quadrature_degree": FINE_QUADRATURE}
+    ds = ufl.Measure("ds", mesh, subdomain_data=[(1, outside)], metadata=degree)
+    dx = ufl.Measure("dx", mesh, metadata=degree)
+    stress = elasticity.stress(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
+    work = -ufl.inner(ufl.div(stress), test) * dx + ufl.inner(stress * ufl.FacetNormal(mesh), test) * ds(1)
+    with stages("compile"):
+        form = compiled(forest.comm, work)
+    values = np.zeros((len(forest.vertices), 3))
+    values[elasticity.vertex_of_block] = fem.assemble_vector(form).array.reshape(-1, 3)
+    return elasticity.prolongation.restrict(values)
+
+
+def _prescribed(forest, prolongation):
+    """The bump at the conforming vertices of both ends of the ring: (owned, 3) [m], NaN elsewhere."""
+    leaf, corner = forest.vertices.example.T
+    position = forest.positions(leaf, corner)
+    on = np.zeros(len(forest.vertices), dtype=bool)
+    for name in ("start", "end"):
+        leaf, face = forest.boundary_faces(forest.mesh.surface(name))
+        on[forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]] = True
+    on &= ~prolongation.hanging
+    rows = np.zeros((len(on), 4))
+    rows[on, :3], rows[on, 3] = np.stack(bump(position.T), axis=1)[on], 1
+    total = prolongation.restrict(rows)
+    with np.errstate(invalid="ignore"):
+        return np.where(total[:, 3:] > 0, total[:, :3] / total[:, 3:], np.nan)

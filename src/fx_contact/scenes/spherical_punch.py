@@ -1,0 +1,91 @@
+"""A punch with a spherical end pressed into a block, by displacement or by force."""
+
+import numpy as np
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_number
+from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.materials import Material
+from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.results.analytic import Hertz
+from fx_contact.scenes.arguments import check_length, check_material, check_mesh_size, check_symmetry
+from fx_contact.scenes.cube_indentation import cube_on_block, sideways
+from fx_contact.scenes.roundness import check_roundness
+
+
+def punch(
+    radius=1.0,
+    displacement=0.01,
+    force=None,
+    side=None,
+    block=Material(young=1.0, poisson=0.3),
+    punch=Material(young=1.0, poisson=0.3),
+    gap=0.0,
+    order=2,
+    coarse=4,
+    symmetry="quarter",
+):
+    """A square punch whose end is part of a sphere, on a block three times as wide; the block is held vertically.
+
+    Local.  The punch is as high as wide.  Its end touches the block in one point, or hangs `gap` above it.  Loaded by a
+    force it is held vertically by contact alone.
+
+    Args:
+        radius: of the spherical end [m].
+        displacement: of the punch's top, downwards [m]; without meaning where a force is given.
+        force: on the punch's top, downwards and uniform, of the whole punch [N]; None: the displacement is prescribed.
+        side: width and height of the punch, below sqrt(2) radius [m]; None: the radius.
+        block, punch: materials.
+        gap: initial distance between the end and the block, negative where they overlap [m].
+        order: of the root mesh, 2 to 6 for a round end.
+        coarse: root cells along the side, even.
+        symmetry: "quarter" models x, y >= 0, "full" the whole.
+
+    Returns:
+        Scene; its bodies are "block" and "cube".
+
+    Raises:
+        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a load.
+    """
+    side = radius if side is None else side
+    check_symmetry(symmetry)
+    for name, value in (("radius", radius), ("side", side)):
+        check_length(name, value)
+    for name, value in (("displacement", displacement), ("gap", gap), ("force", 0.0 if force is None else force)):
+        check_number(name, value)
+    for name, material in (("block", block), ("punch", punch)):
+        check_material(f"the material of the {name}", material)
+    check_mesh_size(order, coarse)
+    if coarse % 2:
+        raise SceneError(f"coarse must be even, for a vertex on the axis, got {coarse}")
+    if side >= np.sqrt(2) * radius:
+        raise SceneError(f"a punch of side {side} m has no end of radius {radius} m: at most sqrt(2) radius")
+
+    def place(body, points):
+        """From the boxes to the bodies: the lower face of the cube becomes part of a sphere."""
+        points = side * points
+        if body == "cube":
+            distance2 = (points[:, :2] ** 2).sum(axis=1)
+            rise = distance2 / (radius + np.sqrt(radius**2 - distance2))  # R - sqrt(R^2 - r^2) without cancellation
+            points[:, 2] += gap + rise * (1 - points[:, 2] / side)
+        return points
+
+    mesh = cube_on_block(order, coarse, symmetry, place)
+    modulus = 1 / (1 / block.plane_strain_modulus + 1 / punch.plane_strain_modulus)
+    approach = displacement - gap if force is None else Hertz(radius, modulus, max(force, 0.0)).approach
+    if approach > 0:
+        contact_radius = np.sqrt(radius * approach)
+        check_roundness(mesh, "base", (0.0, 0.0, gap + radius), radius, contact_radius, approach)
+    if force is None:
+        load = {"dirichlet": (Dirichlet("top", z=-float(displacement)),)}
+    else:
+        load = {"dirichlet": (), "tractions": (Traction("top", (0.0, 0.0, -float(force) / side**2)),)}
+    load["dirichlet"] += (Dirichlet("bottom", z=0.0), *sideways(symmetry))
+    return Scene(
+        name="punch",
+        mesh=mesh,
+        materials={"block": block, "cube": punch},
+        contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
+        symmetry=4 if symmetry == "quarter" else 1,
+        **load,
+    )

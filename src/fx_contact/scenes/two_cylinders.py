@@ -1,0 +1,83 @@
+"""Two parallel cylinders pressed together: contact along a line, a two-dimensional problem in three dimensions."""
+
+import numpy as np
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_number
+from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
+from fx_contact.problem.materials import Material
+from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, UP, Boxes
+
+
+def cylinders(
+    radii=(1.0, 1.0),
+    displacement=0.01,
+    length=0.125,
+    lower=Material(young=1.0, poisson=0.3),
+    upper=Material(young=1.0, poisson=0.3),
+    order=3,
+    coarse=4,
+):
+    """Two bars with cylindrical faces along y, pressed together along z, between planes of symmetry y = 0 and length.
+
+    Local.  Half (x >= 0) of a slice is modelled: plane strain, whatever its length, so that a thin slice will do; one
+    root cell along y.  The record's `contact_radius` has no meaning here.  Exact for small contacts:
+    `analytic.HertzLine`.
+
+    Args:
+        radii: of the lower and the upper cylinder [m].
+        displacement: approach of the bars' flat faces [m].
+        length: of the slice [m].
+        lower, upper: materials.
+        order: of the root mesh, 2 to 6 for round faces.
+        coarse: root cells along half a bar's width.
+
+    Returns:
+        Scene; its bodies are "lower" and "upper".
+
+    Raises:
+        SceneError, GeometryError: an argument outside its range.
+    """
+    check_list("radii", radii, 2)
+    for name, value in (
+        ("radius of the lower cylinder", radii[0]),
+        ("radius of the upper", radii[1]),
+        ("length", length),
+    ):
+        check_length(name, value)
+    check_number("displacement", displacement)
+    check_mesh_size(order, coarse)
+    if order == 1:
+        raise SceneError("cylinders need a root mesh of order 2 at least to be round, got order 1")
+    side = min(radii)
+    boxes = Boxes(order)
+    boxes.add("lower", (0.0, 0.0, -1.0), (0.5, 1.0, 0.0), (coarse, 1, 2 * coarse))
+    boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 1.0, 1.0), (coarse, 1, 2 * coarse))
+
+    def place(body, points):
+        """From the boxes to the cylinders: layers bend towards the contact, the flat faces stay flat."""
+        x, y, z = points.T
+        radius, sign = (radii[0], -1) if body == "lower" else (radii[1], 1)
+        rise = (side * x) ** 2 / (radius + np.sqrt(radius**2 - (side * x) ** 2))
+        return np.stack([side * x, length * y, side * z + sign * rise * (1 - np.abs(z))], axis=1)
+
+    surfaces = {
+        "bottom": boxes.facets(DOWN, -1.0),
+        "top": boxes.facets(UP, 1.0),
+        "lower face": boxes.facets(UP, 0.0, "lower"),
+        "upper face": boxes.facets(DOWN, 0.0, "upper"),
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+        "y = length": boxes.facets(BACK, 1.0),
+    }
+    planes = tuple(SymmetryPlane(name) for name in ("x = 0", "y = 0", "y = length"))
+    return Scene(
+        name="cylinders",
+        mesh=boxes.mesh(surfaces, place=place),
+        materials={"lower": lower, "upper": upper},
+        dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement)), *planes),
+        contact=(ContactPair("lower face", "upper face", direction=(0.0, 0.0, 1.0)),),
+        symmetry=2,
+    )

@@ -1,0 +1,101 @@
+"""Two bodies with spherical ends of different radii: Hertz's contact with one effective radius."""
+
+import numpy as np
+
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_number, shown
+from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
+from fx_contact.problem.materials import Material
+from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
+from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
+from fx_contact.scenes.roundness import check_roundness
+
+
+def spheres(
+    radii=(1.0, 2.0),
+    displacement=0.01,
+    side=None,
+    lower=Material(young=1.0, poisson=0.3),
+    upper=Material(young=1.0, poisson=0.3),
+    order=3,
+    coarse=4,
+):
+    """Two square columns with spherical ends, pole to pole; the lower one is held below, the upper one pressed down.
+
+    Local.  A quarter is modelled.  Their ends are meshed alike, whatever the radii: a radius of infinity is a flat end
+    (a sphere on a block), a negative one a hollow end (a ball in a socket).
+
+    Args:
+        radii: of the lower and the upper end [m]; 1/R1 + 1/R2 = 1/R* must be positive.
+        displacement: approach of the columns' flat ends [m].
+        side: width and height of each column [m]; None: the smaller radius.
+        lower, upper: materials.
+        order: of the root mesh, 2 to 6 for round ends.
+        coarse: root cells along half a side.
+
+    Returns:
+        Scene; its bodies are "lower" and "upper".
+
+    Raises:
+        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
+    """
+    check_list("radii", radii, 2)
+    for radius in radii:
+        if isinstance(radius, float) and np.isinf(radius):
+            continue
+        if check_number("radius", radius) == 0:
+            raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
+        check_length("radius", abs(radius))
+    curvature = 1 / np.array(radii, dtype=np.float64)
+    if curvature.sum() <= 0:
+        raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
+    side = 1 / np.abs(curvature).max() if side is None else side
+    check_length("side", side)
+    check_number("displacement", displacement)
+    check_mesh_size(order, coarse)
+    if side * np.abs(curvature).max() >= np.sqrt(2):
+        raise SceneError(
+            f"a column of side {side} m has no end of radius {1 / np.abs(curvature).max()} m: take a smaller side"
+        )
+    boxes = Boxes(order)
+    boxes.add("lower", (0.0, 0.0, -1.0), (0.5, 0.5, 0.0), (coarse,) * 3)
+    boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 0.5, 1.0), (coarse,) * 3)
+
+    def place(body, points):
+        """From the boxes to the bodies: layers bend towards the contact, the flat faces stay flat."""
+        height = points[:, 2].copy()
+        points, sign, bend = side * points, *((-1, curvature[0]) if body == "lower" else (1, curvature[1]))
+        distance2 = (points[:, :2] ** 2).sum(axis=1)
+        rise = distance2 * bend / (1 + np.sqrt(1 - distance2 * bend**2))  # R - sqrt(R^2 - r^2) without cancellation
+        points[:, 2] += sign * rise * (1 - np.abs(height))
+        return points
+
+    surfaces = {
+        "bottom": boxes.facets(DOWN, -1.0),
+        "top": boxes.facets(UP, 1.0),
+        "lower end": boxes.facets(UP, 0.0, "lower"),
+        "upper end": boxes.facets(DOWN, 0.0, "upper"),
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+    }
+    mesh = boxes.mesh(surfaces, place=place)
+    if displacement > 0:
+        contact_radius = np.sqrt(displacement / curvature.sum())
+        for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
+            if bend:
+                share = displacement * abs(bend) / np.abs(curvature).sum()
+                check_roundness(mesh, end, (0.0, 0.0, sign / bend), abs(1 / bend), contact_radius, share)
+    return Scene(
+        name="spheres",
+        mesh=mesh,
+        materials={"lower": lower, "upper": upper},
+        dirichlet=(
+            Dirichlet("bottom", z=0.0),
+            Dirichlet("top", z=-float(displacement)),
+            SymmetryPlane("x = 0"),
+            SymmetryPlane("y = 0"),
+        ),
+        contact=(ContactPair("lower end", "upper end", direction=(0.0, 0.0, 1.0)),),
+        symmetry=4,
+    )

@@ -1,0 +1,50 @@
+"""Compare two files of `records.py`: integers must agree, forces to 1e-9, other figures to 1e-6.
+
+    python3 studies/equivalence/compare.py before.json after.json
+
+Ends with 1, and says where, if something differs.
+"""
+
+import json
+import sys
+
+#: Relative differences that rounding may make: of forces, as the solver's tolerance leaves them, and of the rest.
+FORCES, OTHERS = 1e-9, 1e-6
+
+
+def differences(name, before, after):
+    """Sentences on what two runs differ in."""
+    if len(before) != len(after):
+        yield f"{name}: {len(before)} steps before, {len(after)} now"
+        return
+    for number, (one, other) in enumerate(zip(before, after)):
+        for entry in one:
+            if entry != "krylov_iterations" and not same(entry, one[entry], other[entry]):
+                yield f"{name}, step {number}: {entry} {one[entry]} before, {other[entry]} now"
+
+
+def same(entry, one, other):
+    """Whether two figures agree as they must."""
+    if isinstance(one, list):
+        return len(one) == len(other) and all(same(entry, *both) for both in zip(one, other))
+    if isinstance(one, int):
+        return one == other
+    allowed = FORCES if "force" in entry else OTHERS
+    return abs(one - other) <= allowed * max(abs(one), abs(other))
+
+
+def main(before, after):
+    """Print all differences; the number of them."""
+    before, after = (json.load(open(path)) for path in (before, after))
+    found = [f"only in one file: {name}" for name in before.keys() ^ after.keys()]
+    for name in before.keys() & after.keys():
+        found += differences(name, before[name], after[name])
+        iterations = [[s["krylov_iterations"] for s in run] for run in (before[name], after[name])]
+        if iterations[0] != iterations[1]:
+            print(f"(iterations of {name}: {iterations[0]} before, {iterations[1]} now)")
+    print("\n".join(sorted(found)) or f"{len(before)} runs agree")
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,763 @@
+"""Checkpoints: the same run goes on from them on any number of ranks; whatever is killed, no finished step is lost."""
+
+import ctypes
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from uuid import uuid4
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere, outside
+from model_problems import leaves, split, vertex_positions
+from mpi4py import MPI
+
+from fx_contact import Enforcement, Material, Traction, adapt
+from fx_contact.adaptive import checkpoint
+from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.checkpoint import KIND, NAME, Checkpoint, _are_whole, _is_balanced
+from fx_contact.adaptive.row_file import RowFile, write
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest import forest
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.errors import (
+    CheckpointError,
+    FxContactError,
+    GeometryError,
+    OutputError,
+    PartitionError,
+    SceneError,
+)
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.hexahedron import CORNERS
+from fx_contact.problem.lattice import SIDE
+from fx_contact.results.output import RecordWriter
+from fx_contact.scenes import hertz
+
+HERTZ = Path(__file__).parents[2] / "demos" / "hertz.py"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hertz(order=2, coarse=2)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """One folder for all ranks."""
+    return WORLD.bcast(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def through(scene):
+    """A run that nothing stops: the leaves and the force of each step."""
+    result = [summary(step) for step in adapt(scene, 0.16)]
+    assert len(result) >= 4 and len(result[-1][0]) > 2 * len(result[1][0])
+    return result
+
+
+def summary(step):
+    return leaves(step.forest), step.record["force"]
+
+
+@contextmanager
+def some(count):
+    """A communicator of the first ranks, None on the others, which wait."""
+    comm = WORLD.Split(0 if WORLD.rank < count else MPI.UNDEFINED)
+    yield None if comm == MPI.COMM_NULL else comm
+    WORLD.Barrier()
+
+
+def by_leaf(forest, *columns):
+    """Columns of all ranks' leaves, in an order that does not depend on the ranks."""
+    code = np.concatenate(WORLD.allgather(leaf_code(forest.cell, forest.anchor)))
+    return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
+
+
+@pytest.mark.parametrize(
+    "writers, readers",
+    [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
+)
+def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
+    """The steps after a restart have the leaves and the forces, to 1e-7, of a run that nothing stopped."""
+    with some(writers) as comm:
+        if comm:
+            *_, stopped = adapt(scene, 0.16, comm, max_steps=2, checkpoint=folder)
+            assert stopped.record["step"] == 1
+    with some(readers) as comm:
+        if comm:
+            before = Checkpoint(folder, scene, comm)
+            assert [r["step"] for r in before.records] == [0, 1] and before.records[0]["ranks"] == writers
+            after = [
+                (step.record["step"], summary(step))
+                for step in adapt(scene, 0.16, comm, checkpoint=folder, restart=before)
+            ]
+            assert [number for number, _ in after] == list(range(2, len(through)))
+            for number, (cells, force) in after:
+                assert np.array_equal(cells, through[number][0]), f"step {number} has other leaves"
+                assert abs(force / through[number][1] - 1) < 1e-7, f"step {number} has another force"
+            assert len(Checkpoint(folder, scene, comm).records) == len(through)
+
+
+def test_holds_what_the_step_had(scene, folder):
+    """Leaves, displacements and indicators come back as they were, in another distribution."""
+    *_, before, step = adapt(scene, 0.16, max_steps=4, checkpoint=folder)
+    assert step.record["hanging_nodes"] > 50
+    values = step.elasticity.prolongation.prolong(step.contact.displacement)[step.forest.vertices.cells]
+    indicator = np.empty(len(step.forest))
+    indicator[step.leaf_mesh.leaf] = step.estimate.error
+
+    state = Checkpoint(folder, scene, WORLD).load()
+    everywhere(np.array_equal(leaves(step.forest), leaves(state.forest)), "other leaves")
+    (displacement, error), (again, error_again) = (
+        by_leaf(step.forest, values, indicator),
+        by_leaf(state.forest, state.values, state.estimate.error),
+    )
+    assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
+    assert state.gain.before == before.estimate.error_global**2 and state.gain.expected > 0
+    # Of a hanging vertex ranks have values that differ by rounding.
+    assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
+    size = (folder / NAME).stat().st_size
+    assert size < 16 * step.record["cells"] + 40 * (step.record["dofs"] / 3 + step.record["hanging_nodes"]) + 2**14
+
+
+def test_fields_go_along(scene, folder):
+    """Fields that a run began with, positions here, are after a restart what they are without."""
+    forest = Beginning.uniform(scene, 1).forest
+    positions = vertex_positions(forest)[forest.vertices.cells]
+    beginning = Beginning(forest, np.concatenate([0 * positions, positions], axis=2))
+    *_, through = adapt(scene, 0.25, beginning=beginning, max_steps=3)
+    list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
+    (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
+    (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
+    assert expected.shape == (through.record["cells"], 8, 3) and np.ptp(expected) > 1
+    assert np.abs(found - expected).max() < 1e-14
+
+
+def test_finished_run(scene, folder, through):
+    """From the last step the same step comes again; with a tighter tolerance the run goes further."""
+    list(adapt(scene, 0.4, checkpoint=folder))
+    before = Checkpoint(folder, scene, WORLD)
+    (again,) = adapt(scene, 0.4, checkpoint=folder, restart=before)
+    assert again.record["step"] == before.records[-1]["step"]
+    assert abs(again.record["force"] / before.records[-1]["force"] - 1) < 1e-7
+    assert len(Checkpoint(folder, scene, WORLD).records) == len(before.records)
+    *_, further = adapt(scene, 0.16, restart=before)
+    assert further.record["step"] > again.record["step"] and further.record["ratio"] <= 1
+
+
+# ------------------------------------------------------------------------------------------- what is wrong with a file
+
+
+def caught(kind, action):
+    """The message of an error that all ranks raise alike."""
+    with pytest.raises(FxContactError) as error:
+        action()
+    told = set(WORLD.allgather((error.type.__name__, str(error.value))))
+    assert told == {(kind.__name__, str(error.value))}
+    return str(error.value)
+
+
+def alone(action):
+    """Run on rank 0, the others wait."""
+    if WORLD.rank == 0:
+        action()
+    WORLD.Barrier()
+
+
+def test_every_byte_counts(folder):
+    """A file of which one byte is changed, or that ends early or late, is refused, wherever that is."""
+    path = folder / "file"
+    rng = np.random.default_rng(WORLD.rank)
+    tables = {
+        "numbers": rng.random((40 + WORLD.rank, 3)),
+        "keys": rng.integers(0, 2**62, (30, 1)),
+        "empty": np.zeros((0, 2)),
+    }
+    write(path, WORLD, {"text": "é", "list": [1, None]}, tables)
+
+    def read():
+        file = RowFile(path, WORLD)
+        return file.content, {name: file.table(name) for name in tables}
+
+    content, back = read()
+    assert content == {"text": "é", "list": [1, None]}
+    for name, rows in tables.items():
+        before, after = (np.concatenate(WORLD.allgather(r)) for r in (rows, back[name]))
+        assert before.dtype == after.dtype and np.array_equal(before, after)
+    good = WORLD.bcast(path.read_bytes() if WORLD.rank == 0 else None)
+    chosen = np.random.default_rng(1).choice(len(good), 60, replace=False)
+    bad = [good[:at] + bytes([good[at] ^ 1 << at % 8]) + good[at + 1 :] for at in {*range(32), *chosen.tolist()}]
+    bad += [good[:at] for at in (0, 5, 32, 100, len(good) // 2, len(good) - 1)] + [good + b"\0", good[::-1]]
+    for data in bad:
+        alone(lambda: path.write_bytes(data))
+        assert "file" in caught(CheckpointError, read)
+    alone(lambda: path.write_bytes(good))
+    read()
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda path: path.unlink(), "No such file"),
+        (lambda path: (path.unlink(), path.mkdir()), "is no file"),
+        (lambda path: (path.unlink(), os.mkfifo(path)), "is no file"),
+        (lambda path: path.write_bytes(b""), "not complete"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not complete"),
+        (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not complete"),
+        (lambda path: path.write_text("step cells\n" * 99), "no checkpoint of this program"),
+        (lambda path: path.write_bytes(path.read_bytes()[:8] + b"\2" + path.read_bytes()[9:]), "version 2"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-8] + b"\1" * 8), "checksum of its table 'values'"),
+        (lambda path: path.write_bytes(path.read_bytes()[:99] + b"##" + path.read_bytes()[101:]), "of its header"),
+    ],
+)
+def test_damaged(scene, folder, spoil, words):
+    """What is wrong with a checkpoint is said on all ranks."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: spoil(folder / NAME))
+    assert words in caught(
+        CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    )
+
+
+def rewritten(path, change):
+    """Change the header of a file of rows by a function, its checksum too.  Local."""
+    data = path.read_bytes()
+    magic, version, length, _ = struct.unpack_from("<8sQQQ", data)
+    header = json.dumps(change(json.loads(data[32 : 32 + length]))).encode()
+    header += b" " * (-len(header) % 8)
+    head = struct.pack("<8sQQQ", magic, version, len(header), zlib.crc32(header))
+    path.write_bytes(head + header + data[32 + length :])
+
+
+def with_content(**changes):
+    """A function that changes what a header says besides its tables; None: takes it out."""
+    return lambda header: header | {
+        "content": {name: value for name, value in (header["content"] | changes).items() if value is not None}
+    }
+
+
+def with_gain(**changes):
+    """A function that changes what a header says of the gain."""
+    return lambda header: with_content(gain=header["content"]["gain"] | changes)(header)
+
+
+def with_tables(**changes):
+    """A function that changes what a header says of each table."""
+    return lambda header: header | {"tables": {name: table | changes for name, table in header["tables"].items()}}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(with_content(**{name: None}) for name in ("run", "problem", "options", "records", "estimate", "gain")),
+        *(with_content(**{name: 1}) for name in ("run", "problem", "options", "records", "estimate", "gain")),
+        with_content(records=[]),
+        with_content(records=["x"]),
+        with_content(estimate=[1.0, "x", 1]),
+        with_content(gain={"before": 1.0}),
+        with_content(estimate=[float("nan"), 1.0, 1]),
+        with_content(estimate=[1.0, -1.0, 1]),
+        with_content(estimate=[10**400, 1.0, 1]),
+        with_content(estimate=[1e308, 1.0, 1]),
+        *(with_gain(effectivity=value) for value in (float("nan"), float("inf"), -1.0, 10**400)),
+        with_tables(rows=-1),
+        with_tables(rows="x"),
+        with_tables(columns=None),
+        with_tables(type="x"),
+        with_tables(type="<f8"),
+        lambda header: header | {"tables": {}},
+        lambda header: header | {"tables": []},
+        lambda header: {"tables": header["tables"]},
+        lambda header: {"content": header["content"]},
+        lambda header: [header],
+    ],
+)
+def test_header_that_makes_no_sense(scene, folder, change):
+    """Whole by its checksums, but with something missing or of another type."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: rewritten(folder / NAME, change))
+    message = caught(CheckpointError, lambda: adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    assert "is damaged or of another version" in message or "is not complete" in message
+
+
+@pytest.mark.parametrize("header", [b"{" * 8, b"\xff" * 8, b"9" * 5000, b"[" * 200_000])
+def test_header_that_is_no_json(scene, folder, header):
+    """Nor is it told as a fault of the program."""
+    head = struct.pack("<8sQQQ", b"fx-rows\n", 1, len(header), zlib.crc32(header))
+    alone(lambda: (folder / NAME).write_bytes(head + header))
+    assert "its header makes no sense" in caught(CheckpointError, lambda: Checkpoint(folder, scene, WORLD))
+
+
+def with_rows(path, name, change):
+    """Change a table of a file of rows by a function of this rank's rows, its checksum too.  Collective."""
+    file = RowFile(path, WORLD)
+    tables = {name: file.table(name) for name in file.tables}
+    tables[name] = change(tables[name].copy())
+    write(path, WORLD, file.content, tables)
+
+
+def first_row(value):
+    """A function that changes the first row of rank 0."""
+
+    def change(rows):
+        rows[:1] = rows[:1] if WORLD.rank else value(rows[:1])
+        return rows
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "table, change, words",
+    [
+        ("leaves", lambda rows: rows | np.uint64(15), "none of the root mesh"),
+        ("leaves", lambda rows: rows | np.uint64(1 << 63), "none of the root mesh"),
+        ("leaves", lambda rows: rows | np.uint64(16), "none of the root mesh"),
+        ("leaves", lambda rows: 0 * rows, "do not fill the root cells"),
+        ("leaves", first_row(lambda row: row + np.uint64(1)), "do not fill the root cells"),
+        ("values", first_row(lambda row: np.nan * row), "displacements are not finite"),
+        ("indicator", first_row(lambda row: np.nan * row), "errors are negative, or not finite"),
+        ("indicator", first_row(lambda row: -1 - row), "errors are negative, or not finite"),
+        ("indicator", lambda rows: 2 * rows, "errors do not add up to its estimate"),
+        ("refine", first_row(lambda row: row + 3), "refined other than once or twice"),
+        ("vertices", lambda rows: 0 * rows - 1, "lacks vertices of its leaves"),
+        ("indicator", lambda rows: rows[:-1], "indicator in it is missing or makes no sense"),
+        ("vertices", lambda rows: rows[:-1], "values in it is missing or makes no sense"),
+    ],
+)
+def test_tables_that_make_no_sense(scene, folder, table, change, words):
+    """Whole by their checksums, but of nothing that a run could have left: a forest that is none would crash it."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    with_rows(folder / NAME, table, change)
+    assert words in caught(
+        CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    )
+
+
+def test_estimate_of_other_leaves(scene, folder):
+    """What it says of all leaves is of as many as there are."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    alone(lambda: rewritten(folder / NAME, with_content(estimate=[0.1, 1.0, 1])))
+    message = caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
+    assert "another number of leaves than its estimate" in message
+
+
+def test_levels_in_a_file_that_do_not_fit_together(scene, folder):
+    """They are looked at before anything is made of them."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    file, roots = RowFile(folder / NAME, WORLD), Forest.of_roots(WORLD, scene.mesh, scene.pairing)
+    facing = np.flatnonzero((scene.pairing.pair >= 0).any(axis=1))[0]
+    unfit = split(roots, roots.cell == facing)
+    names = checkpoint._names(unfit.cell, unfit.level, unfit.anchor)[:, None]
+    tables = {"leaves": names, "indicator": np.zeros((len(unfit), 1)), "refine": np.zeros((len(unfit), 1))}
+    tables |= {name: file.table(name) for name in ("vertices", "values")}
+    write(folder / NAME, WORLD, file.content | {"estimate": [0.0, 1.0, unfit.size_global]}, tables)
+    message = caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
+    assert "the levels of its leaves do not fit together" in message
+
+
+@pytest.mark.parametrize("inside, whole", [(7, True), (0, False)])
+def test_leaf_inside_another(inside, whole):
+    """Seven octants of a cell, and eight small ones that fill the last, or lie in the first: the volume is the same."""
+    eighths = CORNERS * (SIDE // 2)
+    anchor = np.concatenate([eighths[:7], eighths[inside] + eighths // 2]).astype(np.int32)
+    mine = np.arange(15) % WORLD.size == WORLD.rank
+    level, cell = np.repeat([1, 2], [7, 8]).astype(np.int8), np.zeros(15, dtype=np.int32)
+    assert _are_whole(WORLD, SimpleNamespace(cells=[0]), cell[mine], level[mine], anchor[mine]) == whole
+
+
+@pytest.mark.parametrize("where, times, fits", [("all", 2, True), ("facing", 1, False), ("inside", 2, False)])
+def test_levels_that_do_not_fit_together(scene, where, times, fits):
+    """Facing leaves of two levels, and a leaf beside others a quarter as large, are not what refinement leaves."""
+    forest = Forest.of_roots(WORLD, scene.mesh, scene.pairing)
+    paired = (scene.pairing.pair >= 0).any(axis=1)
+    cells = {"all": slice(None), "facing": np.flatnonzero(paired)[0], "inside": np.flatnonzero(~paired)[0]}[where]
+    chosen = np.zeros(len(paired), dtype=bool)
+    chosen[cells] = True
+    for _ in range(times):
+        forest = split(forest, chosen[forest.cell])
+    assert _is_balanced(forest) == fits
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.write_text("mine")])
+def test_what_is_no_checkpoint_stays(scene, folder, make):
+    """What is called like a checkpoint, but is none, is neither replaced nor called one, and nobody waits for it."""
+    alone(lambda: make(folder / NAME))
+    before = (folder / NAME).stat()
+    message = caught(OutputError, lambda: adapt(scene, 0.25, checkpoint=folder))
+    assert "is no checkpoint that can be read" in message and (folder / NAME).stat() == before
+
+
+def test_another_file_of_rows(scene, folder):
+    """A whole file with other content is refused."""
+    write(folder / NAME, WORLD, {"kind": "checkpoint of fx_contact, version 0"}, {})
+    assert f"is no {KIND}" in caught(CheckpointError, lambda: Checkpoint(folder, scene, WORLD))
+
+
+def test_belongs_to_another_problem(scene, folder):
+    """What differs is named."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    soft = {name: Material(0.5, 0.3) for name in scene.materials}
+    for changed, words in (
+        (replace(scene, materials=soft), "materials ({"),
+        (hertz(displacement=0.02, order=2, coarse=2), "displacement conditions ([["),
+        (
+            replace(scene, dirichlet=scene.dirichlet[::-1], tractions=(Traction("top", (0.01, 0, 0)),)),
+            "tractions ([] then",
+        ),
+        (replace(scene, contact=(replace(scene.contact[0], direction=(0, 0, 2)),)), "contact pairs ([["),
+        (replace(scene, symmetry=2), "symmetry ([4"),
+        (hertz(order=2, coarse=3), "root mesh"),
+        (hertz(order=1, coarse=2), "root mesh"),
+    ):
+        message = caught(CheckpointError, lambda: Checkpoint(folder, changed, WORLD))
+        assert "another problem" in message and words in message
+    before = Checkpoint(folder, replace(scene, name="other"), WORLD)
+    for options, words in (
+        ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
+        ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
+    ):
+        assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))
+    assert "got True" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=True)))
+    begin = Beginning.uniform(scene, 1)
+    assert "not both" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=before, beginning=begin)))
+
+
+# -------------------------------------------------------------------------------------------------- nothing is lost
+
+
+def test_checkpoint_of_another_run_stays(scene, folder):
+    """A run that is not a restart does not replace a checkpoint."""
+    next(adapt(scene, 0.25, checkpoint=folder))
+    WORLD.Barrier()
+    before = (folder / NAME).read_bytes()
+    assert "would be replaced" in caught(OutputError, lambda: next(adapt(scene, 0.25, checkpoint=folder)))
+    assert (folder / NAME).read_bytes() == before
+    (folder / "elsewhere").mkdir(exist_ok=True)
+    assert "cannot keep" in caught(OutputError, lambda: next(adapt(scene, 0.25, checkpoint="/dev/null/run")))
+
+
+def test_two_runs_at_once(scene, folder):
+    """Of two runs that begin in one folder, or go on from one checkpoint, the first to finish a step has it."""
+    for restart in (None, Checkpoint):
+        before = restart and restart(folder, scene, WORLD)
+        one, other = (adapt(scene, 0.16, checkpoint=folder, restart=before) for _ in range(2))
+        next(one)
+        WORLD.Barrier()
+        kept = (folder / NAME).read_bytes()
+        with pytest.raises(OutputError, match="of another run and would be replaced") as caught:
+            next(other)
+        assert (folder / NAME).read_bytes() == kept and not any(folder.glob(NAME + ".new*"))
+        holds_last_state(caught.value, len(Checkpoint(folder, scene, WORLD).records) - 1)
+        with pytest.raises(OutputError, match="would be replaced"):
+            adapt(scene, 0.16, checkpoint=folder, restart=before)
+        next(one)
+
+
+def holds_last_state(error, number):
+    """An error in the middle of a run has the last step's record, and a displacement that belongs to a forest."""
+    assert error.record["step"] == number
+    held = Prolongation(error.forest)
+    everywhere(error.displacement.shape == (held.owned, 3), "a displacement of another forest")
+    everywhere(WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) > 0, "no displacement")
+
+
+def test_disk_full_in_a_run(scene, folder, monkeypatch):
+    """The error says so, and has the step that could not be kept; the one before is kept, and nothing else is there."""
+    run = adapt(scene, 0.16, checkpoint=folder)
+    next(run)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=2000))
+    with (
+        file_size(1000),
+        pytest.raises(OutputError, match="no space left on .* takes .* MB, 0.002 MB are free") as full,
+    ):
+        next(run)
+    holds_last_state(full.value, 1)
+    everywhere([path.name for path in folder.iterdir()] == [NAME], "half a file is left")
+    assert len(Checkpoint(folder, scene, WORLD).records) == 1
+
+
+@pytest.mark.parametrize(
+    "place, name, error",
+    [
+        (Forest, "refined_with", GeometryError),
+        (sys.modules["fx_contact.adaptive.adaptive_loop"], "repartition", PartitionError),
+    ],
+)
+def test_error_between_steps(scene, monkeypatch, place, name, error):
+    """What fails between steps holds the last one."""
+
+    def fails(*_):
+        raise error("on purpose")
+
+    run = adapt(scene, 0.16)
+    next(run)
+    monkeypatch.setattr(place, name, fails)
+    with pytest.raises(error, match="on purpose") as caught:
+        next(run)
+    holds_last_state(caught.value, 0)
+
+
+def test_finest_level(scene, monkeypatch):
+    """A run that would have to refine the finest leaves ends with an error that holds the last step."""
+    monkeypatch.setattr(forest, "MAX_LEVEL", 2)
+    with pytest.raises(GeometryError, match="leaves of the finest level, 2, are marked") as caught:
+        list(adapt(scene, 0.01))
+    holds_last_state(caught.value, caught.value.record["step"])
+
+
+@contextmanager
+def file_size(limit):
+    """On the last rank no file may be longer than a limit."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if WORLD.rank == WORLD.size - 1:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_disk_full_on_one_rank(folder):
+    """Where one rank cannot write, all raise, and the file before is still there; what killed runs leave is removed."""
+    rows = np.arange(4000.0).reshape(-1, 1) + WORLD.rank
+    write(folder / "file", WORLD, "old", {"rows": rows})
+    with file_size(WORLD.rank * 32000 + 1000):
+        message = caught(OutputError, lambda: write(folder / "file", WORLD, "new", {"rows": rows + 1}))
+    assert "make room" in message
+    everywhere([path.name for path in folder.iterdir()] == ["file"], "half a file is left")
+    file = RowFile(folder / "file", WORLD)
+    assert file.content == "old" and np.concatenate(WORLD.allgather(file.table("rows")))[-1] == 3999 + WORLD.size - 1
+    left = f"file.new-{WORLD.bcast(uuid4().hex)}"
+    theirs = {"file.new", "file.new-2", f"{left}.txt", f"my {left}"}
+    for name in theirs | {left}:
+        alone(lambda: (folder / name).write_bytes(b"garbage" * 999))
+    write(folder / "file", WORLD, "newest", {"rows": rows})
+    assert RowFile(folder / "file", WORLD).content == "newest"
+    everywhere(
+        {path.name for path in folder.iterdir()} == theirs | {"file"}, "more or less than what users put there"
+    )
+
+
+@contextmanager
+def locked(*names):
+    """Locks of Open MPI's, for files of some names, as killed runs leave them.  Local."""
+    library, names = ctypes.CDLL(None), [f"/OMPIO_{name}".encode() for name in names]
+    library.sem_open.restype = ctypes.c_void_p
+    for name in names:
+        assert library.sem_open(name, os.O_CREAT, 0o644, 0), name
+    try:
+        yield
+    finally:
+        for name in names:
+            library.sem_unlink(name)
+
+
+def ends(action, patience):
+    """Whether a program of its own ends in time.  Local."""
+    try:
+        subprocess.run([sys.executable, "-c", action], env=outside(), timeout=patience, check=True)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
+def test_lock_of_a_killed_run(tmp_path):
+    """A run that was killed while Open MPI opened its file left it locked: later ones write all the same."""
+    killed = tmp_path / f"{NAME}.new-{uuid4().hex}"
+    with locked(NAME, f"{NAME}.new", killed.name):
+        opened = (
+            f"from mpi4py import MPI; MPI.File.Open(MPI.COMM_WORLD, {str(killed)!r}, MPI.MODE_CREATE | MPI.MODE_RDWR)"
+        )
+        if ends(f"{opened}.Close()", 5):
+            pytest.skip("this MPI has no such lock")
+        imports = "from mpi4py import MPI; from fx_contact.adaptive.row_file import write; "
+        assert ends(
+            f"{imports}write({str(tmp_path / NAME)!r}, MPI.COMM_WORLD, 'kept', {{}})", 60
+        ), "it waits for a lock"
+    assert RowFile(tmp_path / NAME, WORLD).content == "kept" and not killed.exists()
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
+def test_records_need_a_file(folder, make):
+    """Nobody waits for what reads a pipe."""
+    alone(lambda: make(folder / "steps.jsonl"))
+    assert "is no file" in caught(OutputError, lambda: RecordWriter(folder, WORLD))
+
+
+@pytest.mark.parametrize(
+    "there, expected",
+    [
+        (None, "0 1 2 3"),
+        ("", "0 1 2 3"),
+        ('{"st', "0 1 2 3"),
+        ('{"step": 0, "kept": 1}\n{"step": 1}\n', "0+ 1 2 3"),
+        ('{"step": 0}\n{"step": 1}\n{"step": 2, "kept": 1}\n{"step": 3, "fo', "0 1 2+ 3"),
+        ('{"step": 0}\n{"step": 1}\n{"step": 2}', "0 1 2 3"),
+        ('\xff\n[1]\n{"step": 0}\n', "? ? 0 1 2 3"),
+    ],
+)
+def test_records_go_on(folder, there, expected):
+    """Finished lines stay as they are, half of a last one goes, missing ones are added."""
+    path = folder / "steps.jsonl"
+    if there is not None:
+        alone(lambda: path.write_text(there, encoding="latin-1"))
+    writer = RecordWriter(folder, WORLD, [{"step": number} for number in range(3)])
+    writer.write({"step": 3, "draft": 1})
+    writer.amend({"step": 3})
+    WORLD.Barrier()
+    found = []
+    for line in path.read_text(encoding="latin-1").splitlines():
+        record = json.loads(line) if line.startswith("{") else {"step": "?"}
+        found.append(f"{record['step']}{'+' * ('kept' in record)}")
+        assert "draft" not in record
+    assert " ".join(found) == expected
+
+
+@pytest.mark.parametrize(
+    "there, words",
+    [
+        (
+            '{"step": 0, "force": 1.0, "seconds": 3}\n{"step": 1, "force": 3.0}\n',
+            "step 1, force is 3.0 there, 2.0 in",
+        ),
+        ('{"step": 0}\n', "step 0, force is None there, 1.0 in"),
+        ('{"step": 0, "force": 1.0}\n{"step": 2, "force": 2.5}\n{"st', "step 2, which the run that goes on has not"),
+    ],
+)
+def test_records_of_another_run(folder, there, words):
+    """Records of another run are no beginning of this one: they stay to the last byte; an empty folder gets its own."""
+    path = folder / "steps.jsonl"
+    alone(lambda: path.write_text(there))
+    finished = [{"step": 0, "force": 1.0, "seconds": 1}, {"step": 1, "force": 2.0, "seconds": 2}]
+    assert words in caught(OutputError, lambda: RecordWriter(folder, WORLD, finished))
+    assert path.read_text() == there
+    RecordWriter(folder / "new", WORLD, finished)
+    WORLD.Barrier()
+    assert [*map(json.loads, (folder / "new" / "steps.jsonl").read_text().splitlines())] == finished
+    # The last step may have been solved for again, on another number of ranks.
+    again = [finished[0], finished[1] | {"force": 2.0 * (1 + 1e-8), "ranks": 5, "krylov_iterations": [7]}]
+    RecordWriter(folder / "new", WORLD, again)
+
+
+class Life:
+    """A run of `demos/hertz.py` in a session of its own, to be killed."""
+
+    SETTINGS = "--order 2 --coarse 2 --tolerance 0.12 --records-only"
+
+    def __init__(self, folder, ranks):
+        self.checkpoint, self.records = folder / "kept" / NAME, folder / "steps.jsonl"
+        command = f"mpirun -n {ranks} {sys.executable} {HERTZ} {self.SETTINGS} --output {folder}"
+        command += f" --checkpoint {folder / 'kept'}" + " --restart" * self.checkpoint.exists()
+        self.log = (folder / "log").open("a")
+        self.process = subprocess.Popen(
+            command.split(), stdout=self.log, stderr=self.log, env=outside(), start_new_session=True
+        )
+
+    def end(self, patience=120):
+        """Wait for the end; the exit code."""
+        return self.process.wait(patience)
+
+    def until(self, moment):
+        """Whether the run still lives when a moment has come: seconds, or None for the writing of a checkpoint."""
+        start, folder, pattern = time.monotonic(), self.checkpoint.parent, NAME + ".new*"
+        while not (any(folder.glob(pattern)) if moment is None else time.monotonic() > start + moment):
+            if self.process.poll() is not None:
+                return False
+            time.sleep(2e-4)
+        return self.process.poll() is None
+
+    def members(self):
+        """Process numbers of the session, and of its ranks."""
+        members, ranks = [], []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    name, rest = (entry / "stat").read_text().rsplit(")", 1)
+                except OSError:
+                    continue
+                state, _, _, session = rest.split()[:4]
+                if int(session) == self.process.pid and state != "Z":
+                    members.append(int(entry.name))
+                    ranks += [int(entry.name)] if "(python" in name else []
+        return members, ranks
+
+    def kill(self, one, rng):
+        """Kill one rank, or all and mpirun, and see that nothing of the run is left."""
+        members, ranks = self.members()
+        for victim in [rng.choice(sorted(ranks))] if one and ranks else members:
+            _kill(victim)
+        try:
+            self.process.wait(30)
+        except subprocess.TimeoutExpired:
+            pass
+        while members := self.members()[0]:
+            for victim in members:
+                _kill(victim)
+            time.sleep(0.01)
+        self.process.wait()
+
+
+def _kill(pid):
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+
+
+def complete_lines(path):
+    text = path.read_text() if path.exists() else ""
+    return text[: text.rfind("\n") + 1].splitlines()
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts runs of its own, on 1, 2 and 3 ranks")
+def test_killed_at_random_moments(tmp_path, request):
+    """kill -9 of one rank or of all, restarts on 1 to 3 ranks: no finished step is lost, and the end is the same."""
+    rng, kills, wanted, lives = random.Random(7), 0, request.config.getoption("--kills"), 0
+    (tmp_path / "whole").mkdir()
+    start = time.monotonic()
+    whole = Life(tmp_path / "whole", 2)
+    assert whole.end() == 0, (tmp_path / "whole" / "log").read_text()
+    duration = time.monotonic() - start
+    expected = [json.loads(line) for line in complete_lines(whole.records)]
+    while kills < wanted:
+        folder, done, kept = tmp_path / f"run-{lives}", [], 0
+        folder.mkdir()
+        lives += 1
+        while True:
+            life = Life(folder, rng.randint(1, 3))
+            killed = kills < wanted and life.until(None if rng.random() < 1 / 3 else rng.uniform(0.1, duration))
+            if not killed:
+                break
+            life.kill(rng.random() < 0.5, rng)
+            kills += 1
+            lines = complete_lines(life.records)
+            assert lines[: len(done)] == done, "a finished line was lost"
+            if life.checkpoint.exists():
+                steps = RowFile(life.checkpoint, MPI.COMM_SELF).content["records"]
+                assert len(steps) >= max(len(lines), kept), "the checkpoint lost a finished step"
+                kept = len(steps)
+            else:
+                assert not lines, "a step was recorded, but not kept"
+            done = lines
+        assert life.end() == 0, (folder / "log").read_text()
+        lines = complete_lines(life.records)
+        assert lines[: len(done)] == done, "a finished line was lost"
+        records = [json.loads(line) for line in lines]
+        assert [r["step"] for r in records] == list(range(len(expected)))
+        for one, other in zip(records, expected):
+            assert one["cells"] == other["cells"] and one["active_pairs"] == other["active_pairs"]
+            assert abs(one["force"] / other["force"] - 1) < 1e-7

@@ -1,0 +1,659 @@
+"""Exact, augmented and penalised contact, and the rules by which pairs open and close."""
+
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import ufl
+from conftest import WORLD, everywhere
+from dolfinx.fem import Constant, assemble_scalar, form
+from model_problems import (
+    DISTRIBUTIONS,
+    conforming_positions,
+    corner_scene,
+    discrete,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    scramble,
+    side_by_side,
+    solved,
+    two_boxes,
+)
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+from stability_shapes import oblique  # noqa: E402
+
+from fx_contact import (  # noqa: E402
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    Pressure,
+    Scene,
+    Solver,
+    Traction,
+    adapt,
+)
+from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.contact.active_set import ActiveSet  # noqa: E402
+from fx_contact.contact.enforcement import METHODS, Jump  # noqa: E402
+from fx_contact.contact.node_pairs import create_node_pairs  # noqa: E402
+from fx_contact.contact.projection import Projection  # noqa: E402
+from fx_contact.fem.dirichlet import prescribed_displacements  # noqa: E402
+from fx_contact.parallel.errors import SolveError  # noqa: E402
+from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
+from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, spheres, stack  # noqa: E402
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
+
+PRESSURE = 0.01
+
+
+def noisy(shape, salt):
+    """Numbers in (-1, 1) that differ from rank to rank."""
+    numbers = scramble(np.arange(np.prod(shape)) + 7919 * WORLD.rank, salt).reshape(shape)
+    return numbers.astype(float) / 2**63 - 1
+
+
+def dot(a, b):
+    """Scalar product over all ranks."""
+    return WORLD.allreduce(float((a * b).sum()))
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("contact", ["flat", "a corner, two pairs", "a corner, one pair"])
+def test_projection(contact, distribution):
+    """P keeps closed pairs as they are, is a projection, and P^T is its transpose; pairs may share vertices."""
+    scene = pressed(two_boxes(margin=1)) if contact == "flat" else corner_scene(contact.endswith("one pair"))
+    scene = replace(scene, materials=dict(zip(scene.mesh.bodies, (Material(1e4, 0.3), Material(1.0, 0.2)))))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    local_to_global = prolongation.index_map.local_to_global
+    ends = [gathered(WORLD, local_to_global(column.astype(np.int32))) for column in (pairs.first, pairs.second)]
+    shared = any(len(np.unique(column)) < len(column) for column in ends)
+    assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
+    prescribed = prescribed_displacements(scene, forest, prolongation)
+    jump = Jump(pairs, prescribed)
+    projection = Projection(jump)
+    active = noisy(len(pairs), 5) > 0
+    projection.close(active)
+    everywhere((projection.closed == active & jump.movable).all(), "other pairs are closed")
+
+    x, y = noisy((prolongation.owned, 3), 1), noisy((prolongation.owned, 3), 2)
+    projected = x.copy()
+    projection.apply(projected)
+    everywhere(np.abs(jump.matrix.times(projected)[projection.closed]).max(initial=0) < 1e-12, "a closed pair moves")
+    again, transposed = projected.copy(), y.copy()
+    projection.apply(again)
+    projection.apply_transpose(transposed)
+    everywhere(np.abs(again - projected).max() < 1e-12, "not a projection")
+    assert abs(dot(projected, y) - dot(x, transposed)) < 1e-10 * dot(x, x)
+    assert dot(projected - x, projected - x) > 0.01
+    held = ~np.isnan(prescribed)
+    everywhere((projected[held] == x[held]).all(), "a prescribed displacement is changed")
+    closed = projection.onto_closed(x)
+    everywhere(
+        np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left"
+    )
+
+
+def forces(scene, tolerance, **options):
+    """Contact force of the last step for an enforcement."""
+    *_, step = adapt(scene, tolerance, max_steps=3, enforcement=Enforcement(**options))
+    return step.record["force"]
+
+
+@pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
+def test_methods_agree(name):
+    """The penalty's force tends to the exact one as 1/c, the augmented Lagrangian's is within the gap tolerance."""
+    scene = hertz(order=2, coarse=2) if name == "hertz" else corner_scene()
+    exact = forces(scene, 0.3)
+    augmented = forces(scene, 0.3, method="augmented-lagrangian", gap_tolerance=1e-8)
+    assert abs(augmented / exact - 1) < 1e-6
+    short = [1 - forces(scene, 0.3, method="penalty", factor=c) / exact for c in (1e3, 1e4)]
+    assert 0 < short[1] < 0.01 and abs(short[0] / short[1] - 10) < 0.5
+
+
+def test_complementarity():
+    """Closed pairs do not pull, open ones do not overlap, and the pairs' forces are those of the held faces."""
+    for step in adapt(hertz(order=2, coarse=2, displacement=0.05), 0.25):
+        contact = step.contact
+        scale = WORLD.allreduce(contact.force.max(initial=0.0), MPI.MAX)
+        everywhere((contact.force > -1e-6 * scale).all(), "a pair pulls")
+        everywhere((contact.force[~contact.active] == 0).all(), "an open pair presses")
+        everywhere((contact.penetration < 1e-9 * 0.05).all(), "an overlap")
+        everywhere((np.abs(contact.penetration[contact.active]) < 1e-12 * 0.05).all(), "a closed pair with a gap")
+    assert step.record["active_pairs"] > 10
+
+
+def loaded_hertz(pressure, displacement=0.01):
+    """Hertz's scene with the upper half-sphere pressed by a traction on its flat face: contact alone stops it."""
+    scene = hertz(order=2, coarse=2, displacement=displacement)
+    kept = tuple(condition for condition in scene.dirichlet if condition.where != "top")
+    return replace(scene, dirichlet=kept, tractions=(Traction("top", (0.0, 0.0, -pressure)),))
+
+
+def test_balance_that_is_lost(monkeypatch):
+    """Bodies that linear solver and rounding leave unbalanced are an error, and every right solution is in balance."""
+    scene = loaded_hertz(0.002)
+    for allowed, fails in ((1e-5, False), (1e-15, True)):
+        monkeypatch.setattr("fx_contact.estimate.equilibrium.MOST", allowed)
+        adapt_once = partial(next, adapt(scene, 0.5, enforcement=Enforcement("penalty", 1e3)))
+        if fails:
+            with pytest.raises(SolveError, match="of the forces on a body unbalanced: rigid motions"):
+                adapt_once()
+        else:
+            assert adapt_once().record["force"] > 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stiff_penalty_after_a_long_way(method):
+    """Overlaps far smaller than the way of a body are rounding, which spoils no force, however stiff the penalty."""
+    scene = stack((Material(1.0, 0.3),) * 2, displacement=50 + 1e-4, gap=50.0)
+    step = next(adapt(scene, 0.1, enforcement=Enforcement(method, None if method == "exact" else 1e12)))
+    assert abs(step.record["force"] / 5e-5 - 1) < 1e-6
+    everywhere((step.contact.force > 0).all(), "a pair pulls")
+
+
+def test_gap_tolerance_is_that_of_the_approach():
+    """Bodies that come from afar overlap by no more than a part of their approach, however far they moved."""
+    scene = punch(displacement=1 + 1e-3, gap=1.0, order=4)
+    enforcement = Enforcement("augmented-lagrangian", 10.0, gap_tolerance=1e-4)
+    step, exact = (next(adapt(scene, 0.5, enforcement=e)).record for e in (enforcement, None))
+    assert step["max_penetration"] < 1e-4 * 1e-3
+    assert abs(step["force"] / exact["force"] - 1) < 1e-3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_conditions_that_press_vertices_into_each_other(method):
+    """No force keeps two prescribed vertices apart; nor is one made up for them."""
+    scene = stack((Material(1.0, 0.3),) * 2)
+    (pair,) = np.flatnonzero((np.abs(scene.mesh.points - [0.0, 0.0, 1.0]) < 1e-9).all(axis=1)).reshape(-1, 2)
+    mesh = replace(scene.mesh, vertices={"lower": pair[:1], "upper": pair[1:]})
+
+    def pinned(lower, upper):
+        pins = Dirichlet("lower", z=lower), Dirichlet("upper", z=upper)
+        return replace(scene, mesh=mesh, dirichlet=(*scene.dirichlet, *pins))
+
+    with pytest.raises(SolveError, match=r"press them 0.001 m into each other, at \(0, 0, 1\)"):
+        next(adapt(pinned(-0.003, -0.004), 0.3, enforcement=Enforcement(method)))
+    held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
+    # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
+    assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
+
+
+def test_conditions_that_press_vertices_of_bodies_from_afar():
+    """What counts is the overlap beside the approach, not beside the way that a body came."""
+    scene = stack((Material(1.0, 0.3),) * 2, displacement=1.01, gap=1.0)
+    near = [np.flatnonzero((np.abs(scene.mesh.points - [0.0, 0.0, z]) < 1e-9).all(axis=1)) for z in (1.0, 2.0)]
+    mesh = replace(scene.mesh, vertices=dict(zip(("lower", "upper"), near)))
+    pins = Dirichlet("lower", z=-0.005), Dirichlet("upper", z=-1.005 - 5e-7)
+    with pytest.raises(SolveError, match=r"press them 5e-07 m into each other"):
+        next(adapt(replace(scene, mesh=mesh, dirichlet=(*scene.dirichlet, *pins)), 0.3))
+
+
+def wedge(lift, edge_held=True):
+    """A cube, its edge down, in the V of another body whose walls are lifted; its ridge is held, the edge may be."""
+    scene = corner_scene()
+    mesh = scene.mesh
+    along = [np.flatnonzero((np.abs(mesh.points[:, [0, 2]] - at) < 1e-9).all(axis=1)) for at in (1, 2)]
+    names = dict(zip(("edge", "ridge"), (np.intersect1d(nodes, mesh.cells[mesh.body == 1]) for nodes in along)))
+    upright = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]) / np.sqrt(2)
+    held = [Dirichlet(wall, 0.0, 0.0, lift) for wall in ("floor", "wall")] + [Dirichlet("ridge", 0.0, 0.0, 0.0)]
+    return replace(
+        scene,
+        mesh=replace(mesh, points=mesh.points @ upright.T, vertices=names),
+        dirichlet=(*held, Dirichlet("edge", z=0.0)) if edge_held else tuple(held),
+        contact=tuple(replace(pair, direction=None) for pair in scene.contact),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_conditions_that_press_bodies_into_each_other_from_two_sides(method):
+    """Each wall alone could push the edge aside, the two of them cannot."""
+    enforcement = Enforcement(method)
+    with pytest.raises(
+        SolveError, match=r"press them 0.00707 m into each other, at \(.*\): contact cannot keep them"
+    ):
+        next(adapt(wedge(0.01), 0.5, enforcement=enforcement))
+    free, exact = (next(adapt(wedge(0.01, False), 0.5, enforcement=e)).record for e in (enforcement, Enforcement()))
+    assert np.ptp(free["pair_forces"]) < 1e-6 * free["force"], "not symmetric"
+    assert abs(free["force"] / exact["force"] - 1) < (0.05 if method == "penalty" else 1e-5)
+
+
+def three_walls(weight):
+    """A cube that three walls hold, by contact alone, under its weight."""
+    boxes = Boxes(1)
+    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    names, sides = ("left", "front", "floor"), ((LEFT, RIGHT), (FRONT, BACK), (DOWN, UP))
+    pairs, held, surfaces = [], [], {}
+    for axis, (name, (low, high)) in enumerate(zip(names, sides)):
+        out = np.eye(3)[axis]
+        boxes.add(name, -out, np.ones(3) - out, (2, 2, 2))
+        surfaces |= {name: boxes.facets(high, 0.0, name), f"cube's {name}": boxes.facets(low, 0.0, "cube")}
+        surfaces[f"{name} held"] = boxes.facets(low, -1.0, name)
+        held.append(Dirichlet(f"{name} held", 0.0, 0.0, 0.0))
+        pairs.append(ContactPair(name, f"cube's {name}", direction=tuple(out)))
+    materials = dict.fromkeys(("cube", *names), Material(1.0, 0.3))
+    load = (BodyForce("cube", tuple(-np.asarray(weight))),)
+    return Scene("three walls", boxes.mesh(surfaces), materials, tuple(held), tuple(pairs), body_forces=load)
+
+
+@pytest.mark.parametrize(
+    "enforcement",
+    [Enforcement(), *(Enforcement(m, f) for m in METHODS[1:] for f in (10.0, 1e3, 1e6))],
+    ids=lambda e: f"{e.method} {e.factor}",
+)
+def test_a_little_force_beside_large_ones(enforcement):
+    """What the walls carry is the cube's weight, also across the one that hardly anything presses."""
+    weight = np.array([1e-3, 1e-7, 1e-3])
+    step = next(adapt(three_walls(weight), 0.5, max_steps=1, enforcement=enforcement))
+    assert np.abs(step.record["pair_forces"] - weight).max() < 1e-10
+
+
+def two_punches(deep):
+    """Two rigid blocks side by side, pressed into one, the second deeper: what is below their seam faces both."""
+    boxes = Boxes(1)
+    boxes.add("base", (0.0, 0.0, -1.0), (2.0, 1.0, 0.0), (4, 2, 2))
+    boxes.add("left", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("right", (1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (2, 2, 2))
+    base, surfaces = boxes.facets(UP, 0.0, "base"), {"bottom": boxes.facets(DOWN, -1.0)}
+    column = base[:, 0] % 4  # cells along x
+    surfaces |= {"below left": base[column < 2], "below right": base[column >= 2]}
+    surfaces |= {body: boxes.facets(DOWN, 0.0, body) for body in ("left", "right")}
+    held = {"bottom": 0.0, "left": -0.01, "right": -deep}
+    return Scene(
+        "two punches",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("base", "left", "right"), Material(1.0, 0.3)),
+        tuple(Dirichlet(surface, 0.0, 0.0, z) for surface, z in held.items()),
+        tuple(ContactPair(f"below {body}", body, direction=(0.0, 0.0, 1.0)) for body in ("left", "right")),
+    )
+
+
+@pytest.mark.parametrize("deep", [0.02, 0.0101, 0.01], ids=["a step", "a small step", "none"])
+def test_two_bodies_at_one_vertex(deep):
+    """Where two bodies face one vertex and push it to different depths, the deeper one has it, the other lets go."""
+    scene = two_punches(deep)
+    exact = next(adapt(scene, 0.5))
+    soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
+    assert exact.record["active_pairs"] == (15 if deep > 0.01 else 18)
+    assert exact.record["max_penetration"] < 1e-12 * deep
+    closed = exact.contact.penetration[exact.contact.active]
+    everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
+    assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
+
+
+def test_two_bodies_at_one_vertex_from_afar():
+    """How far all bodies move together decides nothing of which pairs count as closed."""
+    forces = []
+    for far in (0.0, 100.0):
+        scene = two_punches(0.0101)
+        moved = tuple(replace(condition, x=far, z=far + condition.z) for condition in scene.dirichlet)
+        forces.append(next(adapt(replace(scene, dirichlet=moved), 0.5)).record["pair_forces"])
+    assert np.abs(np.subtract(*forces)).max() < 1e-7
+
+
+def test_conditions_that_press_beside_pairs_that_contradict_each_other():
+    """A pair that is left open elsewhere does not hide vertices that both are held."""
+    scene = two_punches(0.02)
+    mesh = scene.mesh
+    below = mesh.surfaces["below left"]
+    scene = replace(
+        scene,
+        mesh=replace(mesh, surfaces=mesh.surfaces | {"far": below[below[:, 0] % 4 == 0]}),
+        dirichlet=(*scene.dirichlet, Dirichlet("far", z=0.0)),
+    )
+    with pytest.raises(SolveError, match="press them 0.01 m into each other"):
+        next(adapt(scene, 0.5))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_pairs_share_a_seam_by_area(method):
+    """At a seam between wide and narrow facets both contact pairs have the pressure of one that goes through."""
+    cut = side_by_side()
+    x, y, z = cut.mesh.points.T
+    cut = replace(cut, mesh=replace(cut.mesh, points=np.stack([np.where(x > 1, (x + 3) / 4, x), y, z], axis=1)))
+    whole = replace(cut, contact=(ContactPair("lower contact", "upper contact", direction=(0, 0, 1)),))
+    enforcement, found = Enforcement(method), []
+    for scene in (whole, cut):
+        forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 1, share=1.0))
+        elasticity = discrete(scene, forest)
+        pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+        contact = solved(elasticity, pairs, prescribed, enforcement)
+        columns = pairs.position, (contact.force / pairs.area)[:, None], pairs.area[:, None]
+        found.append(gathered(WORLD, np.concatenate(columns, axis=1)))
+    one, two = found
+    _, same = cKDTree(one[:, :3]).query(two[:, :3])
+    seam = np.bincount(same)[same] == 2
+    assert len(np.unique(same)) == len(one) == len(two) - seam.sum() / 2, "other vertices"
+    assert np.ptp(two[seam, 4] / one[same][seam, 4]) > 0.5, "all facets at the seam are alike"
+    assert np.abs(two[:, 3] - one[same, 3]).max() < 1e-6 * one[:, 3].max()
+
+
+def test_start_that_is_no_number():
+    """Where a displacement is no number on one rank, all say so."""
+    scene = pressed(two_boxes(), contact=False)
+    elasticity = discrete(scene, roots(scene))
+    prescribed = prescribed_displacements(scene, roots(scene), elasticity.prolongation)
+    start = np.full(prescribed.shape, np.nan if WORLD.rank == WORLD.size - 1 else 0.0)
+    with pytest.raises(SolveError, match="the energy norm of the displacement that PCG goes on from is nan"):
+        solved(elasticity, None, prescribed, start=start)
+
+
+def test_penalty_too_soft_for_the_tolerance():
+    """Where overlaps hold more of the energy than the square of the tolerance, a run says so, after its steps."""
+    scene, steps = stack((Material(1.0, 0.3),) * 2, height=2.0), []  # as soft as half-spaces, or softer
+    with pytest.raises(SolveError, match="too soft for the tolerance") as failure:
+        for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 1.0)):
+            steps.append(step.record)
+    assert len(steps) == 2 and failure.value.record is steps[-1] and not steps[-1]["reached"]
+    compliance = 0.0025 / steps[-1]["force"] - 1  # springs in a row share the energy as they share the approach
+    share = 2 * compliance / (1 - 0.3**2)  # of the energy of a punch, whose approach is p A^(1/2) / E*
+    assert abs(steps[-1]["penalty_share"] / share - 1) < 1e-6 and share > 0.1**2
+    *_, last = (step.record for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 100.0)))
+    assert last["reached"] and 0 < last["penalty_share"] < 0.1**2
+
+
+def test_penalty_too_soft_beside_other_loads():
+    """The energy that a load beside the contact stores is none that contact's overlaps are little of."""
+    scene = stack((Material(1.0, 0.0),) * 2, 1e-5)
+    mesh = scene.mesh
+    centres = mesh.points[mesh.corners].mean(axis=1)
+    outer = np.flatnonzero((mesh.body == 0) & (centres[:, 0] > 0.25))
+    surfaces = mesh.surfaces | {"side": np.stack([outer, np.full(len(outer), RIGHT)], axis=1).astype(np.int32)}
+    scene = replace(scene, mesh=replace(mesh, surfaces=surfaces), tractions=(Pressure("side", 1e-3),))
+    *_, last = adapt(scene, 0.1)
+    assert last.record["reached"] and abs(last.record["force"] / 5e-6 - 1) < 1e-5
+    with pytest.raises(SolveError, match="too soft for the tolerance"):
+        list(adapt(scene, 0.1, enforcement=Enforcement("penalty", 10.0)))
+    scene = replace(scene, tractions=(Pressure("side", 1e-2),))
+    *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 1.0))
+    assert abs(last.record["force"] / 5e-6 - 1) < 5e-5
+
+
+def test_penalty_of_a_thin_layer():
+    """Where bodies are stiffer than half-spaces overlaps count by the energy that there is."""
+    scene = stack((Material(1.0, 0.0),) * 2, height=0.05, cells=(2, 2, 1))
+    *_, last = adapt(scene, 0.1, max_steps=2, enforcement=Enforcement("penalty", 1e3))
+    exact = 0.01 / (2 * 0.05)
+    assert abs(last.record["penalty_share"] / (exact / last.record["force"] - 1) - 1) < 1e-6
+
+
+def test_solver_error_is_no_estimate():
+    """A solver too loose for the tolerance is an error, not a solution without error."""
+    with pytest.raises(SolveError, match="linear solver and rounding leave .* of the energy norm open"):
+        next(adapt(hertz(order=2, coarse=2), 0.005, solver=Solver(tolerance=1e-3)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_body_held_by_contact_alone(method):
+    """A sphere that rests on another one is solved for; the contact force is the load, from the first step on."""
+    for step in adapt(loaded_hertz(2e-4), 0.25, enforcement=Enforcement(method)):
+        area = step.scene.symmetry * WORLD.allreduce(face_area(step, "top"))
+        assert abs(step.record["force"] / (2e-4 * area) - 1) < 1e-6
+    assert step.record["active_pairs"] > 3
+
+
+def face_area(step, surface):
+    """Area of this rank's part of a surface, as the load has it: on the leaf mesh."""
+    mesh = step.elasticity.mesh
+    mesh.topology.create_connectivity(2, 3)
+    facets = step.leaf_mesh.facets(step.forest, step.forest.mesh.surface(surface)).ravel()
+    ds = ufl.Measure("ds", mesh, subdomain_data=[(1, facets)], metadata={"quadrature_degree": 3})
+    return assemble_scalar(form(Constant(mesh, 1.0) * ds(1)))
+
+
+@pytest.mark.parametrize("displacement", [0.01, -0.01])
+def test_body_pulled_off(displacement):
+    """A body that only contact would stop, pulled away from it, is a clear error and not a solution."""
+    with pytest.raises(SolveError, match="nothing holds body 'upper'"):
+        list(adapt(loaded_hertz(-2e-4, displacement), 0.25))
+
+
+def test_gap_that_a_load_closes():
+    """A body that falls through a gap as wide as itself is caught by the other one."""
+    scene = loaded_hertz(2e-4)
+    conditions = tuple(Dirichlet("bottom", z=-1.0) if c.where == "bottom" else c for c in scene.dirichlet)
+    *_, far = adapt(replace(scene, dirichlet=conditions), 0.3, max_steps=3)
+    *_, near = adapt(scene, 0.3, max_steps=3)
+    assert abs(far.record["force"] / near.record["force"] - 1) < 1e-6
+    assert far.record["active_pairs"] == near.record["active_pairs"] >= 3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_initial_overlap(method):
+    """Two blocks that overlap by d push each other as two that touch and are brought together by d."""
+
+    def force(approach, overlap):
+        mesh = two_boxes()
+        upper = np.unique(mesh.cells[mesh.body == 1])
+        points = mesh.points.copy()
+        points[upper, 2] -= overlap
+        moved = RootMesh(points, mesh.cells, mesh.bodies, mesh.body, mesh.surfaces, mesh.vertices)
+        *_, step = adapt(pressed(moved, approach), 0.3, max_steps=2, enforcement=Enforcement(method))
+        return step.record["force"]
+
+    assert abs(force(0.0, 0.01) / force(0.01, 0.0) - 1) < 1e-6
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contact_that_is_lost(method):
+    """Where a coarser mesh had all pairs closed and this one parts the bodies, all open, and no force is left."""
+    scene = pressed(two_boxes(), approach=-0.01)
+    forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 2, share=0.1))
+    elasticity = discrete(scene, forest)
+    enforcement = Enforcement(method)
+    pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    position, body = conforming_positions(forest, elasticity.prolongation)
+    overlapping = np.where(body[:, None] == 1, [0.0, 0.0, -0.05], 0.0)
+    everywhere((pairs.penetration(overlapping) > 0).all(), "a pair that does not overlap at first")
+    contact = solved(elasticity, pairs, prescribed, enforcement, start=overlapping)
+    everywhere(not contact.active.any() and not contact.force.any(), "contact is left")
+    everywhere(np.abs(contact.displacement[body == 0]).max(initial=0.0) < 1e-9, "the lower body is deformed")
+
+
+# ----------------------------------------------------------------------------------------- the rules of the active set
+
+
+def flexible(number, size):
+    """A random complementarity problem: f >= 0, g - M f <= 0, f (g - M f) = 0, with positive definite M."""
+    random = np.random.default_rng(number)
+    factor = random.normal(size=(size, 3))
+    return factor @ factor.T + 0.01 * np.eye(size), random.normal(size=size)
+
+
+def trial_force(matrix, gap, active):
+    """Forces of the closed pairs, penetrations of the open ones."""
+    force = np.zeros(len(gap))
+    force[active] = np.linalg.solve(matrix[np.ix_(active, active)], gap[active])
+    return np.where(active, force, gap - matrix @ force)
+
+
+def lone_set(size, most):
+    """An ActiveSet of pairs that need no mesh, all open but the first."""
+    index_map = SimpleNamespace(local_to_global=lambda i: i.astype(np.int64), size_global=2 * size)
+    pairs = SimpleNamespace(
+        prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
+        penetration=lambda u: -np.arange(size, dtype=float),
+        bounded_stiffness=np.ones(size),
+        first=np.arange(size),
+        second=size + np.arange(size),
+    )
+    return ActiveSet(pairs, None, np.zeros((size, 3)), most)
+
+
+def test_active_set_ends():
+    """Where changing all wrong pairs at once cycles, the rules still end, and with the solution."""
+    size, cycles = 8, 0
+    for number in range(200):
+        matrix, gap = flexible(number, size)
+        if not (gap > 0).any():
+            continue
+        (solution,) = (
+            on
+            for on in map(np.array, product([False, True], repeat=size))
+            if (np.where(on, 1, -1) * trial_force(matrix, gap, on) > 0).all()
+        )
+        plain, seen = np.arange(size) == 0, set()
+        while plain.tobytes() not in seen:
+            seen.add(plain.tobytes())
+            plain = trial_force(matrix, gap, plain) > 0
+        cycles += (plain != solution).any()
+
+        status = lone_set(size, 200)
+        while status.differs(wanted := status.wanted(trial_force(matrix, gap, status.active), 0.0)):
+            status.update(wanted)
+        assert (status.active == solution).all()
+    assert cycles > 3, "no problem cycles without the rules"
+
+
+def test_light_contact_within_the_solvers_error_ends():
+    """Pairs that overlap when they are open stay closed, though their forces are less than the solver's error."""
+    status, noise = lone_set(3, 10), 1e-3
+    light = np.array([1e-4, 1e-4, 0.0])
+    for _ in range(10):
+        overlap = np.array([1e-2, 1e-2, -1e-2])  # by which open pairs know that they must close
+        wanted = status.wanted(np.where(status.active, light, overlap), noise)
+        if not status.differs(wanted):
+            break
+        status.update(wanted)
+    assert status.active.tolist() == [True, True, False]
+
+
+def test_what_pulls_is_not_tried_in_turn():
+    """Where a body needs now this pair, now that one to hold it, and both pull, that is the error."""
+    status = lone_set(2, 20)
+    status._loose_bodies = lambda active: [] if active.any() else ["upper"]
+    with pytest.raises(SolveError, match="nothing holds body 'upper'"):
+        for _ in range(20):
+            closest = np.where(status.active, -2.0, -1.0)
+            status.update(status.wanted(closest, 0.0))
+    assert status.updates < 5
+
+
+def test_bodies_come_to_rest():
+    """Without loads they end where nothing is strained, wherever they begin: nothing is left for the estimate."""
+    loaded = pressed(two_boxes())
+    still = replace(loaded, dirichlet=tuple(Dirichlet(c.where, 0.0, 0.0, 0.0) for c in loaded.dirichlet))
+    first = next(adapt(loaded, 0.5))
+    assert first.record["active_pairs"] and not first.record["reached"]
+    record = next(adapt(still, 0.5, beginning=Beginning.after(first, np.zeros(len(first.forest), dtype=bool)))).record
+    assert record["estimate"] == 0 and record["active_pairs"] == 0 and record["max_penetration"] < 1e-15
+
+
+def test_too_many_updates():
+    """The number of updates is limited, and the error says so."""
+    status = lone_set(5, 3)
+    with pytest.raises(SolveError, match="after 3 updates"):
+        for _ in range(4):
+            status.update(~status.active)
+
+
+def iterations(records):
+    """Of PCG and of the status together, over all steps."""
+    return sum(sum(record["krylov_iterations"]) + record["contact_iterations"] for record in records)
+
+
+#: Scenes that contact's cost is compared on, and the numbers of ranks that run them.
+COMPARED = [
+    pytest.param(make, id=name, marks=pytest.mark.skipif(WORLD.size not in ranks, reason="on other numbers of ranks"))
+    for name, make, ranks in (
+        ("hertz", hertz, (1,)),
+        ("spheres", spheres, (1, 2)),
+        ("punch", punch, (1, 3)),
+        ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), (1, 2, 3)),
+        ("stack of three", stack, (1, 2, 3)),
+        ("stack of four", lambda: stack([Material(1.0, 0.3)] * 4), (1, 2, 3)),
+        ("tall cells", lambda: stack(cells=(5, 5, 3)), (1, 2, 3)),
+        ("finer stack", lambda: stack(cells=(4, 4, 4)), (1, 2, 3)),
+    )
+]
+
+
+@pytest.mark.parametrize("make", COMPARED)
+def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
+    """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
+    scene, count = make(), []
+    first, second, *others = scene.materials
+    for ratio in 10.0 ** np.arange(-6, 7, 2):
+        materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
+        steps = adapt(replace(scene, materials=materials), 0.16)
+        count.append(iterations([step.record for step in steps]))
+    assert max(count) <= 1.2 * min(count), count
+
+
+#: What 20 % do not hold for on 3 ranks: one takes a quarter fewer, one a quarter more.
+ON_TWO_RANKS = pytest.mark.xfail(WORLD.size > 2, reason="BoomerAMG of small parts", strict=False)
+
+
+@pytest.mark.parametrize(
+    "make, levels",
+    [(make, 1) for make in (hertz, spheres, punch, cylinders, shrink_fit, stack)]
+    + [(indentation, 2)]
+    + [pytest.param(*case, marks=ON_TWO_RANKS) for case in ((indentation, 1), (shrink_fit, 2))],
+)
+def test_iterations_on_one_mesh(make, levels):
+    """They differ by at most 20 % from those for bodies of equal stiffness."""
+    scene, count = make(), []
+    first, *others = scene.materials
+    for ratio in (1.0, *10.0 ** np.arange(-6, 7, 3)):
+        materials = dict.fromkeys(others, Material(1.0, 0.3)) | {first: Material(ratio, 0.3)}
+        scaled = replace(scene, materials=materials)
+        beginning = Beginning.uniform(scaled, levels)
+        count.append(iterations([next(adapt(scaled, 0.1, beginning=beginning, max_steps=1)).record]))
+    equal, *unequal = count
+    assert 0.8 * equal <= min(unequal) and max(unequal) <= 1.2 * equal, count
+
+
+@pytest.mark.parametrize("make", COMPARED[:3])
+def test_iterations_do_not_depend_on_the_penalty(make):
+    """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
+    scene, count = make(), []
+    for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 2, 3, 6, 9, 12))):
+        *_, last = records = [step.record for step in adapt(scene, 0.16, enforcement=enforcement)]
+        count.append(iterations(records))
+        if enforcement.method == "exact":
+            exact = last
+        else:
+            soft = 0.2 / enforcement.factor + 1e-7  # of the force, less than of a pressure
+            assert abs(last["force"] / exact["force"] - 1) < soft, enforcement
+            assert abs(last["max_pressure"] / exact["max_pressure"] - 1) < 10 * soft, enforcement
+    assert max(count) <= 1.2 * min(count), count
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [(0.0, 0.0, 1e-200), (0.0, 0.0, 1e200), (0, 0, 10**20), (0, 0, Fraction(1, 3)), np.array([0, 0, 100], np.int8)],
+)
+def test_directions_of_any_length(direction):
+    """Nor of any kind of number; squares of their components would be 0 and infinite here."""
+    scene = stack()
+    scaled = tuple(replace(pair, direction=direction) for pair in scene.contact)
+    one, other = (next(adapt(s, 0.3)).record["pair_forces"] for s in (scene, replace(scene, contact=scaled)))
+    assert np.allclose(one, other, rtol=1e-9, atol=0) and min(one) > 0
+
+
+@pytest.mark.parametrize("degrees", [10, 45])
+def test_forces_act_along_the_normals(degrees):
+    """A direction across the surfaces says what faces what, and along what forces are summed; there is no friction."""
+    *_, step = adapt(oblique(degrees), 0.25)
+    *_, across = adapt(oblique(degrees, (0.0, 0.0, 2.0)), 0.25)
+    normal = [np.sin(np.radians(-degrees)), 0.0, np.cos(np.radians(degrees))]
+    everywhere(np.abs(across.pairs.normal - normal).max(initial=0) < 1e-12, "another normal")
+    assert abs(across.record["max_pressure"] / step.record["max_pressure"] - 1) < 1e-6
+    assert abs(across.record["force"] / (step.record["force"] * normal[2]) - 1) < 1e-6

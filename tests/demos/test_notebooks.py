@@ -1,0 +1,48 @@
+"""The notebooks run from top to bottom, show pictures, and are the same in both of their files."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, outside
+
+TOP = Path(__file__).parents[2]
+NAMES = sorted(path.stem for path in (TOP / "notebooks").glob("*.ipynb"))
+#: How many pictures each shows.
+PICTURES = {"adaptive_loop": 4, "hertz_in_five_minutes": 4, "reading_work_precision": 1, "two_ranks": 2}
+
+pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_runs_as_printed(name, tmp_path):
+    """In a copy, so that its results go to a temporary folder; no cell fails or warns."""
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("ipykernel")
+    for folder in ("notebooks", "demos", "src"):
+        (tmp_path / folder).mkdir()
+        for path in (TOP / folder).iterdir():
+            (tmp_path / folder / path.name).symlink_to(path)
+    command = [sys.executable, "notebooks/execute.py", f"notebooks/{name}.ipynb", "--output", "shown"]
+    done = subprocess.run(command, cwd=tmp_path, env=outside(), capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-3000:]
+    cells = nbformat.read(tmp_path / "shown" / f"{name}.ipynb", as_version=4).cells
+    outputs = [out for cell in cells for out in cell.get("outputs", [])]
+    assert sum("image/png" in out.get("data", {}) for out in outputs) == PICTURES[name]
+    said = "".join(out.text for out in outputs if out.output_type == "stream" and out.name == "stderr")
+    assert "Warning" not in said and "Error" not in said, said
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_files_say_the_same(name):
+    """The .py for reading and comparing, the .ipynb for Jupyter, without outputs (`jupytext --sync` mends it)."""
+    jupytext = pytest.importorskip("jupytext")
+    script, notebook = (jupytext.read(TOP / "notebooks" / f"{name}.{kind}") for kind in ("py", "ipynb"))
+    assert [(c.cell_type, c.source) for c in script.cells] == [(c.cell_type, c.source) for c in notebook.cells]
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)
+
+
+def test_all_are_known():
+    """No notebook without its number of pictures."""
+    assert NAMES == sorted(PICTURES) and len(NAMES) == 4

@@ -1,0 +1,249 @@
+"""What contact itself asks of a mesh and of a penalty, whatever else loads its bodies."""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from model_problems import leaves, plates
+from mpi4py import MPI
+
+from fx_contact import Enforcement, adapt
+from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.contact.enforcement import METHODS
+from fx_contact.estimate.dual_weighted import Goals
+from fx_contact.estimate.goal_verdict import marked
+from fx_contact.fem.external_forces import load
+from fx_contact.parallel.errors import SolveError
+from fx_contact.results.report import doubts
+from fx_contact.scenes import punch
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+
+from stability_shapes import beam, films, on_a_base, sinking  # noqa: E402
+
+LIGHT = 1e-4
+FORCE = LIGHT / (2 * 0.05) * 10.0**2  # of the light plate on a base, that nothing else loads
+
+
+class Watched(Goals):
+    """Goals that remember what was asked of them, and what the bodies' strains and loads are worth to it."""
+
+    asked = []
+
+    def force(self, index):
+        goal = super().force(index)
+        closed = (self._pairs.contact == index) & self._contact.active
+        dual = self._system.dual(closed.astype(float), np.zeros(len(closed)))
+        Watched.asked.append((goal, dual, self._moved(dual)))
+        return goal
+
+    def gap(self, weight):
+        goal = super().gap(weight)
+        Watched.asked.append((goal, None, goal.moved))
+        return goal
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What is asked of goals: list of Goal, dual solution of a force, and |a(u, z)|."""
+    monkeypatch.setattr("fx_contact.adaptive.step.Goals", Watched)
+    monkeypatch.setattr(Watched, "asked", [])
+    return Watched.asked
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_dual_solutions(asked, method):
+    """F = L(z) - a(u, z), for forces of the right sign and size: what loads would press, less what strains take."""
+    *_, step = adapt(beam(0.5), 0.3, enforcement=Enforcement(method), max_steps=4)
+    (goal, dual, moved), *_ = asked[-1:]
+    loads = WORLD.allreduce(float((load(step.scene, step.forest, step.elasticity) * dual).sum()))
+    # A penalty's overlaps take their part; those of the augmented Lagrangian are gone, but not in z.
+    assert abs(goal.value / step.record["force"] - 1) < 1e-12
+    assert abs((loads - moved) / goal.value - 1) < {"exact": 1e-6}.get(method, 0.02)
+
+
+def test_gaps(asked):
+    """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
+    *_, step = adapt(beam(1.2), 0.3)
+    (goal, _, moved), *_ = asked[-1:]
+    left = -step.contact.penetration
+    changed = step.pairs.gap - left
+    ends = [WORLD.allgather(values) for values in (left, changed)]
+    left, changed = (np.concatenate(values) for values in ends)
+    assert left.min() < goal.value < 2 * left.min() and 0.8 * changed.max() < moved < changed.max()
+
+
+def test_what_contact_alone_loads_needs_no_dual_solution(asked):
+    """The energy that its force stores bounds the error of that; uniform stresses have none."""
+    *_, step = adapt(plates(pressed=True), 0.3)
+    assert step.record["reached"] and max(step.record["pair_errors"]) < 1e-5
+    first, *_, last = (step.record for step in adapt(punch(), 0.12))
+    assert first["pair_errors"] == [None]  # before the whole is resolved
+    error = abs(last["force"] / 7.676e-4 - 1)  # 7.676e-4 N: on a mesh of 705,000 unknowns
+    assert last["reached"] and last["pair_leaves"] == [0] and error < last["pair_errors"][0] < 0.12
+    assert not asked
+
+
+#: Beams, the tolerance, and the force [N] that uniform meshes of 100,000 unknowns and more tend to.
+BEAMS = {
+    "light force": (partial(beam, 0.9), 0.2, 4.01e-6),
+    "contact that closes late": (partial(beam, 0.98), 0.2, 1.04e-6),
+    "the same force by chance on two meshes": (partial(beam, 0.85, poisson=0.4, tension=1e-2), 0.2, 4.93e-6),
+    "no contact on two meshes": (partial(beam, 0.9, poisson=0.35, tension=3e-2), 0.3, 2.36e-6),
+    "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, near=1e-3), 0.4, 3.98e-6),
+    "a touch elsewhere in the same contact pair": (partial(beam, 0.85, tension=3e-3, touch=2e-6), 0.3, 6.87e-6),
+    "a touch beside the wall": (partial(beam, 0.85, tension=3e-3, near=-8e-7), 0.3, 5.84e-6),
+    "a gap that a block from afar has all but closed": (
+        partial(beam, 0.85, tension=3e-3, near=1e-3, afar=0.05),
+        0.3,
+        5.79e-6,
+    ),
+    "a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.3, 2.29e-5),
+    "the same, closer": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
+}
+
+
+@pytest.mark.parametrize("name", BEAMS)
+def test_forces_of_beams(name):
+    """However little energy a force has to do with, it is as right as asked for, and its error is known."""
+    make, tolerance, force = BEAMS[name]
+    records = [step.record for step in adapt(make(), tolerance)]
+    last = records[-1]
+    assert last["reached"] and last["pair_leaves"] == [0] and abs(last["force"] / force - 1) < tolerance
+    assert any(record["estimate"] < tolerance and record["pair_leaves"][0] for record in records)
+    known = [r for r in records if r["force"] and r["pair_errors"][0] is not None]
+    for record in known:
+        assert record["pair_errors"][0] > 0.8 * abs(force / record["force"] - 1), record["step"]
+
+
+def test_contact_with_a_block_that_sinks():
+    """A coarse mesh sinks too little; the whole is resolved long before the force is known."""
+    steps = [step.record for step in adapt(sinking(5e-3), 0.4)]
+    force = 6.5e-5  # uniformly fine: 5.2e-5 at 15,000 unknowns, 6.1e-5 at 110,000
+    resolved = next(step for step in steps if step["pair_errors"][0] is not None)
+    assert resolved["pair_leaves"][0] > 0 and resolved["pair_errors"][0] > abs(force / resolved["force"] - 1)
+    assert steps[-1]["reached"] and abs(steps[-1]["force"] / force - 1) < 0.4
+
+
+def test_a_gap_that_is_known():
+    """It needs nothing, however little force there is; nor does one that would close with next to none."""
+    for closing in (1.2, 1.01):
+        steps = [step.record for step in adapt(beam(closing), 0.3)]
+        assert steps[-1]["reached"] and steps[-1]["force"] == 0
+        assert all(step["pair_leaves"] == [0] and step["unseen_contact"] == 0 for step in steps)
+        assert (steps[-1]["pair_errors"][0] < 0.25) == (closing == 1.2)
+        assert ["it may close" in line for line in doubts(steps[-1])] == [True] * (closing == 1.01)
+
+
+def test_a_new_beginning():
+    """What is not resolved is so for whoever goes on with its forest too."""
+    for step in adapt(beam(0.9, near=1e-3, tension=3e-3), 0.4):
+        if step.record["pair_leaves"] != [0]:
+            break
+    again = next(iter(adapt(step.scene, 0.4, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int)))))
+    assert not again.record["reached"] and again.record["pair_leaves"] == step.record["pair_leaves"]
+
+
+def test_restart(tmp_path):
+    """What forces need is known after a restart, and with another tolerance found anew."""
+    folder, scene = WORLD.bcast(tmp_path), beam(0.9)
+    through = list(adapt(scene, 0.2, max_steps=4))
+    assert through[2].record["pair_leaves"][0] > 0
+    list(adapt(scene, 0.2, max_steps=3, checkpoint=folder))
+    *_, again = adapt(scene, 0.2, max_steps=4, restart=Checkpoint(folder, scene, WORLD))
+    assert np.array_equal(leaves(again.forest), leaves(through[3].forest))
+    assert abs(again.record["pair_errors"][0] - through[3].record["pair_errors"][0]) < 1e-6
+    *_, closer = adapt(scene, 0.1, max_steps=4, restart=Checkpoint(folder, scene, WORLD))
+    assert closer.record["pair_errors"][0] < again.record["pair_errors"][0]
+
+
+@pytest.mark.skipif(WORLD.size == 1, reason="compares ranks")
+def test_any_number_of_ranks():
+    """What dual solutions ask for is the same; at a looser tolerance than theirs some leaves were not."""
+    scene = beam(0.85, tension=3e-3, touch=2e-6)
+    alone, together = ([step.record for step in adapt(scene, 0.3, comm)] for comm in (MPI.COMM_SELF, WORLD))
+    assert [one["pair_leaves"] for one in alone] == [one["pair_leaves"] for one in together]
+    assert [one["dofs"] for one in alone] == [one["dofs"] for one in together] and together[1]["pair_leaves"] != [0]
+    for one, other in zip(alone[1:], together[1:]):
+        assert abs(other["pair_errors"][0] / one["pair_errors"][0] - 1) < 1e-4
+        assert abs(other["force"] / one["force"] - 1) < 1e-5
+
+
+def test_marking():
+    """The fewest cells that bring the sum below what is allowed, where they lose three quarters; none too few."""
+    errors = np.random.default_rng(0).lognormal(sigma=3.0, size=3000)
+    mine = np.array_split(errors, WORLD.size)[WORLD.rank]
+    for share in (0.9, 0.5, 0.1, 1e-3):
+        allowed = share * errors.sum()
+        times = np.concatenate(WORLD.allgather(marked(mine, allowed, WORLD)))
+        assert set(times) <= {0, 1, 2} and times[errors.argmax()] > 0
+        assert errors[times > 0].min() >= 0.97 * errors[times == 0].max()
+        left = (errors * 0.25 ** times.astype(float)).sum()
+        assert left <= 0.8 * allowed or errors[times == 0].sum() <= 0.25 * allowed
+        if left <= 0.8 * allowed:
+            assert left >= 0.75 * 0.8 * allowed or (times > 0).sum() < 50
+    assert not marked(np.zeros(len(mine)), 0.0, WORLD).any()
+
+
+@pytest.mark.parametrize("load", ["heavy", "pressure"])
+def test_a_light_plate_beside_a_heavier_load(load):
+    """The tolerance is that of its force too; that of the whole energy would leave one up to 5 times too large."""
+    scene, tolerance = (on_a_base(heavy=20 * LIGHT), 0.1) if load == "heavy" else (on_a_base(pressure=0.5), 0.3)
+    records = [step.record for step in adapt(scene, tolerance)]
+    first, last = records[0], records[-1]
+    assert abs(first["pair_forces"][0] / FORCE - 1) > tolerance
+    assert load == "heavy" or any(record["pair_leaves"][0] > 0 for record in records)
+    assert last["reached"] and last["pair_leaves"][0] == 0
+    assert abs(last["pair_forces"][0] / FORCE - 1) < tolerance
+
+
+def test_a_very_light_plate():
+    """Lighter than e^2 of the heaviest, it may be as wrong as that is; its error says so."""
+    *_, last = (step.record for step in adapt(on_a_base(heavy=500 * LIGHT), 0.1))
+    light, heavy = last["pair_forces"]
+    assert last["reached"] and FORCE < 0.1**2 * heavy and 2 * FORCE < light < FORCE + 0.1**2 * heavy
+    assert 0.4 * (1 - FORCE / light) < last["pair_errors"][0] < 1 and last["pair_errors"][1] < 0.1
+    (line,) = doubts(last)
+    assert line.startswith(f"contact pair 0: its force is known to {last['pair_errors'][0]:.0%} of it only")
+
+
+def test_forces_beside_a_weight():
+    """A weight loads bodies 200 times as much as contact: leaves are refined for its force alone."""
+    steps = [step.record for step in adapt(films(order=1, weight=4.0), 0.2)]
+    assert any(step["pair_leaves"][0] > 0 for step in steps)
+    assert steps[-1]["reached"] and steps[-1]["pair_errors"][0] < 0.2
+    assert abs(steps[-1]["force"] / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
+
+
+@pytest.mark.parametrize("tolerance, wave, force", [(0.3, 1e-4, 1.16e-3), (0.2, 6e-5, 1.14e-3)])
+def test_waves_beside_a_pressure(tolerance, wave, force):
+    """They are not flat, though what they take is little of what a pressure stores next to them, along the normal."""
+    *_, last = (step.record for step in adapt(films(wave, pressure=0.1), tolerance))
+    assert last["reached"] and abs(last["force"] / force - 1) < tolerance**2
+
+
+@pytest.mark.parametrize("stretched", [0.0, 0.1])
+@pytest.mark.parametrize("factor", [None, 10.0, 300.0])
+def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
+    """It would lose a seventh to five sixths of the force, whatever other bodies or loads across the normal store."""
+    with pytest.raises(SolveError, match="too soft"):
+        list(adapt(plates(stretched=stretched), 0.1, enforcement=Enforcement("penalty", factor)))
+
+
+@pytest.mark.parametrize("pressure", [0.02, 0.5])
+@pytest.mark.parametrize("factor", [None, 300.0])
+def test_a_penalty_too_soft_beside_a_pressure(factor, pressure):
+    """Nor does what a load along the normal stores next to the plates count for them."""
+    with pytest.raises(SolveError, match="too soft"):
+        list(adapt(on_a_base(pressure=pressure), 0.1, enforcement=Enforcement("penalty", factor)))
+
+
+@pytest.mark.parametrize("joined, taken", [(False, "16.67"), (True, "7.78")])
+def test_each_contact_is_judged_by_its_own_energy(joined, taken):
+    """A penalty that is stiff enough for a rod, which has most of the energy, is too soft for plates with its force."""
+    with pytest.raises(SolveError, match=f"overlaps take {taken}%"):
+        list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))

@@ -1,0 +1,318 @@
+"""Contact that no node sees is found between the nodes, on any number of ranks, and after a restart."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import corner_scene, leaves, of_spots
+from mpi4py import MPI
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+from stability_shapes import bump, in_two, ring, waves  # noqa: E402
+
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
+from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
+from fx_contact.contact.enforcement import METHODS  # noqa: E402
+from fx_contact.estimate import inter_node_contact  # noqa: E402
+from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
+from fx_contact.scenes import punch, stack  # noqa: E402
+from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
+
+HIDDEN = {"cells": 5, "displacement": 0.003}
+"""A bump whose pole is in the middle of a root facet, all of whose nodes stay apart."""
+
+
+def test_a_pole_between_nodes():
+    """No node is in contact at first; the facet that overlaps is named and refined, and the run goes on."""
+    first, *_, last = (step.record for step in adapt(bump(**HIDDEN), 0.3))
+    assert first["force"] == first["ratio"] == 0 and not first["reached"]
+    assert first["unseen_contact"] > 0 and last["unseen_contact"] == 0
+    alone = [step.record for step in adapt(bump(**HIDDEN), 0.3, MPI.COMM_SELF)][-1]
+    assert last["reached"] and last["force"] > 0 and abs(last["force"] / alone["force"] - 1) < 1e-7
+    # Seen or not at first, the contact is the same: with a node at the pole.
+    *_, seen = adapt(bump(**(HIDDEN | {"cells": 6})), 0.3)
+    assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
+
+
+@pytest.mark.parametrize("cells, pole, depth, radius", [(3, 0.137, 1e-6, 4.0), (2, 0.1141, 1.63e-5, 2.438)])
+def test_a_touch_between_nodes(cells, pole, depth, radius):
+    """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
+    *_, last = adapt(bump(cells, pole, depth, radius), 0.25)
+    hertz = 4 / 3 * 0.5 / (1 - 0.3**2) * radius**0.5 * depth**1.5
+    assert last.record["reached"] and abs(last.record["force"] / hertz - 1) < 0.25**2
+
+
+def test_what_is_unseen_is_refined_alone():
+    """One facet in the middle of all overlaps; its leaf is marked, on the rank that has it."""
+    step = next(iter(adapt(bump(**HIDDEN), 0.3, max_steps=1)))
+    marked = step.forest.corners[step.contact_error.refine > 0]
+    centre = np.concatenate(
+        WORLD.allgather(
+            step.forest.mesh.points[step.forest.mesh.corners].mean(axis=1)[
+                step.forest.cell[step.contact_error.refine > 0]
+            ]
+        )
+    )
+    assert step.record["unseen_contact"] == len(centre) >= 1 and len(marked) <= len(centre)
+    everywhere(np.abs(centre[:, :2]).max() < 0.2, "another leaf")
+
+
+def test_facets_around_closed_ones_are_judged_by_their_energy():
+    """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
+    *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, max_steps=2)
+    assert step.record["active_pairs"] > 0 and step.record["unseen_contact"] > 0
+    named = inter_node_contact.unseen_contact(step.forest, step.pairs, step.contact, 1e6, *of_spots(step))
+    assert WORLD.allreduce(int(named.sum())) == 0
+
+
+def bumps(depths, moduli):
+    """Two pairs of a bump and a block, side by side, that have nothing to do with each other."""
+    boxes, surfaces, materials, held, pairs = Boxes(2), {}, {}, [], []
+    for number, (depth, modulus) in enumerate(zip(depths, moduli)):
+        base, bump, x = f"base {number}", f"bump {number}", 10.0 * number
+        boxes.add(base, (x - 1, -1.0, -1.0), (x + 1, 1.0, 0.0), (4, 4, 2))
+        boxes.add(bump, (x - 1, -1.0, 0.0), (x + 1, 1.0, 1.0), (4, 4, 2))
+        surfaces |= {f"{base} held": boxes.facets(DOWN, -1.0, base), f"{bump} held": boxes.facets(UP, 1.0, bump)}
+        surfaces |= {base: boxes.facets(UP, 0.0, base), bump: boxes.facets(DOWN, 0.0, bump)}
+        materials |= dict.fromkeys((base, bump), Material(modulus, 0.3))
+        held += [Dirichlet(f"{base} held", 0.0, 0.0, 0.0), Dirichlet(f"{bump} held", 0.0, 0.0, -depth)]
+        pairs.append(ContactPair(base, bump, direction=(0.0, 0.0, 1.0)))
+
+    def place(name, x):
+        height = ((x[:, 0] + 5) % 10 - 5) ** 2 + x[:, 1] ** 2
+        return x + np.outer((1 - x[:, 2]) * height / 8 * name.startswith("bump"), [0, 0, 1])
+
+    return Scene("bumps", boxes.mesh(surfaces, place=place), materials, tuple(held), tuple(pairs))
+
+
+def in_one(scene):
+    """The scene with all of its contact surfaces in one contact pair."""
+    surfaces = dict(scene.mesh.surfaces)
+    for side, name in (("first", "below"), ("second", "above")):
+        surfaces[name] = np.concatenate([surfaces.pop(getattr(pair, side)) for pair in scene.contact])
+    pair = replace(scene.contact[0], first="below", second="above")
+    return replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=(pair,))
+
+
+@pytest.mark.parametrize("one_pair", [False, True], ids=["two pairs", "one pair"])
+@pytest.mark.parametrize("depths, moduli", [((0.01, 1e-4), (1.0, 1.0)), ((0.01, 1e-4), (1.0, 1e-6))])
+def test_a_light_contact_beside_a_heavy_one(depths, moduli, one_pair):
+    """What is little of the whole energy is resolved as contact all the same, also as a spot of one contact pair."""
+    scene = bumps(depths, moduli)
+    *_, last = adapt(in_one(scene) if one_pair else scene, 0.2)
+    light = last.contact.force[last.pairs.position[:, 0] > 5].sum()
+    hertz = moduli[1] * 4 / 3 * 0.5 / (1 - 0.3**2) * 4**0.5 * depths[1] ** 1.5
+    assert last.record["reached"] and abs(WORLD.allreduce(light) / hertz - 1) < 0.2
+
+
+def beside_an_edge(swapped):
+    """A cube with a soft block on its top, pressed hard, and a bump against its side, just below the edge."""
+    boxes, radius, y, z = Boxes(2), 1.0, 0.44, 0.94
+    boxes.add("cube", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    boxes.add("block", (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (2, 2, 2))
+    boxes.add("bump", (1.0, 0.0, 0.0), (2.0, 1.0, 1.0), (2, 2, 2))
+
+    def place(name, x):
+        height = ((x[:, 1] - y) ** 2 + (x[:, 2] - z) ** 2) / 2 / radius
+        return x + np.outer((2 - x[:, 0]) * height * (name == "bump"), [1, 0, 0])
+
+    surfaces = {
+        "bottom": boxes.facets(DOWN, 0.0, "cube"),
+        "top": boxes.facets(UP, 2.0),
+        "far": boxes.facets(RIGHT, 2.0),
+    }
+    surfaces |= {"up": boxes.facets(UP, 1.0, "cube"), "down": boxes.facets(DOWN, 1.0, "block")}
+    surfaces |= {"side": boxes.facets(RIGHT, 1.0, "cube"), "nose": boxes.facets(LEFT, 1.0, "bump")}
+    side = (
+        ContactPair("nose", "side", direction=(-1, 0, 0))
+        if swapped
+        else ContactPair("side", "nose", direction=(1, 0, 0))
+    )
+    return Scene(
+        "beside an edge",
+        boxes.mesh(surfaces, place=place),
+        {"cube": Material(1.0, 0.0), "block": Material(1e-4, 0.0), "bump": Material(1.0, 0.0)},
+        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.3), Dirichlet("far", -0.003, 0.0, 0.0)),
+        (ContactPair("up", "down", direction=(0, 0, 1)), side),
+    )
+
+
+def test_contact_around_the_edge_from_closed_pairs_of_others():
+    """Closed pairs of one contact hide nothing of another that shares their vertices, whichever surface is first."""
+    first, second = ([step.record for step in adapt(beside_an_edge(swapped), 0.3)] for swapped in (False, True))
+    seen = [one["pair_forces"][1] > 0 for one in first].index(True)
+    assert [one["cells"] for one in first[: seen + 1]] == [one["cells"] for one in second[: seen + 1]]
+    assert abs(first[seen]["pair_forces"][1] / second[seen]["pair_forces"][1] - 1) < 1e-6
+    for last in (first[-1], second[-1]):  # their normals, and with these some leaves, are not quite the same
+        assert last["reached"] and abs(last["pair_forces"][0] / 3e-5 - 1) < 1e-3
+        assert abs(last["pair_forces"][1] / 7.47e-5 - 1) < 0.05  # at a tolerance of 0.1
+
+
+def test_overlaps_count_though_nothing_presses():
+    """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
+    *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
+    idle = replace(step.contact, force=0.0 * step.contact.force)
+    named = inter_node_contact.unseen_contact(
+        step.forest, step.pairs, idle, 0.3, *of_spots(replace(step, contact=idle))
+    )
+    assert step.record["active_pairs"] > 0 and WORLD.allreduce(int(named.sum())) > 0
+
+
+def test_facets_with_more_than_their_share():
+    """What is too much is too much in sum: as soon as it is, those are named that have more than the mean allowed."""
+    *_, step = adapt(punch(), 0.16)
+
+    def named(tolerance):
+        marked = inter_node_contact.unseen_contact(step.forest, step.pairs, step.contact, tolerance, *of_spots(step))
+        return WORLD.allreduce(int(marked.sum()))
+
+    tolerance = 1.0
+    while not (first := named(tolerance)):
+        tolerance /= 1.05
+    assert first > 5 and named(tolerance / 10) > first
+
+
+def test_an_order_that_swings_between_its_nodes():
+    """Polynomials of order 6 leave the range of their samples by many times that range."""
+    boxes = Boxes(6)
+    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (1, 1, 1))
+    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
+
+    def place(name, x):
+        height = (1 - x[:, 2]) * (0.0324 + 0.01 * np.cos(6 * np.pi * x[:, 0]))
+        return x + np.outer(height * (name == "wave"), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.002)
+    materials = dict.fromkeys(("base", "wave"), Material(1.0, 0.3))
+    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
+    scene = Scene("swinging", boxes.mesh(surfaces, place=place), materials, held, (pair,))
+    (step,) = adapt(scene, 0.4, MPI.COMM_SELF, max_steps=1)
+    assert step.record["force"] == 0 and step.record["unseen_contact"] == 1
+
+
+@pytest.mark.parametrize("facet", range(4))
+def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
+    """A cell at an edge of its body has two facets in one contact surface: either of them is enough to mark it."""
+    scene = corner_scene(one_pair=True)
+    fixed, top = scene.dirichlet
+    scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
+    monkeypatch.setattr(inter_node_contact._Facets, "overlap", lambda facets: np.arange(len(facets._here)) == facet)
+    (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
+    assert step.record["force"] == 0 and len(scene.mesh.surfaces["outer"]) == 4
+    assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record["unseen_contact"] == 1
+
+
+@pytest.mark.parametrize("displacement", [0.0, -0.01])
+def test_bodies_that_come_close_are_not_in_contact(displacement):
+    """Without an overlap nothing is marked, however close the pole is."""
+    step = next(iter(adapt(bump(5, displacement=displacement), 0.3, max_steps=1)))
+    assert step.record["unseen_contact"] == 0 and not step.contact_error.refine.any()
+
+
+def test_restart(tmp_path):
+    """A run that stops where contact is unseen knows it after a restart."""
+    folder, scene = WORLD.bcast(tmp_path), bump(**HIDDEN)
+    through = list(adapt(scene, 0.3, max_steps=2))
+    list(adapt(scene, 0.3, max_steps=1, checkpoint=folder))
+    before = Checkpoint(folder, scene, WORLD)
+    state = before.load()
+    assert WORLD.allreduce(int((state.refine > 0).sum())) == through[0].record["unseen_contact"] > 0
+    found = leaf_code(state.forest.cell, state.forest.anchor)[state.refine > 0]
+    expected = leaf_code(through[0].forest.cell, through[0].forest.anchor)[through[0].contact_error.refine > 0]
+    found, expected = (np.sort(np.concatenate(WORLD.allgather(codes))) for codes in (found, expected))
+    assert np.array_equal(found, expected)
+    (again,) = adapt(scene, 0.3, max_steps=2, restart=before)
+    assert np.array_equal(leaves(again.forest), leaves(through[1].forest))
+    assert abs(again.record["force"] / through[1].record["force"] - 1) < 1e-7
+
+
+@pytest.mark.parametrize("bodies", [5, 6, 8])
+def test_ring(bodies):
+    """Blocks around an axis, whose contact planes meet at odd angles, press each other alike."""
+    *_, step = adapt(ring(bodies), 0.1)
+    forces = np.array(step.record["pair_forces"])
+    assert len(forces) == bodies and forces.min() > 0
+    assert np.ptp(forces) < 1e-6 * forces.mean()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_corner_of_a_contact_cut_out(method):
+    """At a vertex with a quarter of its area in one pair and the rest in another, both have the uniform pressure."""
+    materials = Material(1.0, 0.3), Material(3.0, 0.3)
+    scene = stack(materials, cells=(2, 2, 1))
+    (whole,), surfaces = scene.contact, dict(scene.mesh.surfaces)
+    for name in (whole.first, whole.second):
+        surfaces |= {f"{name} corner": surfaces[name][:1], f"{name} rest": surfaces[name][1:]}
+    pairs = tuple(
+        replace(whole, first=f"{whole.first} {part}", second=f"{whole.second} {part}") for part in ("corner", "rest")
+    )
+    cut = replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=pairs)
+    tight = {"gap_tolerance": 1e-8} if method == "augmented-lagrangian" else {}
+    options = {"enforcement": Enforcement(method, **tight), "solver": Solver(tolerance=1e-10)}
+    one, two = (next(adapt(s, 0.1, max_steps=1, **options)) for s in (scene, cut))
+    pressure = one.record["force"]  # of a square metre
+    everywhere(np.abs(two.contact.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
+    assert np.abs(np.array(two.record["pair_forces"]) / pressure - [0.25, 0.75]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "stiffness, enforcement",
+    [(1.0, Enforcement()), (1e3, Enforcement()), (1.0, Enforcement("penalty", node_stiffness=0.1))],
+    ids=["alike", "unlike", "node_stiffness"],
+)
+def test_contact_cut_in_two(stiffness, enforcement):
+    """Two contact pairs that continue each other share the nodes between them: nothing is counted twice."""
+    scene = punch(order=2, displacement=0.1, punch=Material(stiffness, 0.3))
+    halves = in_two(scene)
+    (one,), (two,) = (
+        adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1), enforcement=enforcement)
+        for s in (scene, halves)
+    )
+    assert one.record["cells"] == two.record["cells"] and min(two.record["pair_forces"]) > 0
+    assert two.record["active_pairs"] > one.record["active_pairs"], "no node is in both"
+    for name in ("force", "max_pressure", "contact_radius"):
+        assert abs(two.record[name] / one.record[name] - 1) < 1e-6, name
+    assert abs(sum(two.record["pair_forces"]) / two.record["force"] - 1) < 1e-12
+
+
+def wave(order=6, gap=0.012, height=0.03):
+    """Blocks of few cells of a high order, the upper one wavy below: the gap is the same at all quarters of a facet."""
+    boxes = Boxes(order)
+    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (2, 2, 2))
+    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+
+    def place(name, x):
+        u = 2 * x[:, 0] % 1
+        wavy = u * (u - 0.25) * (u - 0.5) * (u - 0.75) * (u - 1) / 0.0035  # about 1 in its first extremum
+        return x + np.outer((1 - x[:, 2]) * (gap + height * wavy) * (name == "wave"), [0, 0, 1])
+
+    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
+    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
+    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
+    material = Material(1.0, 0.3)
+    return Scene("wave", boxes.mesh(surfaces, place=place), {"base": material, "wave": material}, held, (pair,))
+
+
+def test_waves_between_quarters():
+    """Cells of order 6 may touch where neither nodes nor quarters of their facets do."""
+    first, *_, last = (step.record for step in adapt(wave(), 0.4, max_steps=4))
+    assert first["force"] == 0 and first["unseen_contact"] > 0 and last["force"] > 0
+    low = next(adapt(wave(height=0.001), 0.4, max_steps=1)).record
+    assert low["force"] == low["unseen_contact"] == 0
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.75], ids=["mean height", "crests"])
+def test_waves_that_seem_flat(phase):
+    """All nodes touch at once and the stress is uniform; what is between them is found, as on a finer mesh."""
+    scene = waves(phase)
+    first, *_, last = (step.record for step in adapt(scene, 0.3))
+    assert first["estimate"] < 0.3 and first["unseen_contact"] > 0 and last["reached"] and not last["unseen_contact"]
+    *_, fine = (step.record for step in adapt(scene, 0.3, beginning=Beginning.uniform(scene, 2)))
+    assert abs(last["force"] / fine["force"] - 1) < 0.3**2 < abs(first["force"] / fine["force"] - 1)

@@ -1,0 +1,117 @@
+"""Prescribed displacements: which conforming vertices a named surface, curve or vertex has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes, vertex_positions
+
+from fx_contact import Dirichlet, Traction
+from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.parallel.errors import SceneError
+from fx_contact.scenes import hertz, indentation
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize(
+    "scene, axis",
+    [(hertz(order=2, coarse=2, symmetry="full"), 0.0), (indentation(coarse=4, symmetry="full"), 0.0)],
+    ids=["hertz", "indentation"],
+)
+def test_curves(scene, axis, distribution):
+    """Sideways conditions along the axis and a side hold all conforming vertices there, and no others."""
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
+    prolongation = Prolongation(forest)
+    assert prolongation.hanging_global > 0
+    prescribed = prescribed_displacements(scene, forest, prolongation)
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    position = np.empty((prolongation.owned, 3))
+    position[prolongation.conforming[own]] = vertex_positions(forest)[own]
+    on_axis = np.abs(position[:, :2] - axis).max(axis=1) < 1e-9
+    everywhere(((~np.isnan(prescribed[:, 0])) == on_axis).all(), "x is not held just along the axis")
+    held = WORLD.allreduce(int((~np.isnan(prescribed[:, 1])).sum()))
+    assert held > WORLD.allreduce(int(on_axis.sum())) > 5, "y is held along a side too"
+    everywhere((np.abs(position[~np.isnan(prescribed[:, 1]), 1]) < 1e-9).all(), "y is held off the plane y = 0")
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["as it is", "turned round"])
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_conditions_that_differ_between_root_nodes(distribution, turned):
+    """Two functions that meet along an edge must agree at all its vertices, whichever ranks have its faces."""
+    scene = pressed(two_boxes(distortion=0.0), approach=0.01)
+
+    def values(bump, levels):
+        side = Dirichlet("upper y low", z=lambda x: -0.005 * x[2] + bump * np.sin(np.pi * x[0]) ** 2)
+        order = slice(None, None, -1 if turned else 1)
+        bumpy = replace(scene, dirichlet=(*scene.dirichlet, side)[order])
+        forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
+        prolongation = Prolongation(forest)
+        prescribed = prescribed_displacements(bumpy, forest, prolongation)
+        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+        position = np.empty((prolongation.owned, 3))
+        position[prolongation.conforming[own]] = vertex_positions(forest)[own]
+        top = position[:, 2] > 2 - 1e-9
+        everywhere(np.abs(prescribed[top, 2] + 0.01).max(initial=0.0) < 1e-12, "not what is prescribed")
+        side = (position[:, 2] > 1e-9) & (np.abs(position[:, 1]) < 1e-9)
+        everywhere(np.abs(prescribed[side, 2] + 0.005 * position[side, 2]).max(initial=0.0) < 1e-12, "nor there")
+
+    values(bump=0.0, levels=3)
+    values(bump=1e-3, levels=0)
+    said = ("-0.01", "upper z high"), (r"-0.00\d+", "upper y low")
+    (first, here), (second, there) = said[:: 1 if turned else -1]
+    message = (
+        rf"component z on '{here}' is prescribed as {first} m where .* says {second} m, that on '{there}', at \("
+    )
+    with pytest.raises(SceneError, match=message + r"[01].\d+, (-0|0|.*e-\d+), 2\)"):
+        values(bump=1e-3, levels=3)
+
+
+def held_above(*held, order=1):
+    """Two boxes with conditions on the top, and one side of the upper box clamped."""
+    scene = pressed(two_boxes(order=order, distortion=0.0), approach=0.01)
+    others = [condition for condition in scene.dirichlet if condition.where != "upper z high"]
+    above = [Dirichlet("upper z high", **values) for values in held]
+    return replace(scene, dirichlet=(*others, Dirichlet("upper y low", 0.0, 0.0, -0.01), *above))
+
+
+@pytest.mark.parametrize(
+    "held, free",
+    [
+        ([{"z": -0.01}], True),
+        ([{"x": 0.0, "y": 0.0, "z": -0.01}], False),
+        ([{"z": -0.01}, {"x": 0.0}], False),
+        ([{"x": 0.0}, {"z": -0.01}], False),
+        ([{"x": 0.0}], False),
+    ],
+    ids=["across", "clamped", "two conditions", "two, in another order", "along"],
+)
+def test_planes_without_shear_stress(held, free):
+    """A plane that is held across alone has none, whatever else is prescribed elsewhere."""
+    scene = held_above(*held)
+    forest = grown(roots(scene), 1)
+    prolongation = Prolongation(forest)
+    along_z = shear_free_components(scene, forest, prolongation)[:, 2]
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    height = np.empty(prolongation.owned)
+    height[prolongation.conforming[own]] = vertex_positions(forest)[own, 2]
+    everywhere((along_z[height > 2 - 1e-9] == free).all(), "at the top")
+    everywhere(not along_z[np.abs(height - 1.5) < 0.4].any(), "between")
+
+
+def test_a_plane_under_a_traction_has_shear_stress():
+    """A load along a plane that is held across alone."""
+    scene = replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),))
+    forest = grown(roots(scene), 1)
+    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "no shear stress")
+
+
+def test_a_curved_facet_is_no_plane():
+    """Though its mean normal lies along an axis, as at the pole of a sphere."""
+    scene = held_above({"z": -0.01}, order=2)
+    points = scene.mesh.points.copy()
+    points[:, 2] += np.where(points[:, 2] > 1.5, 0.1 * np.sin(np.pi * points[:, 0]) ** 2, 0.0)
+    scene = replace(scene, mesh=replace(scene.mesh, points=points))
+    forest = grown(roots(scene), 1)
+    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "a plane")

@@ -1,0 +1,350 @@
+"""Stiffness and contact terms on the conforming unknowns, against matrices gathered to every rank."""
+
+import numpy as np
+import pytest
+import ufl
+from conftest import WORLD, everywhere
+from dolfinx.fem import form
+from dolfinx.fem.petsc import assemble_matrix
+from model_problems import (
+    DISTRIBUTIONS,
+    RUBBER,
+    STEEL,
+    corner_scene,
+    discrete,
+    gathered,
+    gathered_prolongation,
+    grown,
+    numbered,
+    pressed,
+    roots,
+    scramble,
+    side_by_side,
+    two_boxes,
+    vertex_positions,
+)
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import coo_matrix, identity, kron
+
+from fx_contact.contact.enforcement import Enforcement, Jump, PenaltyTerm
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.elasticity import QUADRATURE_DEGREE
+from fx_contact.fem.external_forces import load
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.problem.boundary_conditions import Traction
+from fx_contact.problem.scene import Scene
+
+
+def by_key(rows, keys):
+    """Positions of the three unknowns of each vertex in a matrix ordered by key."""
+    return (3 * np.searchsorted(keys, rows)[:, None] + np.arange(3)).ravel()
+
+
+def gathered_matrix(matrix, names, keys):
+    """A PETSc matrix with blocks named by keys, on every rank, ordered by ascending key.  Collective."""
+    place = by_key(names, keys)
+    indptr, columns, values = matrix.getValuesCSR()
+    rows = matrix.getOwnershipRange()[0] + np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    parts = (gathered(WORLD, part) for part in (values, place[rows], place[columns]))
+    values, rows, columns = parts
+    return coo_matrix((values, (rows, columns)), shape=(3 * len(keys),) * 2).tocsr()
+
+
+def full_stiffness(elasticity):
+    """K on all vertices as dolfinx assembles it, gathered, ordered by key."""
+    trial, test = ufl.TrialFunction(elasticity.space), ufl.TestFunction(elasticity.space)
+    dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    matrix = assemble_matrix(form(ufl.inner(elasticity.stress(trial), ufl.sym(ufl.grad(test))) * dx))
+    matrix.assemble()
+    imap = elasticity.space.dofmap.index_map
+    names = elasticity.prolongation.vertices.keys[elasticity.vertex_of_block[: imap.size_local]]
+    names = gathered(WORLD, names)
+    assert len(np.unique(names)) == len(names) == imap.size_global, "dolfinx does not share the forest's vertices"
+    return gathered_matrix(matrix, names, np.sort(names))
+
+
+def largest(matrix):
+    """Largest entry by modulus."""
+    return np.abs(matrix.data).max(initial=0)
+
+
+SCENES = {
+    "alike": dict(distortion=0.2),
+    "wider": dict(margin=1, flat_contact=False),
+    "curved": dict(order=2, bend=0.1),
+}
+
+
+@pytest.fixture(params=list(SCENES))
+def scene(request):
+    return pressed(two_boxes(**SCENES[request.param]))
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_stiffness_is_the_product(scene, distribution):
+    """P^T K P assembled cell by cell equals the product of the gathered matrices, to 1e-12."""
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest, scene.mesh.order)
+    assert elasticity.prolongation.hanging_global > 50
+    total, _, columns = gathered_prolongation(elasticity.prolongation)
+    total = kron(total, identity(3))
+    expected = total.T @ full_stiffness(elasticity) @ total
+    matrix = elasticity.stiffness().mat
+    matrix.assemble()
+    found = gathered_matrix(matrix, numbered(elasticity.prolongation), columns)
+    assert largest(found - expected) < 1e-12 * largest(expected)
+    assert matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["mallocs"] == 0
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("contact", ["flat", "in a corner"])
+def test_contact_term_is_the_product(distribution, contact):
+    """With pairs active the matrix is P^T K P + B^T diag(k) B of the gathered pairs; closing and opening undo it."""
+    scene = pressed(two_boxes(margin=1)) if contact == "flat" else corner_scene()
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    names = numbered(prolongation)
+    keys = np.sort(names)
+    prescribed = prescribed_displacements(scene, forest, prolongation)
+    first, second = (
+        prolongation.index_map.local_to_global(column.astype(np.int32)) for column in (pairs.first, pairs.second)
+    )
+    everywhere(
+        (np.sort(first)[1:] != np.sort(first)[:-1]).all() if contact == "flat" else True, "a vertex in two pairs"
+    )
+    active = scramble(names[first], 4) % np.uint64(2) == 0
+    assert 5 < WORLD.allreduce(int(active.sum())) < WORLD.allreduce(len(pairs)) - 5
+
+    plain = elasticity.stiffness().mat
+    plain.assemble()
+    stiff = gathered_matrix(plain, names, keys)
+    matrix = elasticity.stiffness(pairs).mat
+    term = PenaltyTerm(Jump(pairs, prescribed))
+    term.reserve(matrix)
+    matrix.assemble()
+    assert matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["mallocs"] == 0
+    assert largest(gathered_matrix(matrix, names, keys) - stiff) < 1e-14 * largest(stiff)
+
+    # B of the gathered pairs on the components that are free: rows +n at the first and -n at the second vertex.
+    free = np.zeros((len(keys), 3))
+    free[np.searchsorted(keys, gathered(WORLD, names[slice(*prolongation.index_map.local_range)]))] = np.isnan(
+        gathered(WORLD, prescribed)
+    )
+    normal, k, on = (gathered(WORLD, column) for column in (pairs.normal, pairs.stiffness, active))
+    count = len(normal)
+    rows = np.repeat(np.arange(count), 3)
+    ends = [by_key(names[gathered(WORLD, column)], keys) for column in (first, second)]
+    b = sum(
+        coo_matrix((sign * normal.ravel(), (rows, end)), (count, 3 * len(keys))) for sign, end in zip((1, -1), ends)
+    )
+    b = b @ coo_matrix((free.ravel(), (np.arange(3 * len(keys)),) * 2))
+    expected = (b.T @ coo_matrix((k * on, (np.arange(count),) * 2)) @ b).tocsr()
+    none = np.zeros(len(pairs), dtype=bool)
+    term.change(matrix, none, active)
+    found = gathered_matrix(matrix, names, keys)
+    assert largest(expected) > largest(stiff)
+    assert largest(found - stiff - expected) < 1e-12 * largest(expected)
+    term.change(matrix, active, ~active)
+    opposite = (b.T @ coo_matrix((k * ~on, (np.arange(count),) * 2)) @ b).tocsr()
+    found = gathered_matrix(matrix, names, keys)
+    assert largest(found - stiff - opposite) < 1e-12 * largest(expected)
+
+
+def test_pairs_are_local_on_the_contact_partition(scene):
+    """Both vertices of every pair are owned by its rank: B^T B is the same where messages are forbidden."""
+    forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = create_node_pairs(scene, forest, prolongation, Enforcement("penalty"))
+    assert WORLD.allreduce(int(len(pairs) > 0)) > min(1, WORLD.size - 1), "one rank holds all pairs"
+    everywhere((pairs.first < prolongation.owned).all(), "a first vertex belongs to another rank")
+    everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")
+    active, none = np.ones(len(pairs), dtype=bool), np.zeros(len(pairs), dtype=bool)
+    matrix = elasticity.stiffness(pairs).mat
+    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
+    term.reserve(matrix)
+    matrix.assemble()
+    silent, before = matrix.duplicate(copy=True), matrix.norm()
+    silent.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)
+    for one in (matrix, silent):
+        term.change(one, none, active)
+    assert matrix.norm() > 2 * before
+    assert (matrix - silent).norm() == 0
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_hypre_copy_follows_the_blocks(distribution):
+    """Every row is as long as foreseen; the copy in hypre's format is the same matrix, after a change of status too."""
+    scene = pressed(two_boxes(margin=1))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
+    blocks = elasticity.stiffness(pairs)
+    term.reserve(blocks.mat)
+    blocks.mat.assemble()
+    info = blocks.mat.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+    foreseen = WORLD.allreduce(sum(int(lengths.sum()) for lengths in blocks.row_lengths))
+    assert info["nz_used"] == info["nz_allocated"] == 9 * foreseen
+
+    copy = blocks.in_hypre_format()
+    assert copy.type == "hypre"
+    x, expected = blocks.mat.createVecs()
+    found = expected.duplicate()
+    x.array[:] = np.sin(scramble(np.arange(*blocks.mat.getOwnershipRange()), 5).astype(float))
+    active = scramble(prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    none = np.zeros(len(pairs), dtype=bool)
+    for before, after in ((none, none), (none, active), (active, ~active)):
+        reference = expected.copy()
+        for matrix, y in ((blocks.mat, expected), (copy, found)):
+            term.change(matrix, before, after)
+            matrix.mult(x, y)
+        assert (expected - found).norm() < 1e-14 * expected.norm()
+        assert before is after or (expected - reference).norm() > 0.1 * expected.norm()
+
+
+def test_strewn_pairs_are_not_local():
+    """The check above can fail: on a random partition facing vertices have different owners."""
+    if WORLD.size == 1:
+        pytest.skip("one rank owns everything")
+    scene = pressed(two_boxes())
+    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
+    prolongation = Prolongation(forest)
+    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    assert WORLD.allreduce(int((pairs.second >= prolongation.owned).sum())) > 0
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("rounds", [0, 1, 3])
+def test_tributary_area(distribution, rounds):
+    """The tributary areas of flat contact surfaces add up to the surfaces' area, however they are refined."""
+    scene = pressed(two_boxes(margin=1, flat_contact=False))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), rounds))
+    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    assert abs(WORLD.allreduce(pairs.area.sum()) - 4) < 1e-13
+    everywhere((pairs.area > 0).all(), "a pair without area")
+    everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between surfaces that touch")
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_pairs_of_two_surfaces_in_a_corner(distribution):
+    """Where two contact pairs of a scene meet, no node pair of either is lost: areas add up to both surfaces'."""
+    scene = corner_scene()
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
+    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    vertical = np.abs(pairs.normal[:, 2]) > 0.5
+    for which in (vertical, ~vertical):
+        area = WORLD.allreduce(pairs.area[which].sum())
+        assert abs(area - 2) < 1e-13, f"{2 - area} m^2 of contact surface have no node pair"
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_pairs_of_two_surfaces_side_by_side(distribution):
+    """The same for two contact pairs in one plane."""
+    scene = side_by_side()
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
+    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    on_seam = np.abs(pairs.position[:, 0] - 1) < 1e-9
+    assert WORLD.allreduce(int(on_seam.sum())) >= 4
+    area = WORLD.allreduce(pairs.area.sum())
+    assert abs(area - 4) < 1e-13, f"{4 - area} m^2 of contact surface have no node pair"
+
+
+def test_same_pairs_on_any_distribution():
+    """Area, stiffness, normal and position of each pair are those of a serial run."""
+    scene = pressed(two_boxes(margin=1, order=2, bend=0.1), direction=None)
+    columns = []
+    for comm, distribution in ((MPI.COMM_SELF, "roots"), *((WORLD, d) for d in DISTRIBUTIONS)):
+        forest = DISTRIBUTIONS[distribution](grown(roots(scene, comm), 3, share=0.1))
+        prolongation = Prolongation(forest)
+        pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+        first = prolongation.index_map.local_to_global(pairs.first.astype(np.int32))
+        second = prolongation.index_map.local_to_global(pairs.second.astype(np.int32))
+        keys = numbered(prolongation)
+        names = [gathered(comm, keys[side]) for side in (first, second)]
+        order = np.argsort(names[0])
+        rows = gathered(comm, np.column_stack([pairs.area, pairs.stiffness, pairs.normal, pairs.position, pairs.gap]))
+        columns.append((names[0][order], names[1][order], rows[order]))
+    assert len(columns[0][0]) > 30
+    for first, second, rows in columns[1:]:
+        assert np.array_equal(first, columns[0][0]) and np.array_equal(second, columns[0][1])
+        assert np.abs(rows - columns[0][2]).max() < 1e-13 * np.abs(rows).max()
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_rigid_motions_have_no_energy(distribution):
+    """Translations and rotations of each body by itself cost nothing on straight-sided cells."""
+    scene = pressed(two_boxes(distortion=0.2))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    matrix = elasticity.stiffness().mat
+    matrix.assemble()
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    place = prolongation.conforming[own]
+    position = np.empty((prolongation.owned, 3))
+    position[place] = vertex_positions(forest)[own]
+    leaf, _ = prolongation.vertices.example.T
+    body = np.empty(prolongation.owned)
+    body[place] = scene.mesh.body[forest.cell[leaf[own]]]
+    x, y = matrix.createVecs()
+    stiffest = matrix.norm(PETSc.NormType.INFINITY)
+    for which in (0, 1):
+        motions = [np.broadcast_to(axis, position.shape) for axis in np.eye(3)]
+        motions += [np.cross(axis, position) for axis in np.eye(3)]
+        for motion in motions:
+            x.array[:] = np.where((body == which)[:, None], motion, 0).ravel()
+            matrix.mult(x, y)
+            assert y.norm(PETSc.NormType.INFINITY) < 1e-13 * stiffest * x.norm(PETSc.NormType.INFINITY)
+    x.array[:] = (position * [1, 0, 0]).ravel()
+    matrix.mult(x, y)
+    assert x.dot(y) > 1, "a strain has energy"
+
+
+def test_traction_load():
+    """The load of a traction adds up to traction times area, with hanging vertices and on a curved surface."""
+    mesh = two_boxes(order=2, bend=0.1)
+    held = pressed(mesh)
+    scene = Scene(
+        "loaded",
+        mesh,
+        {"lower": STEEL, "upper": RUBBER},
+        held.dirichlet,
+        held.contact,
+        (Traction("upper x high", (1.0, 2.0, -3.0)),),
+    )
+    total = []
+    for comm, rounds in ((MPI.COMM_SELF, 0), (WORLD, 3)):
+        forest = grown(roots(scene, comm), rounds)
+        forest = DISTRIBUTIONS["strewn"](forest) if rounds else forest
+        elasticity = discrete(scene, forest, 2)
+        forces = load(scene, forest, elasticity)
+        total.append(comm.allreduce(forces.sum(axis=0)))
+    assert elasticity.prolongation.hanging_global > 0
+    x = mesh.facet_points(mesh.surface("upper x high"), order=64).reshape(-1, 65, 65, 3)
+    cell = np.cross(x[:, 1:, 1:] - x[:, :-1, :-1], x[:, 1:, :-1] - x[:, :-1, 1:]) / 2
+    area = np.linalg.norm(cell, axis=-1).sum()
+    for force in total:
+        assert np.abs(force - area * np.array([1, 2, -3])).max() < 1e-3 * area
+
+
+def test_prescribed_values_at_surfaces_and_vertices():
+    """Every owned conforming vertex on a held surface has its value on any distribution; no other vertex has one."""
+    scene = pressed(two_boxes(margin=1))
+    for distribution in DISTRIBUTIONS.values():
+        forest = distribution(grown(roots(scene), 3))
+        prolongation = Prolongation(forest)
+        prescribed = prescribed_displacements(scene, forest, prolongation)
+        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+        place = prolongation.conforming[own]
+        x = vertex_positions(forest)[own]
+        expected = np.full((len(x), 3), np.nan)
+        expected[x[:, 2] < -1 + 1e-12] = 0
+        expected[x[:, 2] > 2 - 1e-12] = [0, 0, -0.02]
+        everywhere(np.array_equal(prescribed[place], expected, equal_nan=True), "another value than prescribed")
+        assert WORLD.allreduce(int((~np.isnan(expected)).sum())) > 50

@@ -1,0 +1,99 @@
+"""PETSc's own habits: options from a dict and from the command line, monitors, -log_view with our stages, -help."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, outside
+
+from fx_contact import Solver, adapt
+from fx_contact.parallel.timing import STAGES
+from fx_contact.scenes import patch
+
+pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
+DEMO = Path(__file__).parents[2] / "demos" / "hertz.py"
+PROGRAM = """
+import sys, petsc4py
+petsc4py.init(sys.argv)
+from fx_contact import Solver, adapt
+from fx_contact.scenes import patch
+*_, step = adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(options={"pc_type": "jacobi", "ksp_view": None}))
+"""
+
+
+def output(*command):
+    """What a program writes."""
+    plain = outside() | {"PYTHON_COLORS": "0"}
+    done = subprocess.run(command, env=plain, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def demo(tmp_path, words, ranks=1):
+    """What the Hertz demo writes, small, with options of PETSc."""
+    run = f"mpirun -n {ranks}".split() + [sys.executable, DEMO]
+    small = f"--order 2 --coarse 2 --tolerance 0.4 --displacement 0.05 --records-only --output {tmp_path}"
+    return output(*run, *small.split(), *words.split())
+
+
+def test_options_of_a_dict_and_of_the_command_line():
+    """The dict replaces the program's option, the command line that of the dict."""
+    kinds = [
+        re.findall(r"PC Object: \(fx_\).*\n +type: (\w+)", output(sys.executable, "-c", PROGRAM, *words))
+        for words in ((), ("-fx_pc_type", "bjacobi"))
+    ]
+    assert [set(kind) for kind in kinds] == [{"jacobi"}, {"bjacobi"}]
+
+
+@pytest.mark.parametrize(
+    "solver, used",
+    [
+        ({}, "boomeramg"),
+        ({"preconditioner": "ilu"}, "ilu"),
+        ({"preconditioner": "boomeramg-robust"}, "boomeramg-robust"),
+        ({"options": {"pc_type": "jacobi"}}, "jacobi"),
+        ({"options": {"pc_type": "gamg"}}, "gamg"),
+        ({"preconditioner": "cholesky", "options": {"pc_type": "lu"}}, "lu"),
+        ({"options": {"pc_hypre_type": "euclid"}}, "euclid"),
+    ],
+)
+def test_record_names_what_was_used(solver, used):
+    """Not what the program would have taken, where options have put another preconditioner in its place."""
+    assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record["preconditioner"] == used
+
+
+@pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
+def test_smoother_of_all_levels(smoother):
+    """What sets several options at once wins over the defaults of each, in a dict and on the command line."""
+    program = PROGRAM.replace('"pc_type": "jacobi"', f'"PC_HYPRE_boomeramg_relax_type_all": "{smoother}"')
+    typed = PROGRAM.replace('"pc_type": "jacobi", ', "")
+    for words in ((program,), (typed, "-fx_pc_hypre_boomeramg_relax_type_all", smoother)):
+        log = output(sys.executable, "-c", *words)
+        kinds = re.findall(r"Relax (?:down|up) +(\S+)", log)
+        assert set(kinds) == {smoother}, log
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_log_view_has_our_stages(tmp_path, ranks):
+    """All stages of a step are stages of PETSc's log, on any number of ranks; the solve has its flops."""
+    log = demo(tmp_path, "-log_view", ranks)
+    summary = log[log.index("Summary of Stages") :]
+    seen = re.findall(r"^ *\d+: +fx (\w+):", summary, re.MULTILINE)
+    assert set(seen) == set(STAGES) - {"other", "output"}, "nothing was written"
+    flops = {name: float(value) for name, value in re.findall(r"fx (\w+): +\S+ +\S+% +(\S+)", summary)}
+    assert max(flops, key=flops.get) == "solve"
+
+
+def test_monitor(tmp_path):
+    """The monitor of the solver prints a line for every iteration."""
+    log = demo(tmp_path, "-fx_ksp_monitor -fx_ksp_converged_reason")
+    assert len(re.findall(r"^ +\d+ KSP Residual norm", log, re.MULTILINE)) > 5 and "Linear fx_ solve converged" in log
+
+
+def test_help(tmp_path):
+    """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
+    log = demo(tmp_path, "-help")
+    assert "-fx_ksp_max_it" in log and "-fx_pc_hypre_boomeramg_strong_threshold: <now 0.7" in log
+    assert "usage: hertz.py" in demo(tmp_path, "--help")

@@ -1,0 +1,434 @@
+"""Model problems that several tests share: meshes, forests, scenes, and what is gathered of them to all ranks."""
+
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+from conftest import WORLD, everywhere
+from mpi4py import MPI
+from scipy.sparse import coo_matrix
+
+from fx_contact.contact.contact_patches import Spots
+from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.estimate.contact_energy import stored_by_forces
+from fx_contact.estimate.contact_places import Places
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.leaf_mesh import create_leaf_mesh
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.forest import Forest
+from fx_contact.forest.partition import repartition
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.timing import Stages
+from fx_contact.problem import hexahedron
+from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.hexahedron import CORNERS
+from fx_contact.problem.lattice import BITS, SIDE
+from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+
+STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.2)
+
+
+def scramble(numbers, salt=0):
+    """A well-mixed uint64 of each integer: the same on any number of ranks."""
+    with np.errstate(over="ignore"):
+        mixed = np.asarray(numbers, dtype=np.int64).astype(np.uint64) + np.uint64(salt + 1) * np.uint64(
+            0x9E3779B97F4A7C15
+        )
+        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+            mixed = (mixed ^ mixed >> np.uint64(shift)) * np.uint64(factor)
+        return mixed ^ mixed >> np.uint64(31)
+
+
+def rotations():
+    """The 24 ways to turn a cube, as (axes of the node array (z, y, x), flips of them)."""
+    result = []
+    for axes, flips in product(permutations(range(3)), product((1, -1), repeat=3)):
+        if np.linalg.det(np.eye(3)[list(axes)] * flips) > 0:
+            result.append((axes, flips))
+    return result
+
+
+def turned(nodes, which):
+    """Nodes of one cell, tensor order, seen in another local frame."""
+    axes, flips = rotations()[which]
+    side = round(len(nodes) ** (1 / 3))
+    return nodes.reshape(side, side, side).transpose(axes)[tuple(slice(None, None, f) for f in flips)].ravel()
+
+
+def _box(shape, low, order):
+    """Points and cells (tensor order) of a box of unit cells."""
+    n = np.array(shape) * order + 1
+    points = np.stack(np.meshgrid(*(np.arange(k) / order for k in n[::-1]), indexing="ij")[::-1], axis=-1).reshape(
+        -1, 3
+    )
+    first = np.array([(i, j, k) for k in range(shape[2]) for j in range(shape[1]) for i in range(shape[0])]) * order
+    ijk = first[:, None] + hexahedron.lattice(order)
+    return points + low, ijk @ [1, n[0], n[0] * n[1]]
+
+
+def _distorted(points, inside, amount):
+    """Cell corners moved by a random vector that depends on their position alone."""
+    codes = np.rint(points + 100).astype(np.int64) @ [1, 1 << 10, 1 << 20]
+    shift = np.stack([scramble(codes, axis) / 2.0**64 - 0.5 for axis in range(3)], axis=1)
+    return points + 2 * amount * inside * shift
+
+
+def _bent(points, amount):
+    """A smooth, not polynomial map of space, the same for both bodies."""
+    x, y, z = points.T
+    return points + amount * np.stack([np.sin(y + 0.7 * z), np.sin(0.9 * x - z), np.sin(0.8 * x + 1.1 * y)], axis=1)
+
+
+def two_boxes(upper=(2, 2, 2), depth=1, margin=0, order=1, distortion=0.15, bend=0.0, flat_contact=True, seed=1):
+    """A box on a block, meshed alike where they touch; cells in random local frames, nodes in random order.
+
+    Args:
+        upper: cells of the box `upper`; it lies on z = 0, the block `lower` beneath.
+        depth: layers of cells of the block.
+        margin: cells by which the block is wider than the box, on all sides.
+        order: of the cell maps.
+        distortion: largest shift of cell corners inside the bodies along each axis [cell sizes].
+        bend: amplitude of a smooth bend of everything [cell sizes].
+        flat_contact: whether corners on the outside and on the contact surface stay; else those on the contact surface
+            are shifted in the plane.
+        seed: of the local frames.
+    """
+    wide = np.array(upper[:2]) + 2 * margin
+    boxes = {
+        "lower": ((*wide, depth), np.array([-margin, -margin, -depth])),
+        "upper": (upper, np.zeros(3, dtype=int)),
+    }
+    points, cells, body, surfaces, count = [], [], [], {}, 0
+    for index, (name, (shape, low)) in enumerate(boxes.items()):
+        x, c = _box(shape, low, order)
+        high = low + shape
+        centres = x[c[:, hexahedron.corner_nodes(order)][:, hexahedron.FACE_CORNERS]].mean(axis=2)
+        first = sum(map(len, cells))
+        for axis, (start, end) in enumerate(zip(low, high)):
+            for at, side in ((start, "low"), (end, "high")):
+                surfaces[f"{name} {'xyz'[axis]} {side}"] = np.argwhere(np.abs(centres[:, :, axis] - at) < 1e-9) + [
+                    first,
+                    0,
+                ]
+        touching = (np.abs(centres[:, :, 2]) < 1e-9) & (
+            (centres[:, :, :2] > 0) & (centres[:, :, :2] < upper[:2])
+        ).all(axis=2)
+        surfaces[f"{name} contact"] = np.argwhere(touching) + [first, 0]
+        corner = c[:, hexahedron.corner_nodes(order)]
+        inside = ((x > low + 1e-9) & (x < high - 1e-9)).astype(float)
+        if flat_contact:
+            inside *= inside.all(axis=1)[:, None]
+        else:
+            # In the plane z = 0 the corners within the patch move alike in both bodies, those on its edge along it.
+            on, patch = np.abs(x[:, 2]) < 1e-9, (x > 1e-9) & (x < np.array([*upper[:2], 0]) - 1e-9)
+            inside[on] = patch[on]
+        moved = _distorted(x, inside, distortion)
+        exact = hexahedron.lagrange(1, np.linspace(0, 1, order + 1))
+        x[c.ravel()] = hexahedron.tensor_evaluate((exact,) * 3, moved[corner]).reshape(-1, 3)
+        points.append(x)
+        cells.append(c + count)
+        body += [index] * len(c)
+        count += len(x)
+    points, cells = np.concatenate(points), np.concatenate(cells)
+    frames = scramble(np.arange(len(cells)), seed) % 24
+    faces = {}
+    for number, frame in enumerate(frames):
+        before = cells[number, hexahedron.corner_nodes(order)][hexahedron.FACE_CORNERS]
+        cells[number] = turned(cells[number], int(frame))
+        after = cells[number, hexahedron.corner_nodes(order)][hexahedron.FACE_CORNERS]
+        sets = [frozenset(face.tolist()) for face in after]
+        faces[number] = [sets.index(frozenset(face.tolist())) for face in before]
+    surfaces = {
+        name: np.array([(cell, faces[cell][face]) for cell, face in rows], dtype=np.int32)
+        for name, rows in surfaces.items()
+    }
+    # Numbers without order, so that the canonical frames of facing root faces differ.
+    order_of = np.argsort(scramble(np.arange(count), seed))
+    number = np.empty_like(order_of)
+    number[order_of] = np.arange(count)
+    points, cells = points[order_of], number[cells]
+    name_points = np.flatnonzero((np.abs(points) < 1e-12).all(axis=1))
+    points = _bent(points, bend) if bend else points
+    return RootMesh(
+        points, cells, ("lower", "upper"), np.array(body, dtype=np.int32), surfaces, {"lower corner": name_points[:1]}
+    )
+
+
+def pressed(mesh, approach=0.02, materials=(STEEL, RUBBER), contact=True, direction=(0.0, 0.0, 1.0)):
+    """Scene of two boxes of which the outer faces are held, the upper one lowered."""
+    return Scene(
+        name="two boxes",
+        mesh=mesh,
+        materials=dict(zip(("lower", "upper"), materials)),
+        dirichlet=(
+            Dirichlet("lower z low", x=0.0, y=0.0, z=0.0),
+            Dirichlet("upper z high", x=0.0, y=0.0, z=-approach),
+        ),
+        contact=(ContactPair("lower contact", "upper contact", direction=direction),) if contact else (),
+    )
+
+
+def corner_scene(one_pair=False):
+    """A cube in the corner of an L: their surfaces meet in a concave edge, in one contact pair or in two."""
+    grid = (
+        np.stack(np.meshgrid(range(3), range(3), range(3), indexing="ij")[::-1], axis=-1).reshape(-1, 3).astype(float)
+    )
+    cells = np.array(
+        [
+            [(i + x) + 3 * ((j + y) + 3 * (k + z)) for x, y, z in hexahedron.CORNERS]
+            for k in (0, 1)
+            for j in (0, 1)
+            for i in (0, 1)
+        ]
+    )
+    cube = np.flatnonzero(grid[cells].mean(axis=1)[:, [0, 2]].min(axis=1) > 1)
+    ell = np.setdiff1d(np.arange(8), cube)
+    cells = np.concatenate([cells[ell], cells[cube] + len(grid)])
+    points = np.concatenate([grid, grid])
+    used, cells = np.unique(cells, return_inverse=True)
+    cells, points = cells.reshape(8, 8), points[used]
+    centres = points[cells[:, hexahedron.FACE_CORNERS]].mean(axis=2)
+    body = np.repeat([0, 1], [6, 2]).astype(np.int32)
+
+    def rows(which, axis, at):
+        near = (np.abs(centres[:, :, axis] - at) < 1e-9) & (body[:, None] == which)
+        if at == 1:
+            near &= centres[:, :, 2 - axis] > 1
+        return np.argwhere(near).astype(np.int32)
+
+    surfaces = {
+        "floor": rows(0, 2, 1),
+        "wall": rows(0, 0, 1),
+        "under": rows(1, 2, 1),
+        "side": rows(1, 0, 1),
+        "fixed": rows(0, 2, 0),
+        "top": rows(1, 2, 2),
+    }
+    surfaces["inner"] = np.concatenate([surfaces["floor"], surfaces["wall"]])
+    surfaces["outer"] = np.concatenate([surfaces["under"], surfaces["side"]])
+    mesh = RootMesh(points, cells, ("ell", "cube"), body, surfaces)
+    two = (ContactPair("floor", "under", direction=(0, 0, 1)), ContactPair("wall", "side", direction=(1, 0, 0)))
+    contact = (ContactPair("inner", "outer"),) if one_pair else two
+    held = Dirichlet("fixed", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=-0.01, y=0.0, z=-0.01)
+    return Scene("corner", mesh, {"ell": STEEL, "cube": STEEL}, contact=contact, dirichlet=held)
+
+
+def roots(scene, comm=WORLD):
+    """The unrefined forest of a scene."""
+    return Forest.of_roots(comm, scene.mesh, scene.pairing)
+
+
+def place(forest):
+    """A number for each leaf that depends on its place alone, alike for leaves down to level 12: (n,) int64."""
+    x, y, z = forest.anchor.T.astype(np.int64) >> BITS - 12
+    return ((forest.cell.astype(np.int64) << 12 | x) << 12 | y) << 12 | z
+
+
+def chosen(forest, share, salt):
+    """Random marks that do not depend on the number of ranks."""
+    return scramble(place(forest) * 16 + forest.level, salt) % np.uint64(1000) < np.uint64(1000 * share)
+
+
+def grown(forest, rounds, share=0.15, salt=7):
+    """A forest refined at random, round by round.  Collective."""
+    for number in range(rounds):
+        forest, _ = forest.refined(chosen(forest, share, salt + number))
+    return forest
+
+
+def split(forest, marked):
+    """The forest with exactly the marked leaves refined, whatever the rules of balance say.  Local."""
+    parent = np.repeat(np.arange(len(forest)), np.where(marked, 8, 1))
+    child = np.concatenate([np.empty(0, int), *(range(8) if m else [0] for m in marked)]).astype(int)
+    level = (forest.level + marked)[parent].astype(np.int8)
+    side = (SIDE >> level.astype(np.int32)).astype(np.int32)
+    return forest._with(
+        forest.cell[parent], level, forest.anchor[parent] + side[:, None] * CORNERS[child].astype(np.int32)
+    )
+
+
+def strewn(forest, salt=3):
+    """The same leaves on random ranks, facing leaves apart.  Collective."""
+    return forest.moved(scramble(place(forest), salt) % np.uint64(forest.comm.size))[0]
+
+
+#: Ways to distribute the leaves: as they were refined, at random, along the contact-aware curve.
+DISTRIBUTIONS = {
+    "roots": lambda forest: forest,
+    "strewn": strewn,
+    "contact-sfc": lambda forest: repartition(forest, None)[0],
+}
+
+# ------------------------------------------------------------------------------------ all of a forest on each rank
+
+
+def nodes_of_cells(leaf_mesh):
+    """Geometry nodes of the local cells of a LeafMesh: (ncells, (q + 1)^3) int32; from dolfinx 0.11 on in a list."""
+    geometry = leaf_mesh.mesh.geometry
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
+def gathered(comm, rows):
+    """The rows of all ranks on every rank.  Collective on comm."""
+    return np.concatenate(comm.allgather(np.asarray(rows)))
+
+
+def leaves(forest):
+    """Codes and levels of all leaves, sorted: (n, 2).  Collective."""
+    mine = np.stack([leaf_code(forest.cell, forest.anchor), forest.level.astype(np.int64)], axis=1)
+    rows = gathered(forest.comm, mine)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def whole(forest):
+    """The same forest on this rank alone.  Collective."""
+    columns = [gathered(forest.comm, c) for c in (forest.cell, forest.level, forest.anchor)]
+    return Forest(MPI.COMM_SELF, forest.mesh, forest.lattice, forest.pairing, *columns)
+
+
+def numbered(prolongation):
+    """Keys of the conforming vertices of all ranks by their global number.  Collective."""
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    number = prolongation.index_map.local_to_global(prolongation.conforming[own])
+    keys = np.full(prolongation.index_map.size_global, -1, dtype=np.int64)
+    keys[gathered(prolongation.comm, number)] = gathered(prolongation.comm, prolongation.vertices.keys[own])
+    return keys
+
+
+def gathered_prolongation(prolongation):
+    """P with rows and columns in ascending order of keys, and both keys.  Ranks that share a row agree.  Collective."""
+    comm, by_number = prolongation.comm, numbered(prolongation)
+    rows = np.unique(gathered(comm, prolongation.vertices.keys))
+    columns = np.sort(by_number)
+    local = prolongation.matrix.tocoo()
+    reach = prolongation.index_map.size_local + prolongation.index_map.num_ghosts
+    number = prolongation.index_map.local_to_global(np.arange(reach, dtype=np.int32))
+    row = np.searchsorted(rows, prolongation.vertices.keys)[local.row]
+    column = np.searchsorted(columns, by_number[number])[local.col]
+    shape = len(rows), len(columns)
+    total = coo_matrix((gathered(comm, local.data), (gathered(comm, row), gathered(comm, column))), shape).tocsr()
+    copies = np.bincount(gathered(comm, np.searchsorted(rows, prolongation.vertices.keys)), minlength=len(rows))
+    mean = total.multiply(1 / copies[:, None]).tocsr()
+    mine = coo_matrix((local.data, (row, column)), shape).tocsr()
+    here = np.unique(np.searchsorted(rows, prolongation.vertices.keys))
+    everywhere(
+        abs(mine[here] - mean[here]).max() < 1e-15 if len(here) else True, "ranks disagree on a row of P", comm
+    )
+    return mean, rows, columns
+
+
+def vertex_positions(forest):
+    """Positions of this rank's vertices on the true curved geometry.
+
+    Local.
+
+    Args:
+        forest: Forest.
+
+    Returns:
+        (m, 3) float64 [m], in the order of `forest.vertices`.
+    """
+    leaf, corner = forest.vertices.example.T
+    points = forest.corners[leaf, corner] / SIDE
+    return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]
+
+
+def discrete(scene, forest, order=1):
+    """Elasticity of a scene on a forest."""
+    cells = create_leaf_mesh(forest, order)
+    materials = np.array([[scene.materials[b].young, scene.materials[b].poisson] for b in scene.mesh.bodies])
+    return Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], Prolongation(forest), Stages())
+
+
+def side_by_side():
+    """Two boxes whose contact is two pairs in one plane, which share the vertices of a seam at x = 1."""
+    mesh = two_boxes()
+    for body in mesh.bodies:
+        facets = mesh.surface(f"{body} contact")
+        left = mesh.facet_points(facets, 1).mean(axis=1)[:, 0] < 1
+        mesh.surfaces[f"{body} left"], mesh.surfaces[f"{body} right"] = facets[left], facets[~left]
+    contact = tuple(ContactPair(f"lower {side}", f"upper {side}", direction=(0, 0, 1)) for side in ("left", "right"))
+    return replace(pressed(mesh), contact=contact)
+
+
+EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)
+
+
+def conforming_positions(forest, prolongation):
+    """Positions of the owned conforming vertices, and of which body they are."""
+    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
+    position, body = np.empty((prolongation.owned, 3)), np.empty(prolongation.owned, dtype=int)
+    place = prolongation.conforming[own]
+    position[place] = vertex_positions(forest)[own]
+    body[place] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
+    return position, body
+
+
+def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=None):
+    """ContactSolution, from zero displacement on if there is no start, as exact as rounding permits."""
+    zero = np.zeros_like(prescribed)
+    start, forces = zero if start is None else start, zero if forces is None else forces
+    matrix = elasticity.stiffness(pairs)
+    return solve_contact(
+        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, Stages(), enforcement
+    )
+
+
+DEPTH, THICKNESS, WIDTH, PULL = 1e-5, 0.05, 10.0, 1e-2
+
+
+def plates(pressed=False, stretched=0.0, joined=False):
+    """Two wide thin plates pressed into each other, and a rod apart that stores a thousand times their energy.
+
+    Or a rod in two halves, pressed into each other: a contact pair of its own, or one with the plates.  The lower plate
+    may be stretched too.
+    """
+    boxes = Boxes(1)
+    boxes.add("lower", (0.0, 0.0, -THICKNESS), (WIDTH, WIDTH, 0.0), (2, 2, 1))
+    boxes.add("upper", (0.0, 0.0, 0.0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1))
+    boxes.add("rod", (-3.0, 0.0, 0.0), (-2.0, 1.0, 5.0), (1, 1, 5))
+    if pressed:
+        boxes.add("rest", (-3.0, 0.0, 5.0), (-2.0, 1.0, 10.0), (1, 1, 5))
+    surfaces = {"bottom": boxes.facets(DOWN, -THICKNESS), "top": boxes.facets(UP, THICKNESS, "upper")}
+    surfaces |= {"lower face": boxes.facets(UP, 0.0, "lower"), "upper face": boxes.facets(DOWN, 0.0, "upper")}
+    surfaces |= {"foot": boxes.facets(DOWN, 0.0, "rod"), "head": boxes.facets(UP, 5.0, "rod")}
+    bodies, held = ["lower", "upper", "rod"], {"bottom": 0.0, "top": -DEPTH, "foot": 0.0}
+    pairs, loads = [ContactPair("lower face", "upper face", direction=(0, 0, 1))], [Traction("head", (0, 0, PULL))]
+    surfaces |= {"left": boxes.facets(LEFT, 0.0, "lower"), "right": boxes.facets(RIGHT, WIDTH, "lower")}
+    if pressed:
+        surfaces |= {"below": boxes.facets(DOWN, 5.0, "rest"), "end": boxes.facets(UP, 10.0, "rest")}
+        bodies, held, loads = [*bodies, "rest"], held | {"end": -10 * PULL}, []
+        pairs.append(ContactPair("head", "below", direction=(0, 0, 1)))
+    if joined:
+        for name, ends in (("up", ("lower face", "head")), ("down", ("upper face", "below"))):
+            surfaces[name] = np.concatenate([surfaces[end] for end in ends])
+        pairs = [ContactPair("up", "down", direction=(0, 0, 1))]
+    return Scene(
+        "plates",
+        boxes.mesh(surfaces),
+        dict.fromkeys(bodies, Material(1.0, 0.0)),
+        (
+            *(Dirichlet(surface, None if surface == "bottom" else 0.0, 0.0, z) for surface, z in held.items()),
+            *(Dirichlet(surface, x=x) for surface, x in (("left", 0.0), ("right", stretched))),
+        ),
+        tuple(pairs),
+        tuple(loads),
+    )
+
+
+def of_spots(step):
+    """Spots of the step's closed contact, and what their forces store, twice [J]."""
+    spots = Spots(step.forest, step.pairs, step.contact.active)
+    return spots, stored(step, step.contact.force, spots.pair, spots.number)
+
+
+def stored(step, force, group=None, count=None):
+    """What the forces of groups store, those of contact pairs if no others are given, twice [J]: (count,)."""
+    poisson = np.array([step.scene.materials[body].poisson for body in step.scene.mesh.bodies])
+    groups = (step.pairs.contact, len(step.scene.contact)) if group is None else (group, count)
+    places = Places(step.pairs, force, *groups)
+    return stored_by_forces(step.forest, step.elasticity, poisson, step.estimate, places)

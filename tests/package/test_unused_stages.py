@@ -1,0 +1,127 @@
+"""What a scene does not need is left out: seen by what is called, imported and recorded, not by time."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from conftest import WORLD, everywhere, outside
+from model_problems import nodes_of_cells
+
+import fx_contact.adaptive.step
+import fx_contact.contact.contact_solver
+import fx_contact.forest.partition
+import fx_contact.plot
+import fx_contact.problem.facet_pairing
+from fx_contact import Dirichlet, adapt
+from fx_contact.forest.forest import Forest
+from fx_contact.scenes import hertz, indentation, patch
+
+
+class Calls:
+    """Counts the calls of functions, which still do their work."""
+
+    def __init__(self, monkeypatch):
+        self._monkeypatch, self.count = monkeypatch, {}
+
+    def of(self, place, name):
+        """Count calls of a function of a module or class."""
+        function = getattr(place, name)
+
+        def counted(*args, **kwargs):
+            self.count[name] += 1
+            return function(*args, **kwargs)
+
+        self.count[name] = 0
+        self._monkeypatch.setattr(place, name, counted)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """A counter of calls."""
+    return Calls(monkeypatch)
+
+
+def parted(scene):
+    """The columns of a patch test without contact, each held at both ends."""
+    held = Dirichlet("on block 0", z=0.001), Dirichlet("under block 1", z=0.001)
+    return replace(scene, contact=(), dirichlet=scene.dirichlet + held)
+
+
+def test_without_contact(calls):
+    """One linear solve; no facets are matched, no pairs made, no active set kept, no contact stiffness reserved."""
+    with_contact = patch(cells=(1, 1, 2))
+    for place, name in (
+        (fx_contact.problem.facet_pairing, "_match"),
+        (fx_contact.adaptive.step, "create_node_pairs"),
+        (fx_contact.contact.contact_solver, "ActiveSet"),
+        (fx_contact.contact.contact_solver, "Jump"),
+        (fx_contact.contact.contact_solver, "relax"),
+        (fx_contact.adaptive.step, "RigidMotions"),
+    ):
+        calls.of(place, name)
+    *_, step = adapt(parted(with_contact), 0.1)
+    record = step.record
+    assert record["contact_iterations"] == 1 and len(record["krylov_iterations"]) == 1 and step.pairs is None
+    assert record["force"] == record["max_pressure"] == record["active_pairs"] == 0
+    assert set(calls.count.values()) == {0}
+    *_, step = adapt(patch(cells=(1, 1, 2)), 0.1)
+    assert step.record["force"] > 0 and min(calls.count.values()) > 0
+
+
+@pytest.mark.parametrize("order", [1, 3, 6])
+def test_affine_cells_have_order_one(order):
+    """Whatever the order of the root mesh, affine leaves have eight nodes; round ones have more."""
+    step = next(iter(adapt(indentation(order=order, coarse=2), 0.5)))
+    assert step.record["geometry_order"] == 1 and nodes_of_cells(step.leaf_mesh).shape[1] == 8
+    if order > 1:
+        step = next(iter(adapt(hertz(order=order, coarse=2, displacement=0.05), 0.01, max_steps=1)))
+        assert step.record["geometry_order"] > 1 and nodes_of_cells(step.leaf_mesh).shape[1] > 8
+
+
+def test_one_rank_is_not_partitioned(calls, monkeypatch):
+    """On one rank no super-elements are built, no leaf is sent; on more they are."""
+    for name in ("Units", "_moved"):
+        calls.of(fx_contact.forest.partition, name)
+    steps = [step.record["cells"] for step in adapt(indentation(coarse=2), 0.3)]
+    assert len(steps) > 1
+    everywhere((min(calls.count.values()) > 0) == (WORLD.size > 1), f"{calls.count} on {WORLD.size} ranks")
+    everywhere(max(calls.count.values()) == 0 or WORLD.size > 1, f"{calls.count} on one rank")
+
+
+def test_nothing_marked(calls):
+    """A single solve refines nothing and carries nothing; where no error is seen the second mesh is the last one."""
+    for name in ("refined", "_closure"):
+        calls.of(Forest, name)
+    (step,) = adapt(patch(cells=(2, 2, 4)), 0.1, max_steps=1)
+    record = step.record
+    assert record["max_level"] == 0 and record["hanging_nodes"] == 0
+    assert record["memory_bytes"]["refine"] == record["memory_bytes"]["output"] == 0, "a stage was entered"
+    assert set(calls.count.values()) == {0}
+    levels = [(step.record["max_level"], step.record["hanging_nodes"]) for step in adapt(patch(cells=(2, 2, 4)), 0.1)]
+    assert levels == [(0, 0), (1, 0)] and min(calls.count.values()) > 0
+
+
+def test_nothing_optional_is_imported():
+    """A run without pictures, Gmsh and files imports nothing that is for these."""
+    if WORLD.rank == 0:
+        program = """
+import sys
+from fx_contact import adapt
+from fx_contact.scenes import indentation
+*_, step = adapt(indentation(coarse=2), 0.4)
+optional = "gmsh", "matplotlib", "pyvista", "vtkmodules", "tqdm", "h5py", "adios4dolfinx", "adios2", "IPython", "numba"
+print(step.record["step"], *(name for name in optional if name in sys.modules), sep=",")
+"""
+        done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == "1\n" or done.stdout.strip().isdigit(), done.stdout
+
+
+def test_plotting_is_imported_when_drawn():
+    """Nor does the module that draws import what it draws with."""
+    if WORLD.rank == 0:
+        modules = "sys, fx_contact.plot, fx_contact.results.output"
+        program = f"import {modules}; print({{'matplotlib', 'pyvista'}} & set(sys.modules))"
+        done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
+        assert done.stdout == "set()\n", done.stdout + done.stderr

@@ -1,0 +1,79 @@
+"""Pictures: what the section shows, and that something is seen on each."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+
+from fx_contact import adapt
+from fx_contact.parallel.errors import OutputError, SceneError
+from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot.cells import _level_colours
+from fx_contact.plot.cut import cut_by_body
+from fx_contact.scenes import hertz
+
+
+def test_each_body_shows_its_own_stress():
+    """Two cubes on each other, one stressed: the section jumps where they touch, and no point has both values."""
+    z, y, x = (axis.ravel() for axis in np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"))
+    cube = np.stack([x, y, z], axis=1)
+    corners, values = np.stack([cube, cube + [0, 0, 1]]), np.repeat([[0.0], [1.0]], 8, axis=1)
+    sections = cut_by_body(corners, values, np.array([0, 1]), 0.5)
+    assert len(sections) == 2
+    for section, stress, bottom in zip(sections, (0.0, 1.0), (0.0, 1.0)):
+        assert (section.points[:, 2].min(), section.points[:, 2].max()) == (bottom, bottom + 1), "the bodies touch"
+        assert (section["stress"] == stress).all()
+    together = cut_by_body(corners, values, np.array([0, 0]), 0.5)[0]
+    assert together.n_points < sum(s.n_points for s in sections), "what VTK does where they are one body"
+
+
+@cache
+def a_step():
+    """A coarse Hertz step and the records that led to it."""
+    steps = list(adapt(hertz(order=2, coarse=2), 0.3, WORLD))
+    return steps[-1], [step.record for step in steps]
+
+
+PICTURES = {
+    "mesh": lambda step, records, path: draw_mesh(step, path),
+    "levels": lambda step, records, path: draw_mesh(step, path, zoom=4, colour="level"),
+    "partition": lambda step, records, path: draw_partition(step, path),
+    "pressure": lambda step, records, path: draw_pressure(step, path),
+    "stress": lambda step, records, path: draw_stress(step, path),
+    "stress near": lambda step, records, path: draw_stress(step, path, zoom=3),
+    "convergence": lambda step, records, path: draw_convergence(records, path, WORLD),
+}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_pictures(name, tmp_path):
+    """Something is drawn, in several colours, into a folder that is made; all ranks know where."""
+    path = WORLD.bcast(tmp_path / "made" / f"{name}.png", root=0)
+    everywhere(PICTURES[name](*a_step(), path) == path, "another path")
+    if WORLD.rank == 0:
+        from matplotlib.image import imread
+
+        pixels = (imread(path)[..., :3] * 255).astype(np.uint8).reshape(-1, 3)
+        colours, count = np.unique(pixels // 16, axis=0, return_counts=True)
+        assert len(colours) > 4, "one colour"
+        assert (pixels.std(axis=1) > 5).mean() > 1e-3, "no colour but grey"
+        assert (pixels < 250).any(axis=1).mean() > 0.01, "next to nothing on white"
+
+
+def test_levels_are_drawn_where_they_are():
+    """Between the coarsest and the finest shown leaf each level has a shade of its own, the same in all pictures."""
+    shades = np.array(_level_colours(range(8)))
+    assert (np.abs(np.diff(shades, axis=0)).max(axis=1) > 0.01).all()
+    assert np.array_equal(_level_colours(range(2, 5)), shades[2:5])
+
+
+def test_wrong_requests():
+    """A colouring that is not there, no records, a path that is none."""
+    step, records = a_step()
+    with pytest.raises(SceneError, match="unknown colouring 'levels'; .*did you mean 'level'"):
+        draw_mesh(step, "x.png", colour="levels")
+    with pytest.raises(OutputError, match="no record"):
+        draw_convergence([], "x.png", WORLD)
+    with pytest.raises(OutputError, match="must be a path"):
+        draw_convergence(records, None, WORLD)

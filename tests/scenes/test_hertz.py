@@ -1,0 +1,329 @@
+"""Hertz contact of two half-spheres: the same run on any number of ranks, and the reference values."""
+
+import resource
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import leaves
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.spatial import cKDTree
+
+from fx_contact import Material, Solver, adapt
+from fx_contact.contact import contact_solver
+from fx_contact.contact.initial_guess import RigidMotions
+from fx_contact.estimate.error_estimate import Recovery
+from fx_contact.fem.dirichlet import shear_free_components
+from fx_contact.linalg import conjugate_gradients
+from fx_contact.linalg.conjugate_gradients import ConjugateGradients
+from fx_contact.parallel import memory
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.timing import STAGES
+from fx_contact.scenes import hertz
+
+KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
+krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
+pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds,
+cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share"""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return hertz(order=3)
+
+
+def summary(step):
+    """What must not depend on the number of ranks, and what may to round-off and the Krylov tolerance."""
+    record = step.record
+    exact = {
+        name: record[name]
+        for name in ("step", "cells", "dofs", "hanging_nodes", "max_level", "geometry_order", "active_pairs")
+    }
+    close = {
+        name: record[name] for name in ("force", "estimate", "contact_radius", "max_pressure", "max_penetration")
+    }
+    active = step.forest.comm.allgather(step.pairs.position[step.contact.active])
+    active = np.concatenate(active)
+    return exact, close, leaves(step.forest), active[np.lexsort(np.round(active, 9).T)], record
+
+
+def runs(scene, **options):
+    """Steps on this communicator and, on each rank by itself, in serial."""
+    return [[summary(step) for step in adapt(scene, comm=comm, **options)] for comm in (WORLD, MPI.COMM_SELF)]
+
+
+def test_same_run_in_serial(scene):
+    """Cells, levels, dofs and active pairs of every step are those of a serial run; forces agree to 1e-7."""
+    parallel, serial = runs(scene, tolerance=0.08, geometry_order=3)
+    everywhere(len(parallel) == len(serial) >= 4, "another number of steps")
+    assert parallel[-1][0]["hanging_nodes"] > 100 and parallel[-1][0]["active_pairs"] > 10
+    for here, alone in zip(parallel, serial):
+        everywhere(here[0] == alone[0], f"{here[0]} in parallel, {alone[0]} in serial")
+        everywhere(np.array_equal(here[2], alone[2]), f"step {here[0]['step']}: other leaves")
+        everywhere(np.abs(here[3] - alone[3]).max() < 1e-12, f"step {here[0]['step']}: other active pairs")
+        for name, value in here[1].items():
+            everywhere(
+                abs(value - alone[1][name]) <= 1e-7 * alone[1][name] + 1e-15,
+                f"{name} {value} in parallel, {alone[1][name]} in serial",
+            )
+        assert here[4]["partition"]["split_pairs"] == 0
+        assert here[4]["partition"]["imbalance"] < 1.1
+        assert here[4]["ranks"] == WORLD.size
+    if WORLD.size > 1:
+        assert parallel[-1][4]["partition"]["cut_facets"] > 0
+
+
+@pytest.mark.skipif(WORLD.size > 2, reason="fifteen seconds; two ranks show it")
+def test_default_krylov_tolerance(scene):
+    """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
+    forces = [
+        np.array([step.record["force"] for step in adapt(scene, 0.08, solver=solver)])
+        for solver in (Solver(), Solver(tolerance=1e-13))
+    ]
+    assert len(forces[0]) > 3
+    assert np.abs(forces[0] / forces[1] - 1).max() < 1e-7, forces
+
+
+def test_record(scene):
+    """A step's record has the keys and types of the contract, the same on all ranks."""
+    step = next(iter(adapt(scene, 0.16, max_steps=1)))
+    record = step.record
+    assert set(record) == {key.strip() for key in KEYS.split(",")}
+    assert set(record["partition"]) == {"kind", "imbalance", "cut_facets", "split_pairs"}
+    assert set(record["versions"]) == {"dolfinx", "petsc", "hypre", "numpy"}
+    assert (
+        {
+            "partition",
+            "mesh",
+            "hanging",
+            "assemble",
+            "system",
+            "setup",
+            "solve",
+            "estimate",
+            "refine",
+            "output",
+            "total",
+        }
+        <= set(record["seconds"])
+        == {*STAGES, "total"}
+    )
+    assert isinstance(record["krylov_iterations"], list) and record["scene"] == "hertz"
+    assert record["ratio"] == record["estimate"] / record["tolerance"]
+    assert set(record["memory_bytes"]) == set(STAGES) and set(record["cpu_seconds"]) == {*STAGES, "total"}
+    # The least of three: what else the machine does must not count.
+    costs = [record["cpu_seconds"]] + [
+        next(iter(adapt(scene, 0.16, max_steps=1))).record["cpu_seconds"] for _ in "12"
+    ]
+    assert min(cost["other"] / cost["total"] for cost in costs) < 0.05, "time that no stage explains"
+    assert max(record["memory_bytes"].values()) <= record["peak_memory_bytes"]
+    everywhere(record == WORLD.bcast(record), "the ranks have different records")
+
+
+def test_reference_values(scene):
+    """HERTZ-A at 8 % with the default settings: force within 0.5 %, largest pressure and radius within 3 %."""
+    *_, step = adapt(scene, 0.08)
+    record = step.record
+    assert record["ratio"] <= 1
+    # Reference: axisymmetric P2, exact non-penetration.
+    assert abs(record["force"] / 5.37755e-4 - 1) < 0.005
+    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.03
+    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.03
+    assert record["max_penetration"] < 1e-12 * 0.01, "the default leaves no penetration"
+    assert record["partition"]["split_pairs"] == 0
+    shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
+    again = Recovery(step.elasticity, shear_free, step.stages).estimate()
+    assert abs(again.relative / record["estimate"] - 1) < 1e-12
+
+
+@pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
+def test_reference_values_at_4_percent(scene):
+    """HERTZ-A at 4 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
+    *_, step = adapt(scene, 0.04)
+    record = step.record
+    assert record["ratio"] <= 1
+    assert abs(record["force"] / 5.37755e-4 - 1) < 0.002
+    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.015
+    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.02
+
+
+@pytest.mark.parametrize("displacement", [0.0, -0.01])
+def test_bodies_that_do_not_touch(displacement):
+    """Without load there is no force, no error, and but for the second mesh nothing is refined for round-off."""
+    for step in adapt(hertz(displacement=displacement, order=2, coarse=2), 0.1):
+        assert step.record["force"] == 0 and step.record["estimate"] == 0 and step.record["ratio"] == 0
+    assert step.record["step"] == 1
+
+
+def test_failure_while_steps_are_collected(monkeypatch):
+    """A list of steps ends with the error of the step that fails, on all ranks; it holds the last displacement."""
+    monkeypatch.setattr(ConjugateGradients, "_fall_back", lambda self: False)
+    done = []
+
+    def counted():
+        for step in adapt(
+            hertz(order=2, coarse=2), 0.16, solver=Solver(max_krylov=45, options={"pc_type": "jacobi"})
+        ):
+            done.append((step.record, WORLD.allreduce(np.abs(step.contact.displacement).max(initial=0.0), MPI.MAX)))
+            yield step
+
+    with pytest.raises(SolveError, match="PCG") as failure:
+        list(counted())
+    assert done, "the first step failed"
+    error, (record, largest) = failure.value, done[-1]
+    assert error.record is record and error.forest.size_global > record["cells"]
+    assert WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) == largest
+
+
+@pytest.mark.parametrize(
+    "name, most, options",
+    [("cholesky", 3, {}), ("cholesky", 8, {"pc_type": "jacobi"}), ("boomeramg-robust", 22, {"pc_type": "jacobi"})],
+    ids=["hypre to cholesky", "jacobi to cholesky", "jacobi to hypre"],
+)
+def test_fallback(monkeypatch, request, name, most, options):
+    """Where PCG fails a stronger preconditioner takes over: factors if there is memory for them, else BoomerAMG.
+
+    Pairs that close later are added to the matrix in its new format.  Options for the one do not disturb the other.
+    """
+    typed, option = PETSc.Options(), "fx_fallback_mat_mumps_icntl_10"
+    typed[option] = 0
+    request.addfinalizer(lambda: typed.delValue(option))
+    monkeypatch.setattr(
+        conjugate_gradients, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0)
+    )
+    monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
+    monkeypatch.setattr(RigidMotions, "move", lambda self, matrix, base, jump, stiffness, u, free: u)
+    monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
+    scene = hertz(order=2, coarse=2, displacement=0.03)
+    right, last = (
+        list(adapt(scene, 0.25, solver=solver))[-1].record
+        for solver in (Solver(), Solver(max_krylov=most, options=options))
+    )
+    assert right["preconditioner"] == "boomeramg" and last["preconditioner"] == name
+    assert last["krylov_iterations"][0] > most and last["contact_iterations"] > 1, "no pair changes after the failure"
+    assert last["active_pairs"] == right["active_pairs"]
+    assert abs(last["force"] / right["force"] - 1) < 1e-6
+
+
+@pytest.mark.parametrize("free, what", [(2e6, "the system of .* unknowns"), (1e6, "a forest of .* leaves")])
+def test_memory_is_not_overdrawn(monkeypatch, free, what):
+    """What would not fit is refused before it is allocated, with what it needs and what there is; no step is lost."""
+    scene, steps = hertz(order=2, coarse=2), []
+    with pytest.raises(
+        SolveError, match=rf"{what} needs .* [kM]B on a host that has {free / 1e6:.1f} MB left"
+    ) as caught:
+        for step in adapt(scene, 0.16):
+            steps.append(step.record)
+            monkeypatch.setattr(memory, "available", lambda: free)
+    assert len(steps) == 1 and caught.value.record is steps[0] and caught.value.displacement is not None
+    assert memory.shortage(WORLD, 0) is None, "nothing is always there"
+
+
+@pytest.mark.parametrize(
+    "solver", [Solver("cholesky"), Solver(options={"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"})]
+)
+def test_memory_of_chosen_factors(monkeypatch, solver):
+    """Factors that the user has chosen are refused too where they do not fit; they are not begun."""
+    next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
+    monkeypatch.setattr(conjugate_gradients, "_FACTOR_BYTES", 1e12)
+    with pytest.raises(SolveError, match="unknowns needs .* GB on a host .* take 'boomeramg'"):
+        next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
+
+
+@pytest.mark.parametrize(
+    "reason, advice", [(-11, "for want of memory"), (-3, "allow more"), (-9, "a finer root mesh")]
+)
+def test_advice_fits_the_failure(monkeypatch, reason, advice):
+    """Where PCG fails, what to do depends on why."""
+    monkeypatch.setattr(ConjugateGradients, "_attempt", lambda self, right_hand_side, start, _: (start, reason, 7))
+    with pytest.raises(SolveError, match=rf"PCG failed with cholesky after 7 .* reason {reason}\); .*{advice}"):
+        next(adapt(hertz(order=1, coarse=1), 0.5, solver=Solver("cholesky")))
+
+
+def test_memory_of_one_rank(monkeypatch):
+    """A limit of one rank's own counts, whatever the host has left."""
+    if WORLD.rank == WORLD.size - 1:
+        monkeypatch.setattr(memory, "address_space", lambda: 1000)
+    assert memory.shortage(WORLD, 1000) is None
+    assert memory.shortage(WORLD, 1001) == (1001, 1000, "on a rank under a limit (ulimit -v)")
+
+
+def test_limit_of_the_address_space():
+    """What a process may still take is its limit less what it has."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (1 << 42, limits[1]))
+    try:
+        assert 0 < (1 << 42) - memory.address_space() < 1 << 41
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+@pytest.mark.parametrize(
+    "line, files",
+    [
+        ("0::/a/b", ("memory.max", "memory.current", "inactive_file")),
+        ("7:memory:/a/b", ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")),
+    ],
+)
+def test_memory_of_nested_groups(monkeypatch, tmp_path, line, files):
+    """The tightest control group counts, of those around this process; what the page cache holds can be had back."""
+    limit, used, cache = files
+    for group, texts in {".": "max 9 9", "a": "5000 4500 200", "a/b": "max 10 0", "other": "1 1 0"}.items():
+        folder = tmp_path / ("memory" * line.startswith("7")) / group
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in zip((limit, used, "memory.stat"), texts.split()):
+            (folder / name).write_text(f"anon 3\n{cache} {text}\n" if name == "memory.stat" else text)
+    (tmp_path / "cgroup").write_text(f"9:cpu:/other\n{line}\n")
+    monkeypatch.setattr(memory, "_CGROUP", tmp_path)
+    monkeypatch.setattr(memory, "_MEMBERSHIP", tmp_path / "cgroup")
+    assert memory.available() == 700
+
+
+@pytest.mark.parametrize(
+    "solver", [Solver(options={"pc_type": "jacobi"}), Solver(options={"pc_type": "gamg"}), Solver("ilu")]
+)
+def test_preconditioner_does_not_matter(solver):
+    """Matrices in PETSc's and in hypre's format give the same solution."""
+    scene = hertz(order=2, coarse=2)
+    *_, one = adapt(scene, 0.25)
+    *_, other = adapt(scene, 0.25, solver=solver)
+    assert one.record["cells"] == other.record["cells"]
+    assert abs(other.record["force"] / one.record["force"] - 1) < 1e-7
+
+
+@pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
+def test_units_do_not_matter(radius, young):
+    """Scaled lengths and moduli give the same cells and scaled forces."""
+    settings = dict(order=2, coarse=2)
+    *_, one = adapt(hertz(**settings), 0.25)
+    scaled = hertz(radius, 0.01 * radius, Material(young, 0.3), **settings)
+    *_, other = adapt(scaled, 0.25)
+    assert one.record["cells"] == other.record["cells"]
+    assert abs(other.record["force"] / (one.record["force"] * young * radius**2) - 1) < 1e-7
+    assert abs(other.record["estimate"] / one.record["estimate"] - 1) < 1e-6
+
+
+def test_root_mesh_is_a_ball():
+    """The half-balls' polar surface leaves the sphere by an error of the order of the mesh, and is symmetric."""
+    off = []
+    for order in (2, 3, 6):
+        mesh = hertz(order=order).mesh
+        points = mesh.facet_points(mesh.surfaces["lower pole"], order=9).reshape(-1, 3)
+        off.append(np.abs(np.linalg.norm(points - [0, 0, -1], axis=1) - 1).max())
+        nodes = mesh.points
+        mirrored = nodes[:, [1, 0, 2]]
+        assert cKDTree(nodes).query(mirrored)[0].max() < 1e-9
+    assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
+
+
+def test_full_and_quarter_model():
+    """The whole half-spheres and a quarter of them have the same results and error estimate on the same mesh."""
+    records = []
+    for kind in ("quarter", "full"):
+        scene = hertz(displacement=0.2, order=2, coarse=3, symmetry=kind)
+        records.append(next(iter(adapt(scene, 0.1, max_steps=1))).record)
+    quarter, full = records
+    assert full["cells"] == 4 * quarter["cells"] and full["active_pairs"] > quarter["active_pairs"] > 3
+    for name in ("force", "max_pressure", "contact_radius", "estimate"):
+        assert abs(full[name] / quarter[name] - 1) < 1e-6, name

@@ -1,0 +1,81 @@
+"""The partition study from end to end on small meshes: scores, kernels on the ranks, prediction, tables, pictures."""
+
+import csv
+import sys
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, everywhere
+from mpi4py import MPI
+
+from fx_contact.forest.partition import KINDS
+from fx_contact.scenes import hertz
+
+DEMOS = Path(__file__).parents[2] / "demos"
+
+
+@pytest.fixture
+def study(monkeypatch):
+    """The module of the demo, with one small benchmark."""
+    monkeypatch.syspath_prepend(str(DEMOS))
+    import partition_study
+
+    small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.3, 0.3, 18.3e6, 0.25)}
+    monkeypatch.setattr(partition_study, "BENCHMARKS", small)
+    monkeypatch.setattr(partition_study, "TOLERANCES", (0.3, 0.3))
+    return partition_study
+
+
+@pytest.mark.skipif(WORLD.size > 2, reason="each rank scores a benchmark by itself: two show all")
+def test_study(study, monkeypatch, tmp_path):
+    """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
+    folder = Path(WORLD.bcast(str(tmp_path)))
+    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--parts", "32", "--output", str(folder)])
+    study.main()
+    if WORLD.rank > 0:
+        return
+    rows = list(csv.DictReader((folder / "quality.csv").open()))
+    assert len(rows) == 5 * (len(KINDS) + 1)
+    for row in rows:
+        assert (row["kind"] == "sfc") == (int(row["split_pairs"]) > 0), row
+    rows = list(csv.DictReader((folder / "prediction.csv").open()))
+    assert len(rows) == len(KINDS) + 1
+    from scaling_model import STAGES
+
+    for row in rows:
+        stages = [float(row[name]) for name in STAGES]
+        assert min(stages) > 0 and sum(stages) == pytest.approx(float(row["total"]))
+    assert "MODEL" in (folder / "prediction.md").read_text()
+    for name in ("cut", "prediction_hertz", "hertz_32", *(f"hertz_{kind}_32" for kind in KINDS)):
+        assert (folder / f"{name}.png").stat().st_size > 10_000, name
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [("--parts 100", "power of two"), ("--parts 65536", "at most half"), ("--output /dev/null/x", "name another")],
+)
+def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
+    """One line that says what to do, and no traceback."""
+    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--output", str(tmp_path), *options.split()])
+    monkeypatch.setattr(study, "draw_in_32", lambda *_: None)
+    with pytest.raises(SystemExit) as exit_code:
+        study.main()
+    assert exit_code.value.code in (1, 2)
+    if WORLD.rank == 0:
+        text = capsys.readouterr().err
+        assert words in text and "Traceback" not in text
+
+
+def test_kernels(study):
+    """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
+    from scaling_kernels import TIMES, measure
+
+    kernels = measure(WORLD, 0.3)
+    assert len(TIMES) == 6
+    for name in TIMES:
+        everywhere(getattr(kernels, name) > 0, name)
+    assert {"hashed", "straightening"} <= {field.name for field in fields(kernels)}
+    assert kernels.hashed[0] > 10 and (kernels.hashed[1] > kernels.hashed[0]) == (WORLD.size > 1)
+    assert min(kernels.straightening) >= 0 and (kernels.straightening[1] > 0) == (WORLD.size > 1)

@@ -1,0 +1,155 @@
+"""A tenth of the stress matrix: no scene is delivered wrong, none dies, and the judge sees what is wrong."""
+
+import os
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere, outside
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+
+import stability  # noqa: E402
+from stability_checks import Check, Exact  # noqa: E402
+from stability_figures import SCORES, draw_matrix, table, write_csv  # noqa: E402
+from stability_scenes import Case, cases, sample, stack_force  # noqa: E402
+from stability_shapes import sheared_nodes  # noqa: E402
+
+from fx_contact import Enforcement, Material, adapt  # noqa: E402
+from fx_contact.scenes import stack  # noqa: E402
+
+NAMED = cases(stability.METHODS)
+CHOSEN = sample(NAMED)
+SOFT = Material(1.0, 0.3)
+
+
+@pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
+def test_scores():
+    """The sampled scenes, each on one rank: right or rightly refused, or honest about why not; none silently wrong."""
+    mine = [stability.score(case) for case in list(CHOSEN.values())[WORLD.rank :: WORLD.size]]
+    bad = [one for one in mine if one["score"] not in ("right", "refused", "noisy", "error", "unreached")]
+    everywhere(not bad, "\n".join(stability.line(one) for one in bad))
+    good = WORLD.allreduce(sum(one["score"] in ("right", "refused") for one in mine))
+    assert good > 0.8 * len(CHOSEN)
+
+
+def test_the_tables():
+    """At least 200 scenes with names of their own; the sample has every row."""
+    assert len(NAMED) >= 200
+    assert {case.row for case in CHOSEN.values()} == {case.row for case in NAMED.values()}
+    assert len(CHOSEN) < len(NAMED) / 5
+    assert all(set(name) <= set("/-+._()" + name) and " " not in name for name in NAMED)
+
+
+def judged(reference, **changes):
+    """A stack's score against a reference."""
+    known = {"scene": lambda: stack([SOFT, SOFT]), "reference": reference}
+    return stability.score(Case("axis", "family", "value", **(known | changes)))
+
+
+def test_the_judge_sees_a_wrong_force():
+    """Off by 1e-4 where nothing excuses it is a silent failure; so is a solution where there is none."""
+    right = stack_force([SOFT, SOFT])["reference"]
+    assert judged(right)["score"] == "right"
+    assert judged(replace(right, force=right.force * 1.0001))["score"] == "wrong"
+    assert judged(None)["score"] == "wrong"
+    assert judged(right, scene=lambda: stack([SOFT]))["score"] == "error"
+    assert judged(None, scene=lambda: stack([SOFT]))["score"] == "refused"
+    assert not Check("not a number", np.nan, 1.0).holds
+
+
+def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
+    """Off by more than the record's error allows, or by more than the square of the tolerance, is wrong."""
+    *_, step = adapt(stack([SOFT, SOFT]), 0.2, comm=stability.MPI.COMM_SELF)
+    state = stability.State(step, "exact")
+    for estimate, seen, tolerance, square in ((0.1, 1.0, 0.2, 0.015), (0.1, 0.5, 0.25, 0.06), (0.1, 0.5, 0.2, 0.04)):
+        state.record.update(estimate=estimate, assumed_effectivity=seen, tolerance=tolerance)
+        for off, holds in ((0.99 * square, True), (1.01 * square, False)):
+            known = Exact(force=state.interfaces()[0] / (1 + off), approach=0.01)
+            (check,) = state.against_exact(known)
+            assert check.holds == holds, (estimate, seen, tolerance, off)
+            (check,) = state.against_exact(replace(known, linear=True))
+            assert not check.holds, "uniform stresses are exact"
+
+
+def test_few_layers_keep_what_was_asked_for():
+    """Where the estimate sees half of the error the accuracy is that asked for, and a reference 3 % off is noticed."""
+    case = NAMED["aspect/clamped-cubes/10"]
+    one = stability.score(case)
+    assert one["score"] == "right" and one["assumed_effectivity"] < 0.8
+    missed = max(check[1] for check in one["checks"] if "against the twin" in check[0])
+    assert missed > 1.5 * one["estimate"] ** 2, "the estimate by itself would do"
+    assert stability.score(replace(case, reference=replace(case.reference, force=1.03)))["score"] == "wrong"
+
+
+@pytest.mark.parametrize(
+    "spoil, check",
+    [
+        (lambda c: replace(c, force=1.001 * c.force), "balance of each body"),
+        (lambda c: replace(c, force=c.force - 2 * c.force * (c.force == c.force.max())), "no tension"),
+        (lambda c: replace(c, active=np.zeros_like(c.active), force=0 * c.force), "no overlap but the penalty's"),
+        (lambda c: replace(c, displacement=1.01 * c.displacement), "work is stored"),
+    ],
+    ids=["force", "tension", "overlap", "work"],
+)
+def test_the_judge_sees_a_spoilt_solution(spoil, check):
+    """Each check fails where what it is for is wrong, and holds where nothing is."""
+    penalty = Enforcement("penalty")  # whose overlap is a spoilt solution's if no pair is closed
+    *_, step = adapt(stack([SOFT, Material(3.0, 0.1)]), 0.2, comm=stability.MPI.COMM_SELF, enforcement=penalty)
+    assert all(c.holds for c in stability.State(step, "penalty").checks())
+    state = stability.State(replace(step, contact=spoil(step.contact)), "penalty")
+    assert check in [c.name for c in state.checks() if not c.holds]
+
+
+def test_moved_nodes_keep_the_shape():
+    """Cells with inner nodes moved have other maps but the same corners and surfaces."""
+    scene = stack([SOFT, SOFT], order=2)
+    moved = sheared_nodes(scene, 0.9, [0, 1, 2])
+    assert np.array_equal(scene.mesh.points[scene.mesh.corners], moved.mesh.points[moved.mesh.corners])
+    assert np.abs(scene.mesh.points - moved.mesh.points).max() > 0.1
+    assert np.array_equal(scene.mesh.points.max(axis=0), moved.mesh.points.max(axis=0))
+
+
+def test_a_scene_with_an_unsure_reference():
+    """An uncertain reference allows its own uncertainty, no more."""
+    right = stack_force([SOFT, SOFT])["reference"]
+    off = Exact(force=1.01 * right.force, approach=right.approach, linear=True, unsure=0.011)
+    assert judged(off)["score"] == "right"
+    assert judged(replace(off, unsure=0.009))["score"] == "wrong"
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts processes")
+def test_processes(tmp_path, monkeypatch):
+    """Scenes run in other processes, are not run again, and a hang or a crash is a score; all is drawn."""
+    for name in set(os.environ) - set(outside()):  # they are no ranks of an mpirun above
+        monkeypatch.delenv(name)
+    names = ["bodies/stack/2", "held-by-contact/refused/pulled-stack", "gap/stack/1e-2"]
+    chosen = {name: NAMED[name] for name in names}
+    path = tmp_path / "scores.jsonl"
+    stability.study({name: chosen[name] for name in names[:2]}, path)
+    assert [stability.read(path)[name]["score"] for name in names[:2]] == ["right", "refused"]
+    lines = path.read_text()
+    stability.study({name: chosen[name] for name in names[:2]}, path)
+    assert path.read_text() == lines
+    monkeypatch.setattr(stability, "TIME_LIMIT", 0.1)
+    stability.study(chosen, path)
+    assert stability.read(path)[names[2]]["score"] == "hang"
+    monkeypatch.setattr(stability, "TIME_LIMIT", 60.0)
+    worker = stability.Worker(path)
+    for end, message in ((None, "KeyError: 'no/such/scene'"), (os.kill, "exit code -9")):
+        if end:
+            assert worker.attempt(chosen[names[0]])["score"] == "right"
+            end(worker._process.pid, signal.SIGKILL)
+        dead = worker.attempt(Case("no", "such", "scene", None, None))
+        assert dead["score"] == "crash" and dead["message"] == message
+    worker.end()
+    scores = list(stability.read(path).values())
+    draw_matrix(scores, tmp_path / "matrix.png")
+    write_csv(scores, tmp_path / "scores.csv")
+    assert len((tmp_path / "scores.csv").read_text().splitlines()) == 5
+    assert (tmp_path / "matrix.png").stat().st_size > 10_000
+    text = table(scores, stability.command)
+    assert "--only gap/stack/1e-2" in text and {one["score"] for one in scores} <= set(SCORES)
