@@ -1,8 +1,8 @@
 """Compare two files of `records.py`: integers must agree, forces to 1e-9, other figures to 1e-6.
 
-    python3 studies/equivalence/compare.py before.json after.json
+    python3 studies/equivalence/compare.py [--subset] before.json after.json
 
-Ends with 1, and says where, if something differs.
+With `--subset` the runs of the second file alone are compared.  Ends with 1, and says where, if something differs.
 """
 
 import json
@@ -33,18 +33,19 @@ def same(entry, one, other):
     return abs(one - other) <= allowed * max(abs(one), abs(other))
 
 
-def main(before, after):
-    """Print all differences; the number of them."""
+def main(before, after, subset=False):
+    """Print all differences; whether there are any."""
     before, after = (json.load(open(path)) for path in (before, after))
-    found = [f"only in one file: {name}" for name in before.keys() ^ after.keys()]
+    lonely = after.keys() - before.keys() if subset else before.keys() ^ after.keys()
+    found = [f"only in one file: {name}" for name in lonely]
     for name in before.keys() & after.keys():
         found += differences(name, before[name], after[name])
         iterations = [[s["krylov_iterations"] for s in run] for run in (before[name], after[name])]
         if iterations[0] != iterations[1]:
             print(f"(iterations of {name}: {iterations[0]} before, {iterations[1]} now)")
-    print("\n".join(sorted(found)) or f"{len(before)} runs agree")
+    print("\n".join(sorted(found)) or f"{len(before.keys() & after.keys())} runs agree")
     return bool(found)
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(main(*(word for word in sys.argv[1:] if word != "--subset"), subset="--subset" in sys.argv))
