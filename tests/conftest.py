@@ -4,6 +4,7 @@ import os
 import sys
 import time
 import traceback
+import zlib
 
 import numpy as np
 import pytest
@@ -16,33 +17,38 @@ def pytest_addoption(parser):
     """How often the runs of `test_checkpoint` are killed, and how what takes long is run."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the README prints to the letter, for hours")
-    parser.addoption("--in-turn", action="store_true", help="of whole runs, half on 2 and half on 3 ranks")
+    parser.addoption("--quick", action="store_true", help="leave out tests that are marked as slow")
+    parser.addoption(
+        "--one-of-several",
+        action="store_true",
+        help="one of several runs on different numbers of ranks: whole runs are on 2 or on 3, and none may be selected",
+    )
 
 
-#: Modules whose tests are whole adaptive runs, most of the time on 2 and 3 ranks.
-WHOLE_RUNS = {
-    "test_accuracy",
-    "test_contact_goals",
-    "test_enforcement",
-    "test_hertz",
-    "test_ready_scenes",
-    "test_inter_node_contact",
-}
+def pytest_configure(config):
+    """The marks of these tests."""
+    config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
+    config.addinivalue_line("markers", "whole_run: whole adaptive runs; with --one-of-several on 1 rank and 2 or 3")
 
 
 def pytest_collection_modifyitems(config, items):
-    """With `--in-turn` each test of `WHOLE_RUNS` runs on 1 rank and on 2 or 3, every other one on each."""
-    if not config.getoption("--in-turn") or WORLD.size not in (2, 3):
-        return
-    long = [item for item in items if item.module.__name__ in WHOLE_RUNS]
-    left = set(long[WORLD.size % 2 :: 2])
-    config.hook.pytest_deselected(items=sorted(left, key=items.index))
-    items[:] = [item for item in items if item not in left]
+    """Leave out what the options say; a test that runs on 2 or on 3 ranks is on those that its name says."""
+
+    def left_out(item):
+        if config.getoption("--quick") and item.get_closest_marker("slow"):
+            return True
+        if not config.getoption("--one-of-several") or WORLD.size not in (2, 3):
+            return False
+        return bool(item.get_closest_marker("whole_run")) and 2 + zlib.crc32(item.nodeid.encode()) % 2 != WORLD.size
+
+    left = [item for item in items if left_out(item)]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in set(left)]
 
 
 def pytest_sessionfinish(session, exitstatus):
-    """Where the arguments of `tests/run` select no test, its run on a number of ranks has not failed."""
-    if exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED:
+    """With `--one-of-several` others have tests to run if this run has none."""
+    if session.config.getoption("--one-of-several") and exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED:
         session.exitstatus = pytest.ExitCode.OK
 
 

@@ -56,6 +56,8 @@ from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
 from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, spheres, stack  # noqa: E402
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
 
+pytestmark = pytest.mark.whole_run
+
 PRESSURE = 0.01
 
 

@@ -25,6 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
 
 from stability_shapes import beam, films, on_a_base, sinking  # noqa: E402
 
+pytestmark = pytest.mark.whole_run
+
 LIGHT = 1e-4
 FORCE = LIGHT / (2 * 0.05) * 10.0**2  # of the light plate on a base, that nothing else loads
 

@@ -22,6 +22,8 @@ from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
 
+pytestmark = pytest.mark.whole_run
+
 HIDDEN = {"cells": 5, "displacement": 0.003}
 """A bump whose pole is in the middle of a root facet, all of whose nodes stay apart."""
 

@@ -17,6 +17,8 @@ from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a, ssnv104
 from fx_contact.scenes import hertz, indentation, stack
 
+pytestmark = pytest.mark.whole_run
+
 
 def test_orders_under_uniform_refinement():
     """Manufactured solution on curved cells with hanging vertices: order 1 in energy, 2 in L2."""

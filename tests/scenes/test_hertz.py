@@ -22,6 +22,8 @@ from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import STAGES
 from fx_contact.scenes import hertz
 
+pytestmark = pytest.mark.whole_run
+
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
 krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
 pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds,

@@ -14,6 +14,8 @@ from fx_contact.parallel.errors import GeometryError, SceneError, SolveError
 from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
 from fx_contact.scenes import cylinders, hertz, patch, punch, scaled, shrink_fit, spheres, stack, swapped, turned
 
+pytestmark = pytest.mark.whole_run
+
 SOFT, STIFF = Material(1.0, 0.3), Material(1e3, 0.0)
 CYCLE = np.roll(np.eye(3), 1, axis=0)
 
