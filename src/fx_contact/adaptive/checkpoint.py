@@ -1,18 +1,16 @@
 """The state after an adaptive step on disk, from which any number of ranks can go on.
 
-Leaves and vertices are named by keys that do not depend on the ranks: a leaf with its indicator takes 16 bytes, a
-vertex with its displacement 32.  The displacement is also the start of the next active set.  A checkpoint knows the
-problem it belongs to, and has the records of all steps so far.
+Leaves and nodes are named by keys that do not depend on the ranks: a leaf with its indicator takes 24 bytes, a node
+with its displacement 32.  A checkpoint knows the problem it belongs to, and has the records of all steps so far.
 """
 
-from dataclasses import asdict, dataclass, fields
-from numbers import Real
+from dataclasses import asdict, dataclass
 from uuid import uuid4
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.row_file import RowFile, write
+from fx_contact.adaptive.row_file import RowFile, write_rows
 from fx_contact.estimate.error_estimate import Estimate, Gain
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
@@ -21,37 +19,11 @@ from fx_contact.parallel.mpi import Directory, together
 from fx_contact.parallel.validation import as_path, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 from fx_contact.problem.fingerprint import problem
-from fx_contact.problem.hexahedron import EDGE_CORNERS
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
+from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
 
 NAME = "checkpoint"
-KIND = "checkpoint of fx_contact, version 6"
 _LEVEL_BITS = 4
-#: What the content must hold besides its kind, as functions that tell whether a value can be meant.
-_CONTENT = {
-    "run": lambda run: isinstance(run, str),
-    "problem": lambda problem: isinstance(problem, dict),
-    "options": lambda options: isinstance(options, dict),
-    "records": lambda records: isinstance(records, list)
-    and len(records) > 0
-    and all(isinstance(record, dict) and "step" in record for record in records),
-    "estimate": lambda numbers: isinstance(numbers, list) and len(numbers) == 3 and _are_numbers(numbers),
-    "gain": lambda gain: isinstance(gain, dict)
-    and gain.keys() == {entry.name for entry in fields(Gain)}
-    and _are_numbers(gain.values()),
-}
-#: Types of the tables, the least numbers of their columns, and the table that has as many rows.
-_TABLES = {
-    "leaves": ("<u8", 1, "leaves"),
-    "indicator": ("<f8", 1, "leaves"),
-    "refine": ("<f8", 1, "leaves"),
-    "vertices": ("<i8", 1, "vertices"),
-    "values": ("<f8", 3, "vertices"),
-}
-#: No energy and no error is larger [J].
-_LARGEST = 1e150
-_ADVICE = "take a copy of it if there is one, else remove it and begin anew"
 
 
 class CheckpointWriter:
@@ -108,14 +80,14 @@ class CheckpointWriter:
         values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
         # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
-        write(
+        write_rows(
             self._path,
             forest.comm,
             {
-                "kind": KIND,
                 "run": self._run,
                 "problem": self._problem,
                 "options": self._options,
+                "degree": 1,
                 "records": records,
                 "estimate": [error.error_global, error.energy_norm, error.cells],
                 "gain": asdict(gain),
@@ -124,7 +96,7 @@ class CheckpointWriter:
                 "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
                 "indicator": indicator[:, None],
                 "refine": step.contact_error.refine[:, None].astype(float),
-                "vertices": prolongation.vertices.keys[rows, None],
+                "nodes": prolongation.vertices.keys[rows, None],
                 "values": values[rows],
             },
             self._allow,
@@ -136,7 +108,7 @@ class CheckpointWriter:
         if not self._path.exists():
             return
         try:
-            run = _content(RowFile(self._path, MPI.COMM_SELF))["run"]
+            run = RowFile(self._path, MPI.COMM_SELF).content["run"]
         except CheckpointError as error:
             raise OutputError(
                 f"{str(self._path)!r} would be replaced, but is no checkpoint that can be read ({error}): remove it, "
@@ -149,41 +121,6 @@ class CheckpointWriter:
             )
 
 
-def _content(file):
-    """What a file of rows says besides its tables, if it is a checkpoint.
-
-    Local.
-
-    Args:
-        file: RowFile.
-
-    Returns:
-        dict.
-
-    Raises:
-        CheckpointError: it is none, or damaged.
-    """
-    content = file.content
-    if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise CheckpointError(f"{str(file.path)!r} is no {KIND}")
-    wrong = [name for name, fits in _CONTENT.items() if not fits(content.get(name))]
-    for name, (kind, columns, like) in _TABLES.items():
-        table, other = (file.tables.get(one, {"type": None, "rows": 0}) for one in (name, like))
-        if table["type"] != kind or table["columns"] < columns or table["rows"] != other["rows"]:
-            wrong.append(name)
-    if wrong:
-        raise CheckpointError(
-            f"{str(file.path)!r} is damaged or of another version, for {', '.join(wrong)} in it is missing or makes no "
-            f"sense: {_ADVICE}"
-        )
-    return content
-
-
-def _are_numbers(values):
-    """Whether all are numbers that can be meant: not negative, and with squares that are finite."""
-    return all(isinstance(value, Real) and 0 <= value <= _LARGEST for value in values)
-
-
 def _names(cell, level, anchor):
     """Names of leaves: (n,) uint64."""
     return leaf_code(cell, anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level.astype(np.uint64)
@@ -194,46 +131,6 @@ def _named(names):
     level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
     cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
     return cell, level, anchor
-
-
-def _are_leaves(mesh, cell, level, anchor):
-    """Whether a root mesh can have such leaves.  Local."""
-    side = SIDE >> level.astype(np.int32)
-    return ((cell < len(mesh.cells)) & (level <= MAX_LEVEL) & ~(anchor % side[:, None]).any(axis=1)).all()
-
-
-def _are_whole(comm, mesh, cell, level, anchor):
-    """Whether leaves fill the root cells, and none is there twice or inside of another.  Collective on comm."""
-    filled = np.bincount(cell, np.ldexp(1.0, -3 * level.astype(np.int32)), len(mesh.cells))  # without rounding
-    comm.Allreduce(MPI.IN_PLACE, filled)
-    names = np.unique(_names(cell, level, anchor))
-    directory, fits = Directory(comm, names.view(np.int64)), len(names) == len(cell)
-    fits &= bool((directory.lowest(np.full(len(names), comm.rank)) == comm.rank).all())
-    above = [np.empty(0, dtype=np.uint64)]
-    while len(cell):
-        inner = level > 0
-        level = level[inner] - 1
-        anchor = anchor[inner] & -(SIDE >> level.astype(np.int32))[:, None]
-        above.append(np.unique(_names(cell[inner], level, anchor)))
-        cell, level, anchor = _named(above[-1])
-    fits &= not directory.asked(np.concatenate(above).view(np.int64)).any()
-    return comm.allreduce(fits, op=MPI.LAND) and bool((filled == 1).all())
-
-
-def _is_balanced(forest):
-    """Whether facing leaves have the same level, and no edge of a leaf more than one vertex inside.  Collective."""
-    leaf, face = forest.contact_faces()
-    level = forest.level[leaf]
-    cell, anchor = forest.pairing.partners(forest.cell[leaf], level, forest.anchor[leaf], face)
-    directory = Directory(forest.comm, _names(forest.cell, forest.level, forest.anchor).view(np.int64))
-    _, found = directory.lookup(
-        _names(cell, level, anchor).view(np.int64), np.zeros(len(forest)), np.ones(len(forest), dtype=bool)
-    )
-    leaf, edge = forest.edges.example[forest.level[forest.edges.example[:, 0]] < MAX_LEVEL].T
-    ends = forest.corners[leaf[:, None], EDGE_CORNERS[edge]]
-    quarters = forest.lattice.keys(forest.cell[leaf], (3 * ends + ends[:, ::-1]) // 4)
-    crowded = forest.vertices.directory.asked(quarters.ravel()).any()
-    return forest.comm.allreduce(bool(found.all() and not crowded), op=MPI.LAND)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +182,7 @@ class Checkpoint:
         check_alike(comm, {"folder": str(folder), **asked})
         self.comm, self._scene = comm, scene
         self._file = RowFile(self.path, comm)
-        content = _content(self._file)
+        content = self._file.content
         self._compare(content["problem"], asked)
         self.run, self.records = content["run"], content["records"]
 
@@ -322,35 +219,21 @@ class Checkpoint:
         Raises:
             CheckpointError: the file is damaged.
         """
-        scene, comm = self._scene, self.comm
-        leaves, (whole, _, count) = _named(self._file.table("leaves")[:, 0]), self._file.content["estimate"]
-        keys, values, error, refine = map(self._file.table, ("vertices", "values", "indicator", "refine"))
-        with together(comm):
-            self._see(_are_leaves(scene.mesh, *leaves), "some of its leaves are none of the root mesh")
-            self._see(np.isfinite(values).all(), "some of its displacements are not finite")
-            self._see(((error >= 0) & np.isfinite(error)).all(), "some of its errors are negative, or not finite")
-            self._see(
-                np.isin(refine, (0, 1, 2)).all(), "some of its leaves are to be refined other than once or twice"
-            )
-            self._see(
-                count == self._file.tables["leaves"]["rows"], "it has another number of leaves than its estimate"
-            )
-        added = np.sqrt(comm.allreduce(float((error**2).sum())))
-        self._see(abs(added - whole) <= 1e-6 * whole, "its errors do not add up to its estimate")
-        self._see(_are_whole(comm, scene.mesh, *leaves), "its leaves do not fill the root cells, each of them once")
-        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *leaves)
-        self._see(_is_balanced(forest), "the levels of its leaves do not fit together")
+        scene, comm, content = self._scene, self.comm, self._file.content
+        if content["degree"] != 1:
+            raise CheckpointError(f"{str(self.path)!r} has displacements of degree {content['degree']}, not 1")
+        leaves, keys, values, error, refine = map(
+            self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
+        )
+        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0]))
         keys, rows = np.unique(keys[:, 0], return_index=True)
         values, found = Directory(comm, keys).lookup(
             forest.vertices.keys, values[rows], np.ones(len(keys), dtype=bool)
         )
         with together(comm):
-            self._see(found.all(), "it lacks vertices of its leaves")
-        estimate = Estimate(None, error[:, 0], None, *self._file.content["estimate"])
-        gain = Gain(**self._file.content["gain"])
-        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), gain)
-
-    def _see(self, right, damage):
-        """Raises CheckpointError that says what the damage is, unless all is right.  Local."""
-        if not right:
-            raise CheckpointError(f"{str(self.path)!r} is damaged: {damage}; {_ADVICE}")
+            if not found.all():
+                raise CheckpointError(f"{str(self.path)!r} lacks nodes of its leaves: begin anew")
+        estimate = Estimate(None, error[:, 0], None, *content["estimate"])
+        return State(
+            forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), Gain(**content["gain"])
+        )
