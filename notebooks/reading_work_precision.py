@@ -18,16 +18,16 @@
 # # Reading a work-precision plot
 #
 # "Fast" and "accurate" mean nothing alone. A work-precision plot has the time that a run took on one axis and the *true*
-# error of its result on the other, a point a run, a line a method. `demos/work_precision.py` makes them for all settings
+# error of its result on the other, a point a run, a line a method. `studies/work_precision` makes them for all settings
 # of this program, in half an hour; here are four runs.
 
 # %%
 import sys
 
-sys.path.insert(0, "../demos")
+sys.path.insert(0, "..")
 
-from work_precision_points import Point, reference
-from runs import Case
+from studies.work_precision.points import Point, reference
+from studies.runs import Case
 
 uniform = "--records-only --reference hertz-a --coarse 3 --tolerance 0.04"
 wanted = [
@@ -47,7 +47,7 @@ for point in wanted:
 # %%
 from pathlib import Path
 
-from work_precision import load, measure
+from studies.work_precision.run import load, measure
 
 folder = Path("../results/notebooks/work_precision")
 folder.mkdir(parents=True, exist_ok=True)

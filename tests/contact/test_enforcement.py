@@ -1,11 +1,9 @@
 """Exact, augmented and penalised contact, and the rules by which pairs open and close."""
 
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import product
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,9 +28,6 @@ from model_problems import (
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-from stability_shapes import oblique  # noqa: E402
-
 from fx_contact import (  # noqa: E402
     BodyForce,
     ContactPair,
@@ -55,6 +50,7 @@ from fx_contact.parallel.errors import SolveError  # noqa: E402
 from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
 from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, spheres, stack  # noqa: E402
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
+from studies.stability.shapes import oblique
 
 pytestmark = pytest.mark.whole_run
 

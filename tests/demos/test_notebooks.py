@@ -20,7 +20,7 @@ def test_runs_as_printed(name, tmp_path):
     """In a copy, so that its results go to a temporary folder; no cell fails or warns."""
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
-    for folder in ("notebooks", "demos", "src"):
+    for folder in ("notebooks", "demos", "studies", "src"):
         (tmp_path / folder).mkdir()
         for path in (TOP / folder).iterdir():
             (tmp_path / folder / path.name).symlink_to(path)

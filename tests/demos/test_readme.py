@@ -20,12 +20,14 @@ from conftest import WORLD, outside
 
 TOP = Path(__file__).parents[2]
 PAGES = [
-    name for name in ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "demos/README.md") if (TOP / name).exists()
+    name
+    for name in ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "demos/README.md", "studies/README.md")
+    if (TOP / name).exists()
 ]
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="each command starts its own processes")
 
-DEMO = r"python3 demos/(hertz|indentation|glued|patch|manufactured|own_gmsh_model)\.py\b"
+DEMO = r"python3 demos/(hertz|indentation|patch|manufactured|own_gmsh_model)\.py\b"
 #: Coarser: what is left is starting, a few steps, and everything that comes after the last of them.
 COARSER = (r"--tolerance \S+", "--tolerance 0.3"), (r"--true-error \S+", "--true-error 0.4")
 #: Rows of tables without an option for the accuracy.
@@ -33,7 +35,7 @@ UNSAID = ((r"(demos/\w+\.py)(?!.*--tolerance)(.*)", r"\1\2 --tolerance 0.3"),)
 #: Without fields and pictures, which other commands make.
 PLAIN = ((r"(demos/(?:hertz|indentation)\.py)(?!.*--records-only)", r"\1 --records-only"),)
 ALONE = ((r"mpirun -n \d ", ""),)
-HELP = (*ALONE, (r"(\.py)\b.*", r"\1 --help"))
+HELP = (*ALONE, (r"(-m [\w.]+).*", r"\1 --help"))
 
 #: Programs that are not where the tests run, or that change the machine.
 ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt|git|cd"
@@ -60,7 +62,7 @@ class Kind:
 
 KINDS = (
     Kind(r"(mpirun -n 2 )?python3 demos/hertz\.py( --help)?"),
-    Kind(r"python3 demos/stability\.py --only \S+"),
+    Kind(r"python3 -m studies\.stability\.run --only \S+"),
     Kind(rf"mpirun -n \d {DEMO}.*--checkpoint.*", "some digits less take seconds", (*COARSER, *PLAIN)),
     Kind(
         rf"mpirun -n \d {DEMO}.*--(true-error|reference).*",
@@ -69,16 +71,8 @@ KINDS = (
     ),
     Kind(rf"mpirun -n \d {DEMO}.*", "minutes each: coarser, and on one rank", (*COARSER, *UNSAID, *PLAIN, *ALONE)),
     Kind(rf"{DEMO}.*", "coarser", (*COARSER, *UNSAID)),
-    Kind(
-        r"python3 demos/hertz_table\.py|mpirun -n \d python3 demos/hertz_table\.py",
-        "half a minute; its rows are run",
-        None,
-    ),
-    Kind(
-        r"(mpirun -n \d )?python3 demos/(partition_study|stability|cost_study|work_precision|parts_cost)\.py.*",
-        "minutes",
-        HELP,
-    ),
+    Kind(r"mpirun -n \d python3 -m studies\.cost\.hertz", "half a minute; its rows are run", None),
+    Kind(r"(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*", "minutes", HELP),
     Kind(
         r"(env .+ )?python3 notebooks/execute\.py .*",
         "test_notebooks runs them",
@@ -147,7 +141,7 @@ def clone(tmp_path_factory):
     """The project in a folder of its own, for the results."""
     folder = tmp_path_factory.mktemp("clone")
     for path in TOP.iterdir():
-        if path.is_dir() and path.name in ("src", "tests", "demos", "notebooks"):
+        if path.is_dir() and path.name in ("src", "tests", "demos", "studies", "notebooks"):
             (folder / path.name).mkdir()
             for inner in path.iterdir():
                 (folder / path.name / inner.name).symlink_to(inner)
@@ -218,7 +212,12 @@ def test_block(code, clone, request):
 
 def test_options_exist():
     """Options that stand alone in a line are those of some program here, or PETSc's."""
-    sources = [*(TOP / "demos").glob("*.py"), *(TOP / "notebooks").glob("*.py"), *(TOP / "tests").glob("*.py")]
+    sources = [
+        *(TOP / "demos").glob("*.py"),
+        *(TOP / "studies").glob("*/*.py"),
+        *(TOP / "notebooks").glob("*.py"),
+        *(TOP / "tests").glob("*.py"),
+    ]
     known = set(re.findall(r'"(--[\w-]+)"', "".join(path.read_text() for path in sources)))
     known |= set(re.findall(r"--[\w-]+", (TOP / "with-dolfinx").read_text()))
     known.add("--build-arg")  # Docker's

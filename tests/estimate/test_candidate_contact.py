@@ -1,7 +1,5 @@
 """Open places that strains may close: what counts as moved by strains, and what as a place."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +13,7 @@ from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.goal_verdict import BLIND
 from fx_contact.scenes import punch
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-
-from stability_shapes import beam  # noqa: E402
+from studies.stability.shapes import beam
 
 STIFF = Material(1e3, 0.3)
 LONG = 10.0

@@ -1,8 +1,6 @@
 """What contact itself asks of a mesh and of a penalty, whatever else loads its bodies."""
 
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,10 +18,7 @@ from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
 from fx_contact.results.report import doubts
 from fx_contact.scenes import punch
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-
-from stability_shapes import beam, films, on_a_base, sinking  # noqa: E402
+from studies.stability.shapes import beam, films, on_a_base, sinking
 
 pytestmark = pytest.mark.whole_run
 

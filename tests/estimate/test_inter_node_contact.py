@@ -1,17 +1,12 @@
 """Contact that no node sees is found between the nodes, on any number of ranks, and after a restart."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import corner_scene, leaves, of_spots
 from mpi4py import MPI
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-from stability_shapes import bump, in_two, ring, waves  # noqa: E402
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
@@ -21,6 +16,7 @@ from fx_contact.estimate import inter_node_contact  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
+from studies.stability.shapes import bump, in_two, ring, waves
 
 pytestmark = pytest.mark.whole_run
 

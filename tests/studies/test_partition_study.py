@@ -13,14 +13,11 @@ from mpi4py import MPI
 from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz
 
-DEMOS = Path(__file__).parents[2] / "demos"
-
 
 @pytest.fixture
 def study(monkeypatch):
     """The module of the demo, with one small benchmark."""
-    monkeypatch.syspath_prepend(str(DEMOS))
-    import partition_study
+    from studies.partition import run as partition_study
 
     small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.3, 0.3, 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
@@ -32,7 +29,7 @@ def study(monkeypatch):
 def test_study(study, monkeypatch, tmp_path):
     """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
     folder = Path(WORLD.bcast(str(tmp_path)))
-    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--parts", "32", "--output", str(folder)])
+    monkeypatch.setattr(sys, "argv", ["run.py", "--quick", "--parts", "32", "--output", str(folder)])
     study.main()
     if WORLD.rank > 0:
         return
@@ -42,7 +39,7 @@ def test_study(study, monkeypatch, tmp_path):
         assert (row["kind"] == "sfc") == (int(row["split_pairs"]) > 0), row
     rows = list(csv.DictReader((folder / "prediction.csv").open()))
     assert len(rows) == len(KINDS) + 1
-    from scaling_model import STAGES
+    from studies.partition.scaling_model import STAGES
 
     for row in rows:
         stages = [float(row[name]) for name in STAGES]
@@ -58,7 +55,7 @@ def test_study(study, monkeypatch, tmp_path):
 )
 def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
     """One line that says what to do, and no traceback."""
-    monkeypatch.setattr(sys, "argv", ["partition_study.py", "--quick", "--output", str(tmp_path), *options.split()])
+    monkeypatch.setattr(sys, "argv", ["run.py", "--quick", "--output", str(tmp_path), *options.split()])
     monkeypatch.setattr(study, "draw_in_32", lambda *_: None)
     with pytest.raises(SystemExit) as exit_code:
         study.main()
@@ -70,7 +67,7 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
 
 def test_kernels(study):
     """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
-    from scaling_kernels import TIMES, measure
+    from studies.partition.scaling_kernels import TIMES, measure
 
     kernels = measure(WORLD, 0.3)
     assert len(TIMES) == 6

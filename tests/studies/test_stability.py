@@ -2,24 +2,19 @@
 
 import os
 import signal
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere, outside
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-
-import stability  # noqa: E402
-from stability_checks import Check, Exact  # noqa: E402
-from stability_figures import SCORES, draw_matrix, table, write_csv  # noqa: E402
-from stability_scenes import Case, cases, sample, stack_force  # noqa: E402
-from stability_shapes import sheared_nodes  # noqa: E402
-
-from fx_contact import Enforcement, Material, adapt  # noqa: E402
-from fx_contact.scenes import stack  # noqa: E402
+from fx_contact import Enforcement, Material, adapt
+from fx_contact.scenes import stack
+from studies.stability import run as stability
+from studies.stability.checks import Check, Exact
+from studies.stability.figures import SCORES, draw_matrix, table, write_csv
+from studies.stability.scenes import Case, cases, sample, stack_force
+from studies.stability.shapes import sheared_nodes
 
 NAMED = cases(stability.METHODS)
 CHOSEN = sample(NAMED)

@@ -1,15 +1,12 @@
 """The work-precision study without its runs: medians, failures, interruptions, tables and plots."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import WORLD
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="the study is a serial program")
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
 
 
 def line(point, repeat, wall, error):
@@ -44,7 +41,7 @@ def line(point, repeat, wall, error):
 
 def test_commands_are_distinct():
     """No run is made twice, and the quick study is part of the full one."""
-    from work_precision_points import points
+    from studies.work_precision.points import points
 
     full, quick = points(False), points(True)
     commands = [point.case.command for point in full]
@@ -55,9 +52,9 @@ def test_commands_are_distinct():
 
 def test_tables_and_plots(tmp_path):
     """Medians, a failure shown as one, and all plots that the results allow."""
-    from work_precision_figures import draw_all
-    from work_precision_points import points
-    from work_precision_tables import commands, medians, readme_table, table, targets, write_csv
+    from studies.work_precision.figures import draw_all
+    from studies.work_precision.points import points
+    from studies.work_precision.tables import commands, medians, readme_table, table, targets, write_csv
 
     wanted = points(True)
     runs = [
@@ -84,11 +81,11 @@ def test_tables_and_plots(tmp_path):
 
 def test_measures():
     """Slope of a power law, digits of an error, and a promise with the figures that it is held against."""
-    from work_precision_tables import digits, medians, slope, targets
+    from studies.work_precision.tables import digits, medians, slope, targets
 
     x = np.array([1.0, 10.0, 300.0])
     assert slope(x, 5 * x**-0.4) == pytest.approx(-0.4) and digits(1e-3) == pytest.approx(3)
-    from work_precision_points import points
+    from studies.work_precision.points import points
 
     wanted = [point for point in points(False) if point.line in ("adaptive, order 3, 2 ranks", "uniform, order 3")]
     runs = []
@@ -105,8 +102,8 @@ def test_measures():
 
 def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """What is in the file is not run again; a line cut short is; failures and long runs are not repeated."""
-    import work_precision
-    from work_precision_points import points
+    from studies.work_precision import run as work_precision
+    from studies.work_precision.points import points
 
     wanted = points(True)[:3]
     started = []
@@ -130,7 +127,7 @@ def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 def test_a_run_that_fails_or_hangs(tmp_path):
     """Errors of a demo come back as its own sentence; a run that takes too long is stopped."""
-    from runs import Case, RunFailed, run
+    from studies.runs import Case, RunFailed, run
 
     with pytest.raises(RunFailed, match="SceneError: the tolerance must be"):
         run(Case("hertz", "--tolerance -1 --order 2 --coarse 2 --records-only", 1), tmp_path / "a")

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
-from work_precision_points import DEFAULT, Point
+
+from studies.work_precision.points import DEFAULT, Point
 
 #: Errors of a contact by their name in the records: heading.
 ERRORS = {

@@ -3,8 +3,8 @@
 The forests are those of real adaptive runs of both benchmarks, every leaf refined once more: over a million leaves.
 Each rank scores one benchmark at a time by itself, so two ranks halve the time:
 
-    mpirun -n 2 python3 demos/partition_study.py --quick
-    mpirun -n 2 python3 demos/partition_study.py
+    mpirun -n 2 python3 -m studies.partition.run --quick
+    mpirun -n 2 python3 -m studies.partition.run
 
 It leaves table.md, quality.csv, cost.md, prediction.md, prediction.csv and pictures in the folder of results.
 """
@@ -16,13 +16,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from common import RankZeroParser, plain_errors
 from mpi4py import MPI
-from partition_figures import draw_cuts, draw_prediction, side_by_side
-from partition_tables import prediction, table, targets, write_csv, write_prediction
-from scaling_kernels import measure, migration
-from scaling_model import Network, predict
 
+from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.partition import KINDS, along_curve, assign, by_graph
@@ -34,6 +30,10 @@ from fx_contact.plot import draw_parts
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.scenes import hertz, indentation
+from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
+from studies.partition.scaling_kernels import measure, migration
+from studies.partition.scaling_model import Network, predict
+from studies.partition.tables import prediction, table, targets, write_csv, write_prediction
 
 #: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
 #: half width of the picture [m].

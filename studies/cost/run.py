@@ -5,9 +5,9 @@ again, so that an interrupted study goes on where it stopped: after a change of 
 seconds are those of all ranks and all steps, without compilation, start of Python and root mesh; memory is the largest
 resident size of all ranks together.
 
-    python3 demos/cost_study.py                  # the README's table, without the large runs
-    python3 demos/cost_study.py --large          # with them: 20 minutes, 16 GB
-    python3 demos/cost_study.py --study orders growth ranks contact python
+    python3 -m studies.cost.run                  # the README's table, without the large runs
+    python3 -m studies.cost.run --large          # with them: 20 minutes, 16 GB
+    python3 -m studies.cost.run --study orders growth ranks contact python
 
 Tables and pictures go to results/cost.
 """
@@ -19,7 +19,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from runs import DEMOS, STAGES, Case, at_once, cpu, records, wall
+
+from studies.runs import STAGES, TOP, Case, at_once, cpu, records, wall
 
 #: The README's table: targets in CPU seconds and kB a dof, where there are some.
 STANDARD = {
@@ -54,8 +55,7 @@ GROWTH = [Case("indentation", "--symmetry full --tolerance 0.06"), Case("hertz",
 
 def output(command):
     """What a command prints; None if it failed."""
-    words = [str(DEMOS / Path(word).name) if word.startswith("demos/") else word for word in shlex.split(command)]
-    run = subprocess.run(words, capture_output=True, text=True)
+    run = subprocess.run(shlex.split(command), cwd=TOP, capture_output=True, text=True)
     if run.returncode:
         print(f"failed: {command}\n{run.stderr[-2000:]}", file=sys.stderr)
         return None
@@ -199,10 +199,10 @@ def python(folder):
 
 
 def contact(folder):
-    """What contact costs, as `demos/glued.py` prints it (target 1.15)."""
+    """What contact costs, as `studies.cost.glued` prints it (target 1.15)."""
     for scene in ("hertz", "indentation"):
         command, kept = (
-            f"mpirun -n 2 python3 demos/glued.py --scene {scene} --tolerance 0.04",
+            f"mpirun -n 2 python3 -m studies.cost.glued --scene {scene} --tolerance 0.04",
             folder / f"glued-{scene}.txt",
         )
         if not kept.exists():

@@ -3,9 +3,8 @@
 import re
 from dataclasses import dataclass, replace
 
-from runs import Case
-
 from fx_contact.contact.enforcement import METHODS
+from studies.runs import Case
 
 TOLERANCES = (0.16, 0.11, 0.08, 0.056, 0.04)
 FEW = (0.16, 0.08, 0.04)

@@ -3,14 +3,14 @@
 The reference is an axisymmetric P2 computation of the same half-spheres (R = 1, E = 1, nu = 0.3, approach 0.01) with
 exact non-penetration, converged to the digits given. Seconds are without compilation.
 
-    mpirun -n 2 python3 demos/hertz_table.py
+    mpirun -n 2 python3 -m studies.cost.hertz
 """
 
 import argparse
 
-from common import RankZeroParser, plain_errors
 from mpi4py import MPI
 
+from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import hertz

@@ -6,8 +6,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from work_precision_points import DEFAULT
-from work_precision_tables import digits, efficacy
+
+from studies.work_precision.points import DEFAULT
+from studies.work_precision.tables import digits, efficacy
 
 plt.rcParams |= {"svg.hashsalt": "fx_contact", "font.size": 10}
 

@@ -3,7 +3,7 @@
 The bare scene is two columns that do not touch, of straight cells, solved once; each row has one part more. CPU seconds
 of one core without compilation, the least of five runs.
 
-    python3 demos/parts_cost.py
+    python3 -m studies.cost.parts
 """
 
 import argparse

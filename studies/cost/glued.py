@@ -4,16 +4,16 @@ The glued problem ties the closed node pairs in all directions with the stiffnes
 the same unknowns and the same accuracy, without active set and without first guess of one.  Both are assembled and
 solved from the same start, in turns, several times; shown are the medians of the CPU seconds of all ranks.
 
-    mpirun -n 2 python3 demos/glued.py
+    mpirun -n 2 python3 -m studies.cost.glued
 """
 
 import argparse
 from dataclasses import replace
 
 import numpy as np
-from common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from mpi4py import MPI
 
+from demos.common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from fx_contact import Enforcement, Solver, adapt
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Jump, PenaltyTerm

@@ -5,9 +5,9 @@ Times are those of all steps, medians of the repetitions, without compilation; e
 that do not come from this program, and in the energy norm against over-refined solutions. Runs that fail are shown as
 failed. An interrupted study goes on where it stopped.
 
-    python3 demos/work_precision.py              # all points: under 40 minutes on two cores
-    python3 demos/work_precision.py --quick      # a third of them, small ones, each once: under 2 minutes
-    python3 demos/work_precision.py --plot-only  # tables and plots of the runs that are there
+    python3 -m studies.work_precision.run              # all points: under 40 minutes on two cores
+    python3 -m studies.work_precision.run --quick      # a third of them, small ones, each once: under 2 minutes
+    python3 -m studies.work_precision.run --plot-only  # tables and plots of the runs that are there
 
 Results go to results/work_precision: runs.jsonl (each run), points.csv, table.md, readme.md, targets.md and the plots
 as PNG and SVG.
@@ -20,11 +20,12 @@ import platform
 import time
 from pathlib import Path
 
-from runs import RunFailed, cpu, run, wall
 from tqdm import tqdm
-from work_precision_figures import draw_all
-from work_precision_points import points
-from work_precision_tables import commands, medians, readme_table, table, targets, write_csv
+
+from studies.runs import RunFailed, cpu, run, wall
+from studies.work_precision.figures import draw_all
+from studies.work_precision.points import points
+from studies.work_precision.tables import commands, medians, readme_table, table, targets, write_csv
 
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].

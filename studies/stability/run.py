@@ -3,12 +3,12 @@
 Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
 bodies, tilted planes, bodies that contact alone holds, gaps and overlaps, contact between nodes, order of the geometry.
 Each scene must balance its forces, have no tension and store the work done on it, and agree with a reference, or with a
-twin in other units, another direction or on another mesh; `stability_checks.py` says how closely, and why.  Each runs
+twin in other units, another direction or on another mesh; `checks.py` says how closely, and why.  Each runs
 on one rank, with a time limit, in a process that a crash or a hang ends and another one replaces: they are scores too.
 
-    python3 demos/stability.py --quick            # a sixth of the scenes, spread over all rows
-    python3 demos/stability.py                    # all: 6 minutes on two fast cores
-    python3 demos/stability.py --only NAME        # one scene, with all its checks
+    python3 -m studies.stability.run --quick            # a sixth of the scenes, spread over all rows
+    python3 -m studies.stability.run                    # all: 6 minutes on two fast cores
+    python3 -m studies.stability.run --only NAME        # one scene, with all its checks
 
 A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,
 table.md and matrix.png.
@@ -27,13 +27,13 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from mpi4py import MPI
-from stability_checks import LOST, Exact, State
-from stability_figures import draw_matrix, table, write_csv
-from stability_scenes import cases, sample
 
 from fx_contact import Enforcement, adapt
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
+from studies.stability.checks import LOST, Exact, State
+from studies.stability.figures import draw_matrix, table, write_csv
+from studies.stability.scenes import cases, sample
 
 #: Refinement ends above so many unknowns, whether the accuracy is reached or not.
 MOST_DOFS = 40_000
@@ -59,7 +59,7 @@ def score(case):
         case: Case.
 
     Returns:
-        dict: name and place in the matrix, "score" (a key of `stability_figures.SCORES`), the checks, the record.
+        dict: name and place in the matrix, "score" (a key of `figures.SCORES`), the checks, the record.
     """
     start = time.process_time()
     result = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
@@ -116,7 +116,7 @@ def _judged(case):
 
 def command(name):
     """What runs one scene again."""
-    return f"python3 demos/stability.py --only {shlex.quote(name)}"
+    return f"python3 -m studies.stability.run --only {shlex.quote(name)}"
 
 
 def read(path):

@@ -10,12 +10,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
-from scaling_model import Kernels
 
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.partition import repartition
 from fx_contact.scenes import hertz
+from studies.partition.scaling_model import Kernels
 
 #: Runs, of which each kernel's shortest time counts: other programs disturb, and only ever for the worse.
 REPEATS = 3

@@ -8,8 +8,12 @@ from itertools import product
 import numpy as np
 from mpi4py import MPI
 from scipy.interpolate import PchipInterpolator
-from stability_checks import Exact, Twin
-from stability_shapes import (
+
+from fx_contact import Material, scenes
+from fx_contact.results.analytic import Hertz
+from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
+from studies.stability.checks import Exact, Twin
+from studies.stability.shapes import (
     PLAIN,
     about,
     all_held,
@@ -26,10 +30,6 @@ from stability_shapes import (
     waves,
     without,
 )
-
-from fx_contact import Material, scenes
-from fx_contact.results.analytic import Hertz
-from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
 
 hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)
 #: Force of the project's first benchmark: an axisymmetric computation, which does not use this program.

@@ -11,7 +11,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-DEMOS = Path(__file__).parent
+#: The project: demos run there.
+TOP = Path(__file__).parents[1]
 #: Stages that a study counts: compilation and pictures are apart.
 STAGES = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine", "other")
 
@@ -60,13 +61,12 @@ def run(case, place, limit=None, extra=""):
     Raises:
         RunFailed: it ends with an error, or not in time.
     """
-    words = [*shlex.split(case.command), *extra.split(), "--output", str(place)]
-    words[words.index(f"demos/{case.demo}.py")] = str(DEMOS / f"{case.demo}.py")
+    words = [*shlex.split(case.command), *extra.split(), "--output", str(place.resolve())]
     start = time.perf_counter()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # as Ctrl-C: the run is stopped below
     # A session of its own, so that what mpirun has started can be stopped with it.
     process = subprocess.Popen(
-        words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        words, cwd=TOP, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     try:
         _, said = process.communicate(timeout=limit)
@@ -119,9 +119,9 @@ def at_once(case, folder, copies=2):
     """
     places = [folder / f"{case.name} copy {number} of {copies}" for number in range(1, copies + 1)]
     if not all((place / "done").exists() for place in places):
-        words = [sys.executable, str(DEMOS / f"{case.demo}.py"), *shlex.split(case.options), "--records-only"]
-        streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-        processes = [subprocess.Popen([*words, "--output", str(place)], **streams) for place in places]
+        words = [sys.executable, f"demos/{case.demo}.py", *shlex.split(case.options), "--records-only"]
+        streams = {"cwd": TOP, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        processes = [subprocess.Popen([*words, "--output", str(place.resolve())], **streams) for place in places]
         said = [process.communicate()[1] for process in processes]
         if any(process.returncode for process in processes):
             print(f"failed: {shlex.join(words)}\n{''.join(map(_what_it_said, said))}", file=sys.stderr)

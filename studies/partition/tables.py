@@ -3,7 +3,7 @@
 import csv
 from dataclasses import asdict
 
-from scaling_model import STAGES
+from studies.partition.scaling_model import STAGES
 
 #: Parts that the short table shows.
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
