@@ -10,6 +10,7 @@ from model_problems import (
     DISTRIBUTIONS,
     RUBBER,
     STEEL,
+    conforming_positions,
     corner_scene,
     discrete,
     gathered,
@@ -34,6 +35,7 @@ from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.problem.boundary_conditions import Traction
+from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import Scene
 
 
@@ -274,6 +276,20 @@ def test_same_pairs_on_any_distribution():
     for first, second, rows in columns[1:]:
         assert np.array_equal(first, columns[0][0]) and np.array_equal(second, columns[0][1])
         assert np.abs(rows - columns[0][2]).max() < 1e-13 * np.abs(rows).max()
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+def test_energy_norms_leave_the_displacement_alone(poisson):
+    """Neither `u` nor its mean volume strains change: its forces stay."""
+    scene = pressed(two_boxes(bend=0.2), materials=(STEEL, Material(young=1.0, poisson=poisson)))
+    forest = grown(roots(scene), 2, share=0.2)
+    elasticity = discrete(scene, forest)
+    position, _ = conforming_positions(forest, elasticity.prolongation)
+    elasticity.set_displacement(position**2)
+    before = elasticity.u.x.array.copy(), elasticity.internal_forces()
+    assert elasticity.energy_norm(np.sin(position)) > 0 and elasticity.change_norm(np.cos(position)) > 0
+    everywhere((elasticity.u.x.array == before[0]).all(), "another displacement")
+    everywhere((elasticity.internal_forces() == before[1]).all(), "other forces")
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))

@@ -92,7 +92,6 @@ class Goals:
         own, other = norm(u), norm(dual)
         scale = own / other if own and other else 1.0  # that makes both alike
         above, below = norm(u + scale * dual), norm(u - scale * dual)
-        self._elasticity.set_displacement(u)
         return abs(above**2 - below**2) / (4 * scale)
 
     def _sum(self, values):

@@ -54,7 +54,6 @@ class Elasticity:
         self.prolongation = prolongation
         self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         constant = fem.functionspace(mesh, ("DG", 0))
-        self.u = fem.Function(self.space, name="displacement")
         self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
         blocks = self.space.dofmap.list
         imap = self.space.dofmap.index_map
@@ -65,15 +64,27 @@ class Elasticity:
         cells = constant.dofmap.list[:, 0]
         self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
-        self.volume_strain, self._soft = ufl.div(self.u), np.flatnonzero(poisson >= LOCKING_POISSON)
+        self._soft = np.flatnonzero(poisson >= LOCKING_POISSON)
         self.has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
         if self.has_mean:
-            self._pointwise, self._mean = fem.Function(constant), fem.Function(constant)
+            self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = poisson < LOCKING_POISSON
-            test = ufl.TestFunction(constant)
-            self._volume = fem.assemble_vector(self._compiled(test, 1.0)).array
-            self._volume_change = self._compiled(test, ufl.div(self.u))
-            self.volume_strain = self._pointwise * ufl.div(self.u) + (1 - self._pointwise) * self._mean
+            self._volume = fem.assemble_vector(self._compiled(ufl.TestFunction(constant))).array
+        self.u, self.volume_strain, self._mean_of_u = self._displacement("displacement")
+        self._v, self._volume_strain_of_v, self._mean_of_v = self._displacement("v")
+
+    def _displacement(self, name):
+        """A displacement Function, its volume strain in UFL, and a function that updates the means in that."""
+        u = fem.Function(self.space, name=name)
+        if not self.has_mean:
+            return u, ufl.div(u), lambda: None
+        mean = fem.Function(self._pointwise.function_space)
+        change = self._compiled(ufl.TestFunction(mean.function_space), ufl.div(u))
+
+        def update():
+            mean.x.array[:] = fem.assemble_vector(change).array / self._volume
+
+        return u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * mean, update
 
     def stress(self, u, volume_strain=None):
         """Cauchy stress [Pa] of a displacement, a UFL expression.
@@ -87,13 +98,14 @@ class Elasticity:
 
     def set_displacement(self, conforming):
         """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
-        values = self.prolongation.prolong(conforming)
-        self.u.x.array[:] = values[self.vertex_of_block].ravel()
-        if self.has_mean:
-            self._mean.x.array[:] = fem.assemble_vector(self._volume_change).array / self._volume
+        self._set(self.u, conforming)
+        self._mean_of_u()
+
+    def _set(self, function, conforming):
+        function.x.array[:] = self.prolongation.prolong(conforming)[self.vertex_of_block].ravel()
 
     def energy_norm(self, conforming):
-        """omega (4) of a displacement [J^(1/2)].
+        """omega (4) of a displacement [J^(1/2)]; `u` stays.
 
         Collective.
 
@@ -103,13 +115,14 @@ class Elasticity:
         Returns:
             float, the same on all ranks.
         """
-        self.set_displacement(conforming)
         if self._energy is None:
-            self._energy = self._compiled(self._shear_energy() + self.lame[0] * self.volume_strain**2)
+            self._energy = self._compiled(self._energy_of_v(self._volume_strain_of_v**2))
+        self._set(self._v, conforming)
+        self._mean_of_v()
         return self._root(self._energy)
 
     def change_norm(self, conforming):
-        """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)].
+        """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)]; `u` stays.
 
         Collective.  Without that of the mean volume strains: the halves of a cell have other ones than the whole.
 
@@ -121,13 +134,13 @@ class Elasticity:
         """
         if not self.has_mean:
             return self.energy_norm(conforming)
-        self.set_displacement(conforming)
-        volume = self.lame[0] * self._pointwise * ufl.div(self.u) ** 2
-        return self._root(self._compiled(self._shear_energy() + volume))
+        self._set(self._v, conforming)
+        return self._root(self._compiled(self._energy_of_v(self._pointwise * ufl.div(self._v) ** 2)))
 
-    def _shear_energy(self):
-        strain = ufl.sym(ufl.grad(self.u))
-        return 2 * self.lame[1] * ufl.inner(strain, strain)
+    def _energy_of_v(self, volume_strain2):
+        """Twice the energy density of `_v`, given the square of its volume strain, in UFL."""
+        strain = ufl.sym(ufl.grad(self._v))
+        return 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
 
     def _root(self, energy):
         """Root of a compiled energy on all ranks: float."""
