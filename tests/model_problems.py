@@ -9,7 +9,9 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from fx_contact.contact.contact_patches import Spots
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.contact_energy import stored_by_forces
 from fx_contact.estimate.contact_places import Places
 from fx_contact.fem.elasticity import Elasticity
@@ -372,10 +374,8 @@ def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=N
     """ContactSolution, from zero displacement on if there is no start, as exact as rounding permits."""
     zero = np.zeros_like(prescribed)
     start, forces = zero if start is None else start, zero if forces is None else forces
-    matrix = elasticity.stiffness(pairs)
-    return solve_contact(
-        matrix, forces, pairs, prescribed, start, elasticity.energy_norm, EXACT, Stages(), enforcement
-    )
+    problem = ContactProblem(elasticity.stiffness(pairs), forces, prescribed, elasticity.energy_norm, pairs)
+    return solve_contact(problem, start, SolveOptions(EXACT, enforcement or Enforcement()), Stages())
 
 
 DEPTH, THICKNESS, WIDTH, PULL = 1e-5, 0.05, 10.0, 1e-2

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from demos.common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from fx_contact import Enforcement, Solver, adapt
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Jump, PenaltyTerm
 from fx_contact.contact.node_pairs import create_node_pairs
@@ -34,8 +35,8 @@ def with_contact(step, forces, prescribed):
     with stages("assemble"):
         pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
         matrix = elasticity.stiffness(pairs)
-    norm = elasticity.energy_norm
-    solve_contact(matrix, forces, pairs, prescribed, step.start, norm, Solver(), stages, Enforcement(), step.scene)
+    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, step.scene)
+    solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
 
 def glued(step, forces, prescribed):
@@ -48,7 +49,8 @@ def glued(step, forces, prescribed):
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
             PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, np.zeros(len(pairs), bool), step.contact.active)
-    solve_contact(matrix, forces, None, prescribed, step.start, elasticity.energy_norm, Solver(), stages)
+    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm)
+    solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
 
 def seconds(step, solve, *arguments):

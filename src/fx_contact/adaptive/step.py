@@ -7,6 +7,7 @@ from numbers import Integral
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidMotions
@@ -211,20 +212,9 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
     with PetscObjects(matrix.mat) as objects:
-        contact, system = solve_system(
-            objects,
-            matrix,
-            forces,
-            pairs,
-            prescribed,
-            start,
-            elasticity.energy_norm,
-            settings.solver,
-            stages,
-            settings.enforcement,
-            scene,
-            motions,
-        )
+        problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions)
+        options = SolveOptions(settings.solver, settings.enforcement)
+        contact, system = solve_system(problem, start, options, Environment(stages, objects))
         with stages("estimate"):
             change = elasticity.change_norm(contact.displacement - start)
             elasticity.set_displacement(contact.displacement)

@@ -6,6 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.active_set import ActiveSet
+from fx_contact.contact.contact_problem import Environment
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.enforcement import Jump, PenaltyTerm
 from fx_contact.contact.initial_guess import relax
@@ -21,14 +22,14 @@ class ContactSolution:
     Attributes:
         displacement: (owned, 3) float64, conforming [m].
         active: (n,) bool, status of this rank's node pairs.
-        force: (n,) float64, contact force of each pair, compression positive [N]; none where conditions hold both
+        force: (n,) float64, contact force of each pair, compression positive [N]; 0 where conditions hold both
             vertices across the contact: they carry it.
-        penetration: (n,) float64, positive where the bodies overlap [m].
+        penetration: (n,) float64, B u - D, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
         preconditioner: name of the one that the last solve used, as `ConjugateGradients` has it.
-        energy_error: how far the linear solver may be from the solution in the operator's norm [J^(1/2)].
-        rounding: what rounding may leave of a rigid motion in the energy norm (4) [J^(1/2)].
+        energy_error: bound of the linear solver's error in the norm of the operator [J^(1/2)].
+        rounding: energy norm (4) that rounding may leave of a rigid motion [J^(1/2)].
     """
 
     displacement: np.ndarray
@@ -42,127 +43,131 @@ class ContactSolution:
     rounding: float
 
 
-def solve_contact(matrix, *arguments):
-    """The ContactSolution of `solve_system`, whose system is freed at once.  Collective; arguments as there."""
-    with PetscObjects(matrix.mat) as objects:
-        return solve_system(objects, matrix, *arguments)[0]
+def solve_contact(problem, start, options, stages):
+    """The ContactSolution of `solve_system`, whose system is freed at once.
 
-
-def solve_system(
-    objects,
-    matrix,
-    load,
-    pairs,
-    prescribed,
-    start,
-    energy_norm,
-    solver,
-    stages,
-    enforcement=None,
-    scene=None,
-    motions=None,
-):
-    """Solve K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0, the latter as the enforcement has it.
-
-    Collective on matrix.mat.comm.  Active sets change until one repeats itself; the linear systems are solved loosely
-    until then.
+    Collective on problem.matrix.comm.
 
     Args:
-        objects: PetscObjects, with which the system is freed.
-        matrix: BlockMatrix, P^T K P not yet assembled; it is used up.
-        load: (owned, 3) float64 external forces [N].
-        pairs: NodePairs or None; without, one linear solve.
-        prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
-        start: (owned, 3) float64 first guess [m]; its penetrations are the first guess of the active set.
-        energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
-        solver: Solver.
+        problem, start, options: as in `solve_system`.
         stages: Stages, for the times.
-        enforcement: Enforcement, with which the pairs were made; None without pairs.
-        scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
-        motions: RigidMotions, of bodies that are at rest and are to be moved as a whole first; None: they stay.
+    """
+    with PetscObjects(problem.matrix.mat) as objects:
+        return solve_system(problem, start, options, Environment(stages, objects))[0]
+
+
+def solve_system(problem, start, options, environment):
+    """Solve a contact problem: PCG for each active set, until the set repeats itself.
+
+    Collective on problem.matrix.comm.
+
+    Args:
+        problem: ContactProblem.
+        start: (owned, 3) float64, first guess of the displacement [m]; its penetrations are that of the active set.
+        options: SolveOptions.
+        environment: Environment.
 
     Returns:
-        ContactSolution, and the ContactSystem of the closed pairs, None without pairs.
+        ContactSolution, and the ContactSystem of the closed pairs for dual solutions, None without contact.
 
     Raises:
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
             the contact opens, or conditions press vertices into each other.
     """
-    u = np.where(np.isnan(prescribed), start, prescribed)
+    pairs, stages, matrix = problem.pairs, environment.stages, problem.matrix.mat
+    u = np.where(np.isnan(problem.prescribed), start, problem.prescribed)
     with stages("system"):
-        jump = None if pairs is None else Jump(pairs, prescribed)
-        if pairs is not None:
-            PenaltyTerm(jump).reserve(matrix.mat)
-        matrix.mat.assemble()
-        base, scale = _impose(matrix.mat, load, prescribed)
-    if pairs is None:
-        return _solve_linear(matrix, base, u, energy_norm, solver, stages, scale, objects), None
-    with stages("solve"):
-        status = ActiveSet(pairs, scene, u, solver.max_contact)
-        bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
-        if motions is not None:
-            stiffness = status.active * pairs.bounded_stiffness
-            u = motions.move(matrix.mat, base, jump, stiffness, u, np.isnan(prescribed))
-        bounded.change(matrix.mat, np.zeros_like(status.active), status.active)
-        if pairs.prolongation.comm.allreduce(bool(start.any()), op=MPI.LOR):
-            u = relax(matrix.mat, base, bounded, u, status)
-            status.forget()
-    with stages("system"):
-        linear = ContactSystem(matrix, base, jump, status.active, energy_norm, solver, enforcement, stages, objects)
+        jump = None if pairs is None else Jump(pairs, problem.prescribed)
+        if jump is not None:
+            PenaltyTerm(jump).reserve(matrix)
+        matrix.assemble()
+        base, scale = _impose(matrix, problem.load, problem.prescribed)
+    if jump is None:
+        u, cg = _solve_linear(problem, base, u, options, environment)
+        active, force, penetration = np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0)
+        system, count, noise = None, 1, cg.energy_error
+    else:
+        with stages("solve"):
+            carried = problem.matrix.comm.allreduce(bool(start.any()), op=MPI.LOR)
+            status, u = _first_guess(problem, base, jump, u, options, carried)
+        with stages("system"):
+            system = cg = ContactSystem(problem, base, jump, status.active, options, environment)
+        u, trial, count = _settle(system, status, u, options)
+        active, penetration, noise = status.active, pairs.penetration(u), system.noise
+        force = np.where(active & jump.movable, trial, 0.0)
+    rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
+    solution = ContactSolution(
+        u, active, force, penetration, count, list(cg.iterations), cg.preconditioner, noise, rounding
+    )
+    return solution, system
 
-    tolerance, augmentations = solver.loose_tolerance, 0
+
+def _solve_linear(problem, base, u, options, environment):
+    """The displacement without contact, and the ConjugateGradients that found it."""
+    stages = environment.stages
+    with stages("system"):
+        cg = ConjugateGradients(problem.matrix, options.solver, problem.energy_norm, environment.objects)
+    with stages("setup"):
+        cg.set_up()
+    with stages("solve"):
+        return cg.solve(base, u, options.solver.tolerance), cg
+
+
+def _first_guess(problem, base, jump, u, options, carried):
+    """The first ActiveSet, whose springs the matrix then has, and a displacement close to its own.
+
+    Args:
+        carried: whether u comes from another mesh: then both are relaxed.
+    """
+    pairs, matrix = problem.pairs, problem.matrix.mat
+    status = ActiveSet(pairs, problem.scene, u, options.solver.max_contact)
+    bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+    if problem.motions is not None:
+        stiffness = status.active * pairs.bounded_stiffness
+        u = problem.motions.move(matrix, base, jump, stiffness, u, np.isnan(problem.prescribed))
+    bounded.change(matrix, np.zeros_like(status.active), status.active)
+    if carried:
+        u = relax(matrix, base, bounded, u, status)
+        status.forget()
+    return status, u
+
+
+def _settle(system, status, u, options):
+    """Change the active set until it repeats itself.
+
+    There are two states, the tolerances of the linear solver: loose, then tight.  After each solve, in this order,
+
+        the set is not the one wanted        -> change it, solve again    (a cycle ends the loose state instead)
+        the penalty leaves a penetration     -> augment forces, solve again
+        the state is loose                   -> tight, solve again
+        the state is tight                   -> done
+
+    Returns:
+        displacement (owned, 3) float64 [m], trial forces (n,) float64 [N], number of active sets and augmentations.
+    """
+    solver, augmentations = options.solver, 0
+    tolerance = solver.loose_tolerance
     while True:
-        u = linear.solve(status.active, u, tolerance)
-        trial = linear.trial(u)
-        linear.check_apart(trial, u)
-        wanted = status.wanted(trial, linear.noise * solver.tolerance / tolerance)
-        if status.differs(wanted) and not (tolerance > solver.tolerance and status.cycles(wanted)):
+        u = system.solve(status.active, u, tolerance)
+        trial = system.trial(u)
+        system.check_apart(trial, u)
+        loose = tolerance > solver.tolerance
+        wanted = status.wanted(trial, system.noise * solver.tolerance / tolerance)
+        if status.differs(wanted) and not (loose and status.cycles(wanted)):
             status.update(wanted)
-        elif linear.augment(trial, u):
+        elif system.augment(trial, u):
             augmentations += 1
             if augmentations > solver.max_contact:
                 raise SolveError(
                     f"{solver.max_contact} augmentations have not brought the penetration below the gap tolerance "
-                    f"{enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
+                    f"{options.enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
                 )
-        elif tolerance > solver.tolerance:
+        elif loose:
             tolerance = solver.tolerance
             status.forget()
         else:
             status.check_held()
-            force = np.where(status.active & jump.movable, trial, 0.0)
-            break
-    solution = ContactSolution(
-        u,
-        status.active,
-        force,
-        pairs.penetration(u),
-        status.updates + augmentations,
-        list(linear.iterations),
-        linear.preconditioner,
-        linear.noise,
-        _rounding(u, scale, pairs.prolongation.comm),
-    )
-    return solution, linear
-
-
-def _solve_linear(matrix, base, u, energy_norm, solver, stages, scale, objects):
-    """The solution without contact."""
-    with stages("system"):
-        cg = ConjugateGradients(matrix, solver, energy_norm, objects)
-    with stages("setup"):
-        cg.set_up()
-    with stages("solve"):
-        u = cg.solve(base, u, solver.tolerance)
-    none, rounding = np.zeros(0), _rounding(u, scale, matrix.comm)
-    return ContactSolution(
-        u, none.astype(bool), none, none, 1, cg.iterations, cg.preconditioner, cg.energy_error, rounding
-    )
-
-
-def _rounding(u, scale, comm):
-    """What rounding leaves of a displacement in the energy norm, from the roots of the stiffness' diagonal."""
-    return ROUNDING * float(np.sqrt(comm.allreduce(float(((scale * u) ** 2).sum()))))
+            return u, trial, status.updates + augmentations
 
 
 def _impose(matrix, load, prescribed):

@@ -22,26 +22,27 @@ class ContactSystem:
     Collective.
 
     Args:
-        matrix: BlockMatrix with the penalty term of `active`; it is used up.
+        problem: ContactProblem, whose matrix has the penalty term of `active`; it is used up.
         base: (owned, 3) float64, right-hand side without contact [N].
         jump: Jump.
         active: (n,) bool, closed pairs.
-        energy_norm, solver, enforcement, stages: as in `solve_system`.
-        objects: PetscObjects, with which what is made here is freed.
+        options: SolveOptions.
+        environment: Environment.
     """
 
-    def __init__(self, matrix, base, jump, active, energy_norm, solver, enforcement, stages, objects):
-        self._base, self._jump, self._active, self._stages = base, jump, active, stages
-        self._solver, self._enforcement, self._energy_norm = solver, enforcement, energy_norm
+    def __init__(self, problem, base, jump, active, options, environment):
+        self._base, self._jump, self._active, self._stages = base, jump, active, environment.stages
+        self._solver, self._enforcement = options.solver, options.enforcement
+        self._energy_norm = problem.energy_norm
         pairs = jump.pairs
         self._comm = pairs.prolongation.comm
         self._nearest = Projection(jump)
-        exact = enforcement.method == "exact"
+        exact = self._enforcement.method == "exact"
         self._holdable = np.ones_like(active) if exact else pairs.stiffness > pairs.bounded_stiffness
         self._bounded, self._term, self._held = self._enforced(jump)
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
         self._known, self._is_set_up = active, False  # the active set in the matrix
-        self._cg = ConjugateGradients(matrix, solver, energy_norm, objects)
+        self._cg = ConjugateGradients(problem.matrix, self._solver, problem.energy_norm, environment.objects)
 
     @property
     def iterations(self):

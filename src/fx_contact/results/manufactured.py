@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_estimate import Gain, Recovery
 from fx_contact.fem.compilation import compiled
@@ -148,7 +149,8 @@ def _solve(number, forest, order, tolerance, stages):
         forces = _load(forest, elasticity, stages)
         prescribed = _prescribed(forest, prolongation)
     start = np.zeros((prolongation.owned, 3))
-    solution = solve_contact(matrix, forces, None, prescribed, start, elasticity.energy_norm, Solver(), stages)
+    linear = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm)
+    solution = solve_contact(linear, start, SolveOptions(Solver()), stages)
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
         guess = Recovery(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages).estimate()

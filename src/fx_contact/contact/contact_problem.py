@@ -1,0 +1,61 @@
+"""What is solved, how, and where its costs and objects go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.linalg.matrix import BlockMatrix
+from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.timing import Stages
+
+
+@dataclass(frozen=True, eq=False)
+class ContactProblem:
+    """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
+
+    Attributes:
+        matrix: BlockMatrix, K on the conforming unknowns, not yet assembled; the solver uses it up.
+        load: (owned, 3) float64, L [N].
+        prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
+        energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.
+        pairs: NodePairs; None without contact.
+        scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
+        motions: RigidMotions of unloaded bodies, which are first moved as a whole; None: they stay.
+    """
+
+    matrix: BlockMatrix
+    load: np.ndarray
+    prescribed: np.ndarray
+    energy_norm: Callable[[np.ndarray], float]
+    pairs: object = None
+    scene: object = None
+    motions: object = None
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How it is solved.
+
+    Attributes:
+        solver: Solver.
+        enforcement: Enforcement, with which the pairs were made.
+    """
+
+    solver: Solver
+    enforcement: Enforcement = Enforcement()
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """Where costs and objects go.
+
+    Attributes:
+        stages: Stages, for the times.
+        objects: PetscObjects, with which the system is freed.
+    """
+
+    stages: Stages
+    objects: PetscObjects
