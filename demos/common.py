@@ -42,10 +42,11 @@ def check_options_files(words):
 check_options_files(petsc_options(sys.argv[1:]))
 petsc4py.init([sys.argv[0], *petsc_options(sys.argv[1:])])  # before anything else imports PETSc
 
-from fx_contact import Enforcement, Material, Solver, adapt  # noqa: E402
+from fx_contact import Enforcement, ErrorControl, Material, Solver, adapt  # noqa: E402
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
+from fx_contact.estimate.error_control import MODES  # noqa: E402
 from fx_contact.forest.partition import KINDS  # noqa: E402
 from fx_contact.linalg.petsc_options import COMMON, unread_options  # noqa: E402
 from fx_contact.linalg.solver_options import PRECONDITIONERS  # noqa: E402
@@ -90,6 +91,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--enforcement", metavar=_either(METHODS), help=f"({METHODS[0]}; penalty where one of the next two is given)")
     add("--penalty", type=float, help=f"c of the surface stiffness c E*/h ({FACTOR:g})")
     add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
+    add("--control", metavar=_either(MODES), default=MODES[0], help="of the error; energy: the paper's (%(default)s)")
     add("--partition", metavar=_either(KINDS), default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=_either(PRECONDITIONERS), default="boomeramg", help="of PCG (%(default)s)")
     add("--symmetry", metavar=_either(("quarter", "full")), default="quarter", help="what is modelled (%(default)s)")
@@ -183,6 +185,7 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         geometry_order=arguments.geometry_order,
         enforcement=enforcement(arguments),
         solver=Solver(arguments.preconditioner),
+        control=ErrorControl(arguments.control),
         partition_kind=arguments.partition,
         beginning=beginning(arguments, scene, comm) if before is None else None,
         checkpoint=arguments.checkpoint,

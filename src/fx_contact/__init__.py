@@ -2,6 +2,7 @@
 
 from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.materials import Material
@@ -12,6 +13,7 @@ __all__ = [
     "ContactPair",
     "Dirichlet",
     "Enforcement",
+    "ErrorControl",
     "Material",
     "Pressure",
     "Scene",

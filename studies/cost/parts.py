@@ -20,7 +20,6 @@ from mpi4py import MPI
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
 from fx_contact.adaptive.adaptive_loop import Beginning
 from fx_contact.adaptive.checkpoint import CheckpointWriter
-from fx_contact.estimate.error_estimate import Gain
 from fx_contact.plot import draw_stress
 from fx_contact.problem.fingerprint import problem
 from fx_contact.problem.root_mesh import RootMesh
@@ -88,7 +87,7 @@ def main():
         single = {
             "making the scene: root mesh, pairing, checks": lambda: patch(cells=CELLS),
             "refinement of all leaves": lambda: Beginning.uniform(scene, 1, MPI.COMM_SELF),
-            "a checkpoint": lambda: writer.save(step, [step.record], Gain()),
+            "a checkpoint": lambda: writer.save(step, [step.record]),
             "fields for ParaView": lambda: write_fields(step, folder),
             "a picture of the stress": lambda: draw_stress(step, folder / "stress.png"),
         }

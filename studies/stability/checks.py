@@ -24,7 +24,7 @@ import numpy as np
 
 from fx_contact import Solver
 from fx_contact.contact.node_pairs import resultants
-from fx_contact.estimate.error_estimate import ENOUGH_SEEN
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.fem.external_forces import load
 
@@ -180,7 +180,7 @@ class State:
     def stated(self):
         """What discretisation changes in force and energy by the record, at most, relative."""
         seen = self.record["assumed_effectivity"]
-        return 1.5 * (self.record["estimate"] / (1.0 if seen >= ENOUGH_SEEN else seen)) ** 2
+        return 1.5 * (self.record["estimate"] / (1.0 if seen >= ErrorControl.trusted_effectivity else seen)) ** 2
 
     def bulge(self):
         """What a round contact changes in them between its nodes, relative."""

@@ -118,7 +118,7 @@ def test_holds_what_the_step_had(scene, folder):
         by_leaf(state.forest, state.values, state.estimate.error),
     )
     assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
-    assert state.gain.before == before.estimate.error_global**2 and state.gain.expected > 0
+    assert state.history.error2 == before.estimate.error_global**2 and state.history.expected_loss > 0
     # Of a hanging vertex ranks have values that differ by rounding.
     assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
     size = (folder / NAME).stat().st_size

@@ -10,7 +10,7 @@ from fx_contact.contact.contact_patches import Spots
 from fx_contact.estimate.candidate_contact import moved_by_strains, openings
 from fx_contact.estimate.contact_places import Places
 from fx_contact.estimate.dual_weighted import Goals
-from fx_contact.estimate.goal_verdict import BLIND
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.scenes import punch
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import beam
@@ -79,7 +79,7 @@ def places_of(step):
     around = places.around(pairs, np.full(spots.number, True))
     moved = moved_by_strains(step.scene, pairs, contact)
     surface = Spots(step.forest, pairs, np.ones(len(pairs), dtype=bool)).pair
-    return gathered(openings(0, pairs, contact, moved, surface, around).T).T, gathered(around)
+    return gathered(openings(0, pairs, contact, moved, surface, around, ErrorControl()).T).T, gathered(around)
 
 
 @pytest.mark.parametrize("load", [{"displacement": 1.01}, {"force": 2e-3}])
@@ -153,5 +153,9 @@ def test_a_mesh_that_locks_tells_nothing(touch, monkeypatch):
     scene = beam(0.7, touch=touch, tension=0.1, thick=0.1)
     *_, step = adapt(scene, 0.3, max_steps=2)
     goal, record = asked[0], step.record
-    assert goal.dual.relative > BLIND and goal.moved < 0.2 * goal.value and goal.total < 0.25 * goal.value
+    assert (
+        goal.dual.relative > ErrorControl.dual_limit
+        and goal.moved < 0.2 * goal.value
+        and goal.total < 0.25 * goal.value
+    )
     assert record["pair_leaves"][0] > 0 and record["pair_errors"][0] >= 1 and not record["reached"]

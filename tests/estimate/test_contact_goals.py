@@ -13,7 +13,8 @@ from fx_contact.adaptive.adaptive_loop import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.dual_weighted import Goals
-from fx_contact.estimate.goal_verdict import marked
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.marking import for_goal
 from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
 from fx_contact.results.report import doubts
@@ -176,14 +177,14 @@ def test_marking():
     mine = np.array_split(errors, WORLD.size)[WORLD.rank]
     for share in (0.9, 0.5, 0.1, 1e-3):
         allowed = share * errors.sum()
-        times = np.concatenate(WORLD.allgather(marked(mine, allowed, WORLD)))
+        times = np.concatenate(WORLD.allgather(for_goal(mine, allowed, ErrorControl(), WORLD)))
         assert set(times) <= {0, 1, 2} and times[errors.argmax()] > 0
         assert errors[times > 0].min() >= 0.97 * errors[times == 0].max()
         left = (errors * 0.25 ** times.astype(float)).sum()
         assert left <= 0.8 * allowed or errors[times == 0].sum() <= 0.25 * allowed
         if left <= 0.8 * allowed:
             assert left >= 0.75 * 0.8 * allowed or (times > 0).sum() < 50
-    assert not marked(np.zeros(len(mine)), 0.0, WORLD).any()
+    assert not for_goal(np.zeros(len(mine)), 0.0, ErrorControl(), WORLD).any()
 
 
 @pytest.mark.parametrize("load", ["heavy", "pressure"])

@@ -576,10 +576,10 @@ CASES = {
     "true error with another scene": (lambda: true_error(first(), 0.2, "x"), SceneError, "must be a Scene, got 'x'"),
     "checkpoint for no scene": (lambda: Checkpoint("no/such", None, COMM), SceneError, "must be a Scene, got None"),
     **{
-        f"gain of a beginning that is {value!r}": (
-            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), gain=value)),
+        f"history of a beginning that is {value!r}": (
+            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), history=value)),
             SceneError,
-            "gain of a Beginning must be a Gain",
+            "history of a Beginning must be a RefinementHistory",
         )
         for value in (np.zeros((2, 2)), 0, "much")
     },

@@ -8,7 +8,6 @@ from conftest import WORLD, everywhere
 
 from fx_contact import Dirichlet, Enforcement, Material, adapt
 from fx_contact.adaptive.adaptive_loop import Beginning
-from fx_contact.estimate.error_estimate import Estimate, Gain
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.lattice import SIDE
 from fx_contact.results.accuracy import contact_errors, energy_distance
@@ -85,105 +84,6 @@ def _positions(forest):
     """Corners of leaves: (n, 8, 3)."""
     points = forest.corners.reshape(-1, 3)[:, :, None] / SIDE
     return forest.mesh.evaluate(np.repeat(forest.cell, 8), points).reshape(-1, 8, 3)
-
-
-def _spread(errors, energy=1.0):
-    """An Estimate of cell errors dealt out to the ranks."""
-    total = float(np.sqrt((errors**2).sum()))
-    return Estimate(None, errors[WORLD.rank :: WORLD.size], None, total, energy, len(errors))
-
-
-def test_marking_stops_where_the_tolerance_is_met():
-    """Enough cells for the tolerance and hardly more; all of criterion (2) where they are not enough."""
-    errors = np.geomspace(1e-4, 1e-2, 3000)
-    total = np.sqrt((errors**2).sum())
-    for share in (0.95, 0.8):
-        mine = _spread(errors)
-        marked, lost = mine.marked(share * total, WORLD)
-        left = (mine.error**2 * 0.25**marked).sum()
-        left = np.sqrt(WORLD.allreduce(float(left)))
-        assert 0.85 * share * total < left <= 0.9 * share * total
-        assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
-        everywhere(
-            mine.error[marked > 0].min(initial=1) > mine.error[marked == 0].max(), "not the largest are marked"
-        )
-    mine = _spread(errors)
-    marked, _ = mine.marked(0.1 * total, WORLD)
-    threshold = 0.1 * total / np.sqrt(mine.cells)
-    expected = (mine.error > threshold).astype(int) + (mine.error / np.sqrt(32) > threshold)
-    everywhere((marked == expected).all() and marked.max() == 2, "not criterion (2)")
-
-
-def test_a_lower_threshold_saves_a_solve():
-    """Where criterion (2) just misses the tolerance more cells are marked, until it is met."""
-    errors = np.geomspace(1e-3, 1e-2, 3000)
-    total = np.sqrt((errors**2).sum())
-    mine = _spread(errors)
-    tolerance = 0.4 * total
-    marked, lost = mine.marked(tolerance, WORLD, gain=1.0)
-    threshold = tolerance / np.sqrt(mine.cells)
-    by_criterion = (mine.error > threshold).astype(int) + (mine.error / np.sqrt(32) > threshold)
-    everywhere((mine.marked(tolerance, WORLD)[0] == by_criterion).all(), "more than criterion (2), on trust")
-    left, missed = (np.sqrt(WORLD.allreduce(float((mine.error**2 * 0.25**n).sum()))) for n in (marked, by_criterion))
-    assert missed > 0.9 * tolerance >= left > 0.85 * tolerance
-    assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
-
-
-def test_marking_learns_what_refinement_brings():
-    """After a step that brought half of what a smooth solution would give, more cells are marked."""
-    errors = np.geomspace(1e-4, 1e-2, 3000)
-    total = np.sqrt((errors**2).sum())
-    counts = []
-    for brought in (1.0, 0.5):
-        gain = Gain()
-        before, now = _spread(errors), total
-        marked = gain.marked(before, 0.5 * total, WORLD)
-        lost = WORLD.allreduce(float((before.error**2 * (1 - 0.25**marked)).sum()))
-        now = np.sqrt(total**2 - brought * lost)
-        after = gain.marked(_spread(errors * now / total), 0.9 * now, WORLD)
-        counts.append(WORLD.allreduce(int(after.sum())))
-    assert counts[1] > 1.5 * counts[0]
-
-
-@pytest.mark.parametrize("seen", [0.3, 0.5, 0.8, 1.0, 1.3])
-def test_effectivity_is_learnt_from_what_refinement_changes(seen):
-    """The part that an estimate sees of each mesh's error is found within two meshes, if the error halves."""
-    true = 0.5 ** np.arange(4)
-    gain = Gain()
-    for last, now in zip(true, true[1:]):
-        gain.marked(_spread(np.full(8, seen * last / np.sqrt(8))), 0.1, WORLD)
-        gain.observe(_spread(np.full(8, seen * now / np.sqrt(8))), np.sqrt(last**2 - now**2))
-    assert abs(gain.effectivity - min(max(seen, 0.4), 1.0)) < 0.02 and gain.compared
-    blind = replace(gain, refined=False)
-    blind.observe(_spread(np.ones(8)), 1e9)
-    assert blind.effectivity == gain.effectivity
-
-
-def test_tolerance_is_less_where_the_estimate_sees_little():
-    """Down to 0.8 of the error an estimate is taken at its word; below, it is divided by what it sees."""
-    error = _spread(np.full(8, 0.1 / np.sqrt(8)))
-    for seen, tolerance, aim in (
-        (1.0, 0.1001, None),
-        (0.8, 0.1001, None),
-        (0.79, 0.12, 0.0948),
-        (0.79, 0.13, None),
-        (0.4, 0.2, 0.08),
-        (0.4, 0.251, None),
-    ):
-        found = Gain(effectivity=seen, compared=True).aim(error, tolerance)
-        assert found is aim or abs(found - aim) < 1e-12
-    assert Gain(effectivity=0.4, compared=True).aim(error, 0.05) == Gain().aim(error, 0.05) == 0.05
-
-
-def test_a_first_mesh_is_refined_to_see():
-    """An estimate that meets the tolerance on a first mesh shows nothing: all of it is refined, once."""
-    error, gain = _spread(np.geomspace(1e-4, 1e-3, 8)), Gain()
-    assert gain.aim(error, 0.5) is not None
-    everywhere((gain.marked(error, 0.5, WORLD) == 1).all(), "not uniformly")
-    gain.observe(error, 0.0)
-    assert gain.compared and gain.aim(error, 0.5) is None
-    marked = Gain().marked(error, error.relative / 2, WORLD)
-    assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by criterion (2)"
 
 
 def test_a_mesh_without_free_vertices_is_not_taken_for_right():

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from fx_contact import Material, Solver, adapt
 from fx_contact.contact import contact_solver
 from fx_contact.contact.initial_guess import RigidMotions
-from fx_contact.estimate.error_estimate import Recovery
+from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem.dirichlet import shear_free_components
 from fx_contact.linalg import conjugate_gradients
 from fx_contact.linalg.conjugate_gradients import ConjugateGradients
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.whole_run
 
 KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
 krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
-pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds,
+pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
 cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share"""
 
 

@@ -32,7 +32,7 @@ from mpi4py import MPI
 from fx_contact import Material
 from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.node_pairs import create_node_pairs
-from fx_contact.estimate.error_estimate import Recovery
+from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.external_forces import load

@@ -8,7 +8,8 @@ from mpi4py import MPI
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.adaptive.step import Settings, check_step, solve_step
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.estimate.error_estimate import Gain
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import KINDS, repartition
@@ -33,12 +34,12 @@ class Beginning:
         forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
         values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
             continuous trilinear fields, which go along through refinement and partition.
-        gain: Gain, what is known of the estimate; None: nothing, as on root cells.
+        history: RefinementHistory; None: nothing is known of the estimate, as on root cells.
     """
 
     forest: Forest
     values: np.ndarray
-    gain: Gain | None = None
+    history: RefinementHistory | None = None
 
     def check(self, scene, comm):
         """See that a run of a scene can begin here.
@@ -54,9 +55,8 @@ class Beginning:
                 values are not finite numbers at the corners of its leaves.
         """
         forest, values = self.forest, self.values
-        gain = Gain() if self.gain is None else self.gain
-        for name, value, kind in (("forest", forest, Forest), ("gain", gain, Gain)):
-            if not isinstance(value, kind):
+        for name, value, kind in (("forest", forest, Forest), ("history", self.history, RefinementHistory)):
+            if not isinstance(value, kind) and not (name == "history" and value is None):
                 raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
         if forest.mesh is not scene.mesh and mesh_digest(forest.mesh) != mesh_digest(scene.mesh):
@@ -130,8 +130,8 @@ class Beginning:
                     f"marked must say how often to refine each leaf, 0 to {MAX_LEVEL} times, got "
                     f"{marked.min()} to {marked.max()}"
                 )
-        gain = Gain(effectivity=step.record["assumed_effectivity"], compared=True)
-        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), gain)
+        history = RefinementHistory(step.history.effectivity, compared=True)
+        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), history)
 
 
 def adapt(
@@ -143,6 +143,7 @@ def adapt(
     geometry_order=None,
     enforcement=None,
     solver=None,
+    control=ErrorControl(),
     partition_kind="contact-sfc",
     beginning=None,
     checkpoint=None,
@@ -162,6 +163,7 @@ def adapt(
             `step.GEOMETRY_SHARE` times the tolerance.
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
+        control: ErrorControl, what is refined for and when to stop.
         partition_kind: a key of `partition.KINDS`.
         beginning: Beginning; None: the root cells.
         checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
@@ -170,9 +172,8 @@ def adapt(
             work on that stage begins; it must not raise.  None: nobody is told.
 
     Returns:
-        Iterator of Step, until xi / (e omega) <= 1, xi divided by the part of the error that the estimate is found to
-        see if that is less than `estimate.ENOUGH_SEEN`, and contact is resolved (`contact_error`), or max_steps are
-        done.  The first mesh is never the last one but for that: only a second one shows what its estimate is worth.
+        Iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
+        measured effectivity, for which two meshes are needed at least, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, an order above that of the root mesh, an unknown partition, a
@@ -188,14 +189,19 @@ def adapt(
     check_comm(comm)
     with together(comm):
         enforcement = Enforcement() if enforcement is None else enforcement
-        settings = Settings(scene, tolerance, geometry_order, enforcement, Solver() if solver is None else solver)
+        solver = Solver() if solver is None else solver
+        settings = Settings(scene, tolerance, geometry_order, enforcement, solver, control)
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
         if progress is not None and not callable(progress):
             raise SceneError(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
-        options = {"geometry order": settings.geometry_order, "enforcement": asdict(enforcement)}
+        options = {
+            "geometry order": settings.geometry_order,
+            "enforcement": asdict(enforcement),
+            "error control": asdict(control),
+        }
         _check_start(settings, comm, options, beginning, restart)
         asked = settings.asked() | {
             "most steps": max_steps,
@@ -242,16 +248,16 @@ def _steps(*arguments):
 
 def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, restart, progress):
     """Solve, refine, repartition, and remember the last state."""
-    carried, records, gain, again = None, [], Gain(), False
+    carried, records, history, again = None, [], settings.control.begin(), False
     stages = _stages(progress, len(restart.records) if restart else 0)
     if restart is not None:
         with stages("refine"):
-            forest, carried, records, gain = _resumed(restart, settings.tolerance, max_steps)
+            forest, carried, records, history = _resumed(restart, settings, max_steps)
         again = len(records) < len(restart.records)
         last.record = records[-1] if records else None
     elif beginning is not None:
         forest, carried = beginning.forest, beginning.values
-        gain = gain if beginning.gain is None else replace(beginning.gain)
+        history = beginning.history or history
     else:
         with stages("partition"):
             forest = _first_forest(settings.scene, comm, partition_kind)
@@ -267,32 +273,32 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
             carried = None
         last.forest, last.displacement = forest, start
         # The last step of a run that goes on again: what its refinement changed has been observed.
-        seen, again = replace(gain, refined=False) if again else gain, False
-        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, seen)
+        history, again = replace(history, refined=False) if again else history, False
+        step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, history)
         last.record, last.displacement = step.record, step.contact.displacement
         records.append(step.record)
         if writer is not None:
             with stages("output"):
-                writer.save(step, records, gain)
+                writer.save(step, records)
             step.record.update(stages.costs(comm))
         yield step
         if step.record["reached"] or number >= max_steps - 1:
             return
-        _check_penalty(step, gain, settings.tolerance)
+        _check_penalty(step, settings)
         stages = _stages(progress, number + 1)
         with stages("refine"):
-            forest, carried = _refine(step, settings.tolerance, gain)
+            forest, carried, history = _refine(step, settings)
         del step
 
 
-def _check_penalty(step, gain, tolerance):
+def _check_penalty(step, settings):
     """See that there is something to refine for: a penalty's own error no mesh takes away.  Local.
 
     Raises:
         SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
     """
-    record = step.record
-    if not step.contact_error.leaves and gain.aim(step.estimate, tolerance) is None:
+    record, tolerance = step.record, settings.tolerance
+    if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
         raise SolveError(
             f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
             f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
@@ -328,20 +334,23 @@ def _first_forest(scene, comm, kind):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
 
 
-def _refine(step, tolerance, gain):
-    """The next forest, and displacement and further fields at the corners of its leaves (n, 8, 3 + k)."""
+def _refine(step, settings):
+    """The next forest, displacement and further fields at the corners of its leaves (n, 8, 3 + k), and the history."""
     times = np.zeros(len(step.forest), dtype=np.int8)
-    times[step.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, step.forest.comm)
+    marked, history = settings.control.marked(step.estimate, settings.tolerance, step.history, step.forest.comm)
+    times[step.leaf_mesh.leaf] = marked
     times = np.maximum(times, step.contact_error.refine)
-    return step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
+    forest, values = step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
+    return forest, values, history
 
 
-def _resumed(checkpoint, tolerance, max_steps):
-    """The forest to go on with, the values its leaves carry, the records of the steps that are done, and the Gain."""
+def _resumed(checkpoint, settings, max_steps):
+    """The forest to go on with, the values its leaves carry, the records of the steps done, and the history."""
     state, records = checkpoint.load(), list(checkpoint.records)
-    gain, more = state.gain, state.forest.comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
-    if (gain.aim(state.estimate, tolerance) is None and not more) or len(records) >= max_steps:
-        return state.forest, state.values, records[:-1], gain
-    marked = gain.marked(state.estimate, tolerance, state.forest.comm)
+    control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
+    more = state.forest.comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
+    if (control.sought(*progress) is None and not more) or len(records) >= max_steps:
+        return state.forest, state.values, records[:-1], state.history
+    marked, history = control.marked(*progress, state.forest.comm)
     times = np.maximum(marked, state.refine)
-    return *state.forest.refined_with(times, state.values), records, gain
+    return *state.forest.refined_with(times, state.values), records, history

@@ -11,7 +11,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.row_file import RowFile, write_rows
-from fx_contact.estimate.error_estimate import Estimate, Gain
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.recovery import Estimate
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError
@@ -60,7 +61,7 @@ class CheckpointWriter:
                         f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
                     ) from None
 
-    def save(self, step, records, gain):
+    def save(self, step, records):
         """Replace the checkpoint in the folder by the state after a step.
 
         Collective on the step's comm.
@@ -68,7 +69,6 @@ class CheckpointWriter:
         Args:
             step: Step.
             records: list of dict, of all steps up to this one.
-            gain: Gain of the run, before it has marked this step.
 
         Raises:
             OutputError: the checkpoint cannot be written, or another run has written one; what was there still is.
@@ -90,7 +90,7 @@ class CheckpointWriter:
                 "degree": 1,
                 "records": records,
                 "estimate": [error.error_global, error.energy_norm, error.cells],
-                "gain": asdict(gain),
+                "history": asdict(step.history),
             },
             {
                 "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
@@ -142,14 +142,14 @@ class State:
         values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
         refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
-        gain: Gain of the run, before it has marked this step.
+        history: RefinementHistory, before this step is marked.
     """
 
     forest: Forest
     values: np.ndarray
     estimate: Estimate
     refine: np.ndarray
-    gain: Gain
+    history: RefinementHistory
 
 
 class Checkpoint:
@@ -234,6 +234,5 @@ class Checkpoint:
             if not found.all():
                 raise CheckpointError(f"{str(self.path)!r} lacks nodes of its leaves: begin anew")
         estimate = Estimate(None, error[:, 0], None, *content["estimate"])
-        return State(
-            forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), Gain(**content["gain"])
-        )
+        history = RefinementHistory(**content["history"])
+        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), history)

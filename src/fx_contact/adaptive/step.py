@@ -15,7 +15,8 @@ from fx_contact.contact.node_pairs import create_node_pairs, resultants
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.equilibrium import check_balance
-from fx_contact.estimate.error_estimate import Recovery
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
@@ -63,6 +64,7 @@ class Settings:
             tolerance.
         enforcement: Enforcement of the contact conditions.
         solver: Solver.
+        control: ErrorControl.
 
     Raises:
         SceneError: a value of another type, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
@@ -74,6 +76,7 @@ class Settings:
     geometry_order: int | None
     enforcement: Enforcement
     solver: Solver
+    control: ErrorControl
 
     def __post_init__(self):
         check_scene(self.scene)
@@ -82,7 +85,7 @@ class Settings:
         order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
         if tolerance >= 1:
             raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
-        for name, kind in (("enforcement", Enforcement), ("solver", Solver)):
+        for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
             if not isinstance(getattr(self, name), kind):
                 raise SceneError(f"{name} must be a {kind.__name__}, got {shown(getattr(self, name))}")
         if order is None:
@@ -109,6 +112,7 @@ class Settings:
             "tolerance": self.tolerance,
             "geometry order": self.geometry_order,
             "enforcement": asdict(self.enforcement),
+            "error control": asdict(self.control),
             **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
             **{f"solver's option {name}": value for name, value in self.solver.options.items()},
         }
@@ -128,6 +132,7 @@ class Step:
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         contact: ContactSolution.
         estimate: Estimate.
+        history: RefinementHistory, with what this step has shown.
         contact_error: ContactError.
         stages: Stages of this step, from the refinement that led to it.
         along: (n, 8, k) float64 at the corners of the leaves, further fields that go along.
@@ -142,6 +147,7 @@ class Step:
     start: np.ndarray
     contact: object
     estimate: object
+    history: object
     contact_error: ContactError
     stages: Stages
     along: np.ndarray
@@ -174,7 +180,7 @@ def check_step(step, contact=False):
         raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, of which to show something")
 
 
-def solve_step(settings, number, forest, prolongation, start, along, stages, quality, gain):
+def solve_step(settings, number, forest, prolongation, start, along, stages, quality, history):
     """Solve on a forest and estimate the error.
 
     Collective on forest.comm.
@@ -188,7 +194,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         along: (n, 8, k) float64, fields that go along.
         stages: Stages, with the times so far.
         quality: dict, `partition` of the record.
-        gain: Gain of the run so far; it learns from this step.
+        history: RefinementHistory of the run so far.
 
     Returns:
         Step.
@@ -196,7 +202,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
     Raises:
         SolveError: the solve fails, or is not as accurate as the tolerance needs.
     """
-    scene, tolerance, comm = settings.scene, settings.tolerance, forest.comm
+    scene, tolerance, control, comm = settings.scene, settings.tolerance, settings.control, forest.comm
     with stages("mesh"):
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * tolerance)
         cells = create_leaf_mesh(forest, order)
@@ -216,7 +222,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         options = SolveOptions(settings.solver, settings.enforcement)
         contact, system = solve_system(problem, start, options, Environment(stages, objects))
         with stages("estimate"):
-            change = elasticity.change_norm(contact.displacement - start)
+            change = elasticity.change_norm(contact.displacement - start) if control.of_contact else None
             elasticity.set_displacement(contact.displacement)
             recovery = Recovery(elasticity, shear_free_components(scene, forest, prolongation), stages)
             touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
@@ -224,17 +230,18 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
             _check_solver(contact, error, tolerance)
             if error.energy_norm:
                 check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
-            gain.observe(error, change)
+            if control.of_contact:
+                history = history.observed(error, change, control.least_effectivity)
             results = _contact_results(scene, pairs, contact, comm)
-            of_contact = ContactError(np.zeros(len(forest), dtype=np.int8))
-            if pairs is not None:
+            of_contact = ContactError.unknown(len(forest), len(scene.contact))
+            if pairs is not None and control.of_contact:
                 goals = Goals(elasticity, system, recovery, stages, pairs, contact, error)
                 pressed = results["pair_forces"]
                 of_contact = contact_error(
-                    scene, forest, elasticity, pairs, contact, error, goals, pressed, tolerance, gain
+                    scene, forest, elasticity, pairs, contact, error, goals, pressed, tolerance, control, history
                 )
             max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
-    fine = gain.aim(error, tolerance) is None and not of_contact.leaves
+    fine = control.sought(error, tolerance, history) is None and not of_contact.leaves
     record = {
         "scene": scene.name,
         "step": number,
@@ -245,24 +252,27 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         "max_level": max_level,
         "geometry_order": order,
         "enforcement": settings.enforcement.method,
+        "control": control.mode,
         **results,
         "contact_iterations": contact.contact_iterations,
         "krylov_iterations": contact.krylov_iterations,
         "preconditioner": contact.preconditioner,
         "estimate": error.relative,
-        "assumed_effectivity": gain.effectivity,
+        "assumed_effectivity": control.effectivity(history),
         "tolerance": tolerance,
         "ratio": error.relative / tolerance,
         "pair_errors": of_contact.of_pairs,
         "pair_leaves": of_contact.leaves_of_pairs,
         "unseen_contact": of_contact.unseen,
         "penalty_share": of_contact.penalty_share,
-        "reached": bool(fine and of_contact.penalty_share <= tolerance**2),
+        "reached": bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2),
         "partition": quality,
         **stages.costs(comm),
         "versions": library_versions(),
     }
-    return Step(record, scene, forest, cells, elasticity, pairs, start, contact, error, of_contact, stages, along)
+    return Step(
+        record, scene, forest, cells, elasticity, pairs, start, contact, error, history, of_contact, stages, along
+    )
 
 
 def _check_solver(contact, error, tolerance):

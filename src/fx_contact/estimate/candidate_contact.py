@@ -7,10 +7,6 @@ from mpi4py import MPI
 _PARTS = 2
 #: and where their bounds are, relative to such a part: halved cells have no vertices there.
 _BOUND = 0.3
-#: Parts of one such surface whose greatest ratios of movement to what is left differ by no more are one place.
-_ALIKE = 2.0
-#: Movement of a place, relative to what is left there, from which it is one; the most of an open surface is always one.
-_MUCH = 0.05
 #: Gaps up to this part of what they have changed by are rounding.
 _CLOSED = 1e-6
 
@@ -43,7 +39,7 @@ def moved_by_strains(scene, pairs, contact):
     return moved
 
 
-def openings(index, pairs, contact, moved, surface, around):
+def openings(index, pairs, contact, moved, surface, around, control):
     """The open places of a contact pair, each by its nodes for which strains have done most for what is left.
 
     Collective.  A gap that is least where nothing moves tells nothing.  What is not connected is not one place.
@@ -55,6 +51,7 @@ def openings(index, pairs, contact, moved, surface, around):
         moved: (n,) float64, as from `moved_by_strains` [m].
         surface: (n,) int, which connected surface each pair is on.
         around: (n,) bool, pairs that belong to closed contact next to them.
+        control: ErrorControl.
 
     Returns:
         (k, n) float64, for each place the parts of its area that the pairs have [-].
@@ -77,14 +74,14 @@ def openings(index, pairs, contact, moved, surface, around):
     np.maximum.at(most, part, ratio)
     comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
 
-    place = _joined(parts[:, 0], most)[part]
+    place = _joined(parts[:, 0], most, control.candidate_spread)[part]
     # Of each surface whether it is closed somewhere, and its greatest ratio.
     state = np.zeros((2, len(sides)))
     np.maximum.at(state, (0, which), contact.active[ours])
     np.maximum.at(state, (1, which), ratio)
     comm.Allreduce(MPI.IN_PLACE, state, op=MPI.MAX)
-    least = np.where(state[0], _MUCH, np.minimum(state[1], _MUCH))[which]
-    there = (ratio >= most[place] / _ALIKE) & (ratio > 0) & (most[place] >= least)
+    least = np.where(state[0], control.candidate_movement, np.minimum(state[1], control.candidate_movement))[which]
+    there = (ratio >= most[place] / control.candidate_spread) & (ratio > 0) & (most[place] >= least)
     area = np.bincount(place, there * pairs.area[ours], len(parts)).astype(float)
     comm.Allreduce(MPI.IN_PLACE, area)
     weights = np.zeros((np.count_nonzero(area), len(pairs)))
@@ -101,15 +98,16 @@ def _numbered(rows, comm):
     return distinct, which.ravel()[len(distinct) :]
 
 
-def _joined(surface, most):
+def _joined(surface, most, spread):
     """The part with the greatest ratio of those that each part is one place with: (n,) int.
 
     Args:
         surface: (n,) int, which connected surface of two bodies each part is of.
         most: (n,) float64, the greatest ratio of each.
+        spread: factor by which ratios of one place may differ [-].
     """
     head = np.full(len(most), -1)
     for first in np.argsort(-most, kind="stable"):
-        same = (surface == surface[first]) & (_ALIKE * most >= most[first])
+        same = (surface == surface[first]) & (spread * most >= most[first])
         head[(head < 0) & (head[first] < 0) & same] = first
     return head

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fx_contact.estimate.contact_places import at_most_one
-from fx_contact.estimate.error_estimate import VOIGT
+from fx_contact.estimate.recovery import VOIGT
 
 #: So many times the energy of the stress along the contact's normal is all of a half-space's, and more than a plate's.
 #: In rings that are shrunk on each other, which hoop stresses fill, it is a seventh: they are refined for less.

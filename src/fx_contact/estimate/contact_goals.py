@@ -1,6 +1,6 @@
 """What of the error is contact's own: between its nodes, of its forces and gaps, and of a penalty."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,11 +8,8 @@ from fx_contact.contact.contact_patches import Spots
 from fx_contact.estimate.candidate_contact import moved_by_strains, openings
 from fx_contact.estimate.contact_energy import stored_by_forces
 from fx_contact.estimate.contact_places import Places
-from fx_contact.estimate.goal_verdict import OPEN, Verdict, allowed_errors
+from fx_contact.estimate.goal_verdict import Verdict, allowed_errors
 from fx_contact.estimate.inter_node_contact import unseen_contact
-
-#: The error that a dual solution is taken to have where it is not asked for, relative to it.
-_DUAL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +28,20 @@ class ContactError:
     """
 
     refine: np.ndarray
-    leaves: int = 0
-    unseen: int = 0
-    of_pairs: list = field(default_factory=list)
-    leaves_of_pairs: list = field(default_factory=list)
-    penalty_share: float = 0.0
+    leaves: int
+    unseen: int | None
+    of_pairs: list
+    leaves_of_pairs: list
+    penalty_share: float | None
+
+    @classmethod
+    def unknown(cls, leaves, pairs):
+        """That of a step of so many leaves on this rank and so many contact pairs for which it is not asked.  Local."""
+        unseen, share = (None, None) if pairs else (0, 0.0)
+        return cls(np.zeros(leaves, dtype=np.int8), 0, unseen, [None] * pairs, [0] * pairs, share)
 
 
-def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, forces, tolerance, gain):
+def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, forces, tolerance, control, history):
     """Judge the contact of a step.
 
     Collective on forest.comm.  Once the whole is resolved, the force of each contact pair is judged by its own (`Goal`)
@@ -59,7 +62,8 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
         goals: Goals.
         forces: list of float, `pair_forces` of the record [N].
         tolerance: prescribed accuracy e [-].
-        gain: Gain.
+        control: ErrorControl.
+        history: RefinementHistory.
 
     Returns:
         ContactError.
@@ -84,22 +88,25 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
     # Spots are springs beside each other: the square of a pair's force over what it stores is the sum of theirs.
     inverse = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)  # [1/J]
     bounds = np.zeros(len(forces))  # of the relative errors of forces, by that of the whole [-]
+    seen = control.correction(history)
     if estimate.error_global:
-        bounds = _DUAL * estimate.error_global / gain.sees * np.sqrt(summed(inverse))
+        bounds = control.dual_error * estimate.error_global / seen * np.sqrt(summed(inverse))
 
     refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
-    if gain.aim(estimate, tolerance) is None:
-        allowed, seen = allowed_errors(forces, tolerance, gain.sees), gain.sees
+    if control.sought(estimate, tolerance, history) is None:
+        allowed = allowed_errors(forces, tolerance, seen)
         moved = moved_by_strains(scene, pairs, contact)
         surface = Spots(forest, pairs, np.ones(len(pairs), dtype=bool)).pair
         for index, bound in enumerate(bounds):
-            verdict = Verdict(len(estimate.error), comm, float(force[index]), float(bound), float(allowed[index]))
+            verdict = Verdict(
+                len(estimate.error), comm, float(force[index]), float(bound), float(allowed[index]), control
+            )
             if bound > allowed[index]:
                 verdict.judge_force(goals.force(index))
             around = places.around(pairs, spots.contact == index)
-            for weight in openings(index, pairs, contact, moved, surface, around):
+            for weight in openings(index, pairs, contact, moved, surface, around, control):
                 goal = goals.gap(weight)
-                verdict.judge_gap(goal, seen * max(OPEN * goal.value, tolerance**2 * goal.moved))
+                verdict.judge_gap(goal, seen * max(control.gap_accuracy * goal.value, tolerance**2 * goal.moved))
             errors[index] = verdict.error
             leaves[index] = comm.allreduce(int((verdict.refine > 0).sum()))
             of_leaf = np.zeros_like(refine)

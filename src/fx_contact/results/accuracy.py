@@ -8,7 +8,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.error_estimate import VOIGT
+from fx_contact.estimate.recovery import VOIGT
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.parallel.errors import SceneError

@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
-from fx_contact.estimate.error_estimate import Gain, Recovery
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
@@ -118,7 +119,8 @@ def adapt_manufactured(
     if not tolerance > 0:
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
     mesh = quarter_ring(order, coarse)
-    forest, gain = Forest.of_roots(comm, mesh, Pairing(mesh, ())), Gain()
+    forest, control = Forest.of_roots(comm, mesh, Pairing(mesh, ())), ErrorControl()
+    history = control.begin()
     if uniform:
         forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
     for number in range(max_steps):
@@ -131,7 +133,8 @@ def adapt_manufactured(
             return
         times = np.ones(len(forest), dtype=np.int8)
         if not uniform:
-            times[step.elasticity.leaf_mesh.leaf] = gain.marked(step.estimate, tolerance, comm)
+            marked, history = control.marked(step.estimate, tolerance, history, comm)
+            times[step.elasticity.leaf_mesh.leaf] = marked
         forest, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
 
 

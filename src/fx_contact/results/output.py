@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.io import VTXWriter
 
 from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.error_estimate import VOIGT
+from fx_contact.estimate.recovery import VOIGT
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.mpi import together

@@ -6,6 +6,8 @@ import numpy as np
 
 from fx_contact.adaptive.adaptive_loop import Beginning, adapt
 from fx_contact.adaptive.step import check_step, check_tolerance
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.marking import for_tolerance
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
@@ -58,7 +60,7 @@ def true_error(step, tolerance, scene=None):
     tolerance = check_tolerance("the tolerance of the finer solution", tolerance)
     scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
-    marked[step.leaf_mesh.leaf] = step.estimate.marked(tolerance, step.forest.comm)[0]
+    marked[step.leaf_mesh.leaf], _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, scene))
     for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):

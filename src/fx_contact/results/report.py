@@ -1,6 +1,6 @@
 """The lines that tell how a run goes."""
 
-from fx_contact.estimate.goal_verdict import OPEN
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.parallel.timing import STAGES
 
 #: Columns of the progress table: heading, width, and how to print a record's value.
@@ -47,7 +47,7 @@ def doubts(record):
                 f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it, or what may "
                 "close elsewhere, is lighter than the square of the tolerance times the largest"
             )
-        elif not force and (error or 0) > OPEN:
+        elif not force and (error or 0) > ErrorControl.gap_accuracy:
             lines.append(
                 f"contact pair {index}: it may close, with a force of less than the square of the tolerance times that "
                 "which would undo the strains there"

@@ -1,0 +1,63 @@
+"""The effectivity of the error estimator, measured by the solutions on two successive meshes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RefinementHistory:
+    """What the refinements of a run have shown of the estimator.
+
+    Attributes:
+        effectivity: theta = xi / ||u - u_h||, estimated over true error, as far as it is measured [-].
+        error2: xi^2 of the mesh that was refined last [J].
+        expected_loss: by how much refining it reduces xi^2 if the solution is smooth; 0: unknown [J].
+        refined: whether the present mesh is a refinement of the one before.
+        compared: whether theta has been measured: until then no mesh is fine enough.
+    """
+
+    effectivity: float
+    error2: float = 0.0
+    expected_loss: float = 0.0
+    refined: bool = False
+    compared: bool = False
+
+    def observed(self, estimate, change, least):
+        """The history with the effectivity that the present mesh shows of the one before.
+
+        Local.  On nested meshes H, h energy errors add in squares (Galerkin orthogonality):
+
+            ||u - u_H||^2 = ||u_h - u_H||^2 + ||u - u_h||^2,    ||u - u_h|| ~ xi_h / theta,
+
+        so that theta = xi_H / ||u - u_H||.  Two fixed-point iterations start from the theta known before.
+
+        Args:
+            estimate: Estimate on the present mesh.
+            change: ||u_h - u_H||, as from `Elasticity.change_norm` [J^(1/2)].
+            least: smallest effectivity that is believed [-].
+
+        Returns:
+            RefinementHistory.
+        """
+        if not self.refined:
+            return self
+        theta = self.effectivity
+        for _ in range(2):
+            coarse_error = np.hypot(change, estimate.error_global / theta)
+            measured = float(np.sqrt(self.error2) / coarse_error) if coarse_error else 1.0
+            theta = min(max(measured, least), 1.0)
+        return replace(self, effectivity=theta, compared=True)
+
+    def loss_rate(self, estimate, least):
+        """The loss of xi^2 by the last refinement over that of a smooth solution, in [least, 1]; None: unknown.
+
+        Local.
+
+        Args:
+            estimate: Estimate on the present mesh.
+            least: smallest rate that is believed [-].
+        """
+        if not self.expected_loss:
+            return None
+        return min(max((self.error2 - estimate.error_global**2) / self.expected_loss, least), 1.0)

@@ -1,0 +1,113 @@
+"""Threshold marking: cells are refined, the largest errors first, until the error is expected to be what is allowed."""
+
+import numpy as np
+from mpi4py import MPI
+
+#: xi_T^2 of a child over that of its parent where a solution of degree p = 1 is smooth, 2^-(2p + 3); a cell has eight.
+CHILD = 1 / 32
+CHILDREN = 8 * CHILD
+#: The lowest threshold for goals, relative to the largest error.
+_LOWEST_FOR_GOALS = 1e-12
+
+
+def by_criterion(estimate, tolerance):
+    """Cells of criterion (2), xi_T > e omega / sqrt(N): (ncells,) bool.
+
+    Local.
+
+    Args:
+        estimate: Estimate.
+        tolerance: prescribed accuracy e [-].
+    """
+    return estimate.error > _criterion(estimate, tolerance)
+
+
+def for_tolerance(estimate, tolerance, loss_rate, control, comm):
+    """Cells to refine for xi <= e omega: those of criterion (2), fewer if they suffice, more if that saves a step.
+
+    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega.
+    It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.
+
+    Args:
+        estimate: Estimate.
+        tolerance: prescribed accuracy e [-].
+        loss_rate: loss of xi^2 by refinement, over that of a smooth solution; None: unknown [-].
+        control: ErrorControl.
+        comm: MPI communicator of the mesh's forest.
+
+    Returns:
+        (ncells,) int8, how often to refine each cell, 0 to 2, and the loss of xi^2 if the solution is smooth [J].
+    """
+    criterion = _criterion(estimate, tolerance)
+    largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
+    if largest <= criterion:
+        return np.zeros(len(estimate.error), dtype=np.int8), 0.0
+    half, lowest = control.thresholds // 2, control.lowest_threshold * criterion
+    low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
+    thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
+    need = estimate.error_global**2 - (control.target * tolerance * estimate.energy_norm) ** 2
+
+    def choose(once, twice):
+        chosen = int(np.searchsorted(_loss(once, twice, loss_rate or 1.0)[:-1], need))
+        return chosen if chosen < (half if loss_rate is None else len(thresholds)) else half - 1
+
+    times, once, twice = _mark(estimate.error**2, thresholds, choose, comm)
+    return times, float(_loss(once, twice, 1.0))
+
+
+def for_goal(error, allowed, control, comm):
+    """The fewest cells to refine for a sum of errors below what is allowed.
+
+    Collective on comm.  Where refining twice does not suffice, the cells that are not refined keep
+    `control.goal_kept` times what is allowed.
+
+    Args:
+        error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, or other non-negative errors that add up.
+        allowed: their sum on all ranks that is allowed.
+        control: ErrorControl.
+        comm: MPI communicator.
+
+    Returns:
+        (ncells,) int8, how often to refine each cell, 0 to 2.
+    """
+    largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
+    thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, control.thresholds) * largest
+
+    def choose(once, twice):
+        left = once[-1] - _loss(once, twice, 1.0)
+        enough = (left <= control.goal_target * allowed) | (once[-1] - once <= control.goal_kept * allowed)
+        return int(np.argmax(enough))
+
+    return _mark(error, thresholds, choose, comm)[0]
+
+
+def _criterion(estimate, tolerance):
+    """The threshold of criterion (2), e omega / sqrt(N) [J^(1/2)]."""
+    return tolerance * estimate.energy_norm / np.sqrt(estimate.cells)
+
+
+def _loss(once, twice, rate):
+    """Expected loss of the sum of errors, those of the cells refined once and twice given, at a rate in [0, 1]."""
+    lost = (1 - CHILDREN) * rate
+    return lost * (once + (1 - lost) * twice)
+
+
+def _mark(error, thresholds, choose, comm):
+    """Refine cells whose error is above a threshold, twice where a child's would be.
+
+    Args:
+        error: (ncells,) float64, of this rank's cells.
+        thresholds: (m,) float64, descending.
+        choose: function of two (m + 1,) float64, the errors on all ranks of the cells refined, and of those refined
+            twice, by each threshold, the last of which is below all errors; returns the position of one.
+        comm: MPI communicator.
+
+    Returns:
+        (ncells,) int8, and the two sums at the threshold chosen.
+    """
+    first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, CHILD)]
+    sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first])
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    once, twice = np.cumsum(sums, axis=1)
+    chosen = choose(once, twice)
+    return sum((place <= chosen).astype(np.int8) for place in first), once[chosen], twice[chosen]

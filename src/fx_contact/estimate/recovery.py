@@ -1,0 +1,114 @@
+"""Stress recovery and the error estimate of O. C. Zienkiewicz, J. Z. Zhu (1987): indicator (3), energies (4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fx_contact.fem.compilation import compiled
+from fx_contact.fem.elasticity import QUADRATURE_DEGREE
+from fx_contact.parallel.errors import SolveError
+
+#: Rows and columns of the six components of a symmetric stress in recovered fields.
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimated error and energy of a displacement field.
+
+    Attributes:
+        stress: recovered stress sigma*, a dolfinx Function of six components a vertex (`VOIGT`) [Pa].
+        error: (ncells,) float64, xi_T of this rank's cells (3) [J^(1/2)].
+        energy: (ncells,) float64, strain energy of this rank's cells, twice [J].
+        error_global: xi of all cells (6) [J^(1/2)].
+        energy_norm: omega (4) [J^(1/2)].
+        cells: number of cells on all ranks.
+    """
+
+    stress: object
+    error: np.ndarray
+    energy: np.ndarray
+    error_global: float
+    energy_norm: float
+    cells: int
+
+    @property
+    def relative(self):
+        """xi / omega [-]."""
+        return self.error_global / self.energy_norm if self.energy_norm else 0.0
+
+
+class Recovery:
+    """The recovered stress sigma* on a mesh, and the error that it shows of sigma_h.
+
+    Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming vertices.  Bodies share no vertex, so
+    that each is recovered by itself.
+
+    Args:
+        elasticity: Elasticity.
+        shear_free: (owned, 3) bool, where the shear stress on planes across an axis is zero by symmetry.
+        stages: Stages, for the times.
+    """
+
+    def __init__(self, elasticity, shear_free, stages):
+        self._prolongation, self._vertex = elasticity.prolongation, elasticity.vertex_of_block
+        self._shear_free, mesh, comm = shear_free, elasticity.mesh, self._prolongation.comm
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
+        self._recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
+        cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
+        with stages("compile"):
+            sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
+            integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
+            self._moments = compiled(comm, ufl.inner(integrand, ufl.TestFunction(moments)) * dx)
+            smooth = ufl.as_matrix([[self._recovered[_position(i, j)] for j in range(3)] for i in range(3)])
+            both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
+            self._energies = compiled(comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
+
+    def estimate(self, noise=0.0):
+        """Recover the stress of the elasticity's displacement `u`, and estimate its error.
+
+        Collective.
+
+        Args:
+            noise: energy norm up to which `u` is taken for a rigid motion, without error [J^(1/2)].
+
+        Returns:
+            Estimate.
+
+        Raises:
+            SolveError: the energy is not a finite number.
+        """
+        prolongation = self._prolongation
+        local = np.empty((len(prolongation.vertices), 7))
+        local[self._vertex] = fem.assemble_vector(self._moments).array.reshape(-1, 7)
+        sums = prolongation.restrict(local)
+        for component, (i, j) in enumerate(VOIGT):
+            if i != j:
+                sums[self._shear_free[:, i] | self._shear_free[:, j], component] = 0
+        values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
+        self._recovered.x.array[:] = values[self._vertex].ravel()
+
+        energies = fem.assemble_vector(self._energies).array.reshape(-1, 2)
+        error2, energy2 = np.maximum(energies, 0).T
+        total = prolongation.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
+        if not np.isfinite(total).all():
+            raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
+        error, omega = np.sqrt(total[0]), np.sqrt(total[0] + total[1])
+        if omega <= noise:
+            error2, energy2, error, omega = np.zeros_like(error2), np.zeros_like(energy2), 0.0, 0.0
+        return Estimate(self._recovered.copy(), np.sqrt(error2), energy2, error, omega, int(total[2]))
+
+
+def _position(i, j):
+    return VOIGT.index((min(i, j), max(i, j)))
+
+
+def _energy(elasticity, stress):
+    """stress : C^-1 stress, twice the energy density."""
+    first, second = elasticity.lame
+    trace = ufl.tr(stress)
+    return (ufl.inner(stress, stress) - first / (3 * first + 2 * second) * trace**2) / (2 * second)

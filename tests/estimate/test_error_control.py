@@ -1,0 +1,209 @@
+"""What a run refines for and when it stops: marking, effectivity, and the two modes of control."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import leaves
+
+from fx_contact import ErrorControl, adapt
+from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.marking import for_tolerance
+from fx_contact.estimate.recovery import Estimate
+from fx_contact.parallel.errors import CheckpointError, SceneError
+from fx_contact.scenes import indentation
+
+CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
+
+
+def spread(errors, energy=1.0):
+    """An Estimate of cell errors dealt out to the ranks."""
+    total = float(np.sqrt((errors**2).sum()))
+    return Estimate(None, dealt(errors), None, total, energy, len(errors))
+
+
+def dealt(values):
+    """This rank's part of an array."""
+    return values[WORLD.rank :: WORLD.size]
+
+
+def test_marking_stops_where_the_tolerance_is_met():
+    """Enough cells for the tolerance and hardly more; all of criterion (2) where they are not enough."""
+    errors = np.geomspace(1e-4, 1e-2, 3000)
+    total = np.sqrt((errors**2).sum())
+    for share in (0.95, 0.8):
+        mine = spread(errors)
+        marked, lost = for_tolerance(mine, share * total, None, CONTACT, WORLD)
+        left = (mine.error**2 * 0.25**marked).sum()
+        left = np.sqrt(WORLD.allreduce(float(left)))
+        assert 0.85 * share * total < left <= 0.9 * share * total
+        assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
+        everywhere(
+            mine.error[marked > 0].min(initial=1) > mine.error[marked == 0].max(), "not the largest are marked"
+        )
+    mine = spread(errors)
+    marked, _ = for_tolerance(mine, 0.1 * total, None, CONTACT, WORLD)
+    threshold = 0.1 * total / np.sqrt(mine.cells)
+    expected = (mine.error > threshold).astype(int) + (mine.error / np.sqrt(32) > threshold)
+    everywhere((marked == expected).all() and marked.max() == 2, "not criterion (2)")
+
+
+def test_a_lower_threshold_saves_a_solve():
+    """Where criterion (2) just misses the tolerance more cells are marked, until it is met."""
+    errors = np.geomspace(1e-3, 1e-2, 3000)
+    total = np.sqrt((errors**2).sum())
+    mine = spread(errors)
+    tolerance = 0.4 * total
+    marked, lost = for_tolerance(mine, tolerance, 1.0, CONTACT, WORLD)
+    threshold = tolerance / np.sqrt(mine.cells)
+    by_criterion = (mine.error > threshold).astype(int) + (mine.error / np.sqrt(32) > threshold)
+    everywhere(
+        (for_tolerance(mine, tolerance, None, CONTACT, WORLD)[0] == by_criterion).all(),
+        "more than criterion (2), on trust",
+    )
+    left, missed = (np.sqrt(WORLD.allreduce(float((mine.error**2 * 0.25**n).sum()))) for n in (marked, by_criterion))
+    assert missed > 0.9 * tolerance >= left > 0.85 * tolerance
+    assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
+
+
+def test_marking_uses_the_loss_of_the_last_refinement():
+    """After a step that brought half of what a smooth solution would give, more cells are marked."""
+    errors = np.geomspace(1e-4, 1e-2, 3000)
+    total = np.sqrt((errors**2).sum())
+    counts = []
+    for brought in (1.0, 0.5):
+        before = spread(errors)
+        marked, history = CONTACT.marked(before, 0.5 * total, CONTACT.begin(), WORLD)
+        lost = WORLD.allreduce(float((before.error**2 * (1 - 0.25**marked)).sum()))
+        now = np.sqrt(total**2 - brought * lost)
+        after, _ = CONTACT.marked(spread(errors * now / total), 0.9 * now, history, WORLD)
+        counts.append(WORLD.allreduce(int(after.sum())))
+    assert counts[1] > 1.5 * counts[0]
+
+
+@pytest.mark.parametrize("theta", [0.3, 0.5, 0.8, 1.0, 1.3])
+def test_effectivity_is_measured_by_refinement(theta):
+    """If the error halves with each mesh its effectivity is found within two meshes."""
+    true = 0.5 ** np.arange(4)
+    history = CONTACT.begin()
+    for last, now in zip(true, true[1:]):
+        _, history = CONTACT.marked(spread(np.full(8, theta * last / np.sqrt(8))), 0.1, history, WORLD)
+        history = history.observed(spread(np.full(8, theta * now / np.sqrt(8))), np.sqrt(last**2 - now**2), 0.4)
+    assert abs(history.effectivity - min(max(theta, 0.4), 1.0)) < 0.02 and history.compared
+    same_mesh = replace(history, refined=False)
+    assert same_mesh.observed(spread(np.ones(8)), 1e9, 0.4) == same_mesh
+
+
+def test_tolerance_is_corrected_by_a_low_effectivity():
+    """Down to 0.8 an estimate is taken at its word; below, it is divided by its effectivity."""
+    error = spread(np.full(8, 0.1 / np.sqrt(8)))
+    for theta, tolerance, sought in (
+        (1.0, 0.1001, None),
+        (0.8, 0.1001, None),
+        (0.79, 0.12, 0.0948),
+        (0.79, 0.13, None),
+        (0.4, 0.2, 0.08),
+        (0.4, 0.251, None),
+    ):
+        found = CONTACT.sought(error, tolerance, RefinementHistory(theta, compared=True))
+        assert found is sought or abs(found - sought) < 1e-12
+    for history in (RefinementHistory(0.4, compared=True), CONTACT.begin()):
+        assert CONTACT.sought(error, 0.05, history) == 0.05
+
+
+def test_a_first_mesh_is_refined_to_see():
+    """An estimate that meets the tolerance on a first mesh shows nothing: all of it is refined, once."""
+    error = spread(np.geomspace(1e-4, 1e-3, 8))
+    assert CONTACT.sought(error, 0.5, CONTACT.begin()) is not None
+    marked, history = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
+    everywhere((marked == 1).all(), "not uniformly")
+    history = history.observed(error, 0.0, CONTACT.least_effectivity)
+    assert history.compared and CONTACT.sought(error, 0.5, history) is None
+    marked, _ = CONTACT.marked(error, error.relative / 2, CONTACT.begin(), WORLD)
+    assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by criterion (2)"
+
+
+def test_both_modes_by_hand():
+    """Four cells, xi_T = 1, 2, 3, 4 J^(1/2), omega = 10 J^(1/2): xi = 30^(1/2), relative 0.548.
+
+    For e = 0.5 criterion (2) is xi_T > 0.5 * 10 / 4^(1/2) = 2.5: the cells 3 and 4, once each.  (6) is met from
+    e = 0.548 on.  "contact" aims at 0.9 e: xi^2 has to fall from 30 to (4.5)^2 = 20.25.  Refining a cell once leaves a
+    quarter of its xi_T^2: 16 falls to 4, so that 18 are left, and the cell 4 is enough.
+    """
+    error = spread(np.array([1.0, 2.0, 3.0, 4.0]), energy=10.0)
+    begin = ENERGY.begin()
+    assert ENERGY.sought(error, 0.5, begin) == 0.5 and ENERGY.sought(error, 0.547, begin) == 0.547
+    assert ENERGY.sought(error, 0.548, begin) is None  # on the first mesh, with no effectivity
+    for known in (begin, RefinementHistory(0.4, 60.0, 10.0, True, True)):
+        times, after = ENERGY.marked(error, 0.5, known, WORLD)
+        assert np.array_equal(times, dealt(np.array([0, 0, 1, 1]))) and after == known
+        assert np.array_equal(ENERGY.marked(error, 0.1, known, WORLD)[0], dealt(np.ones(4)))  # never twice
+    assert np.array_equal(
+        ENERGY.marked(error, 0.4, begin, WORLD)[0], dealt(np.array([0, 0, 1, 1]))
+    )  # 2 is not above 2
+    assert ENERGY.effectivity(RefinementHistory(0.4)) == ENERGY.correction(RefinementHistory(0.4)) == 1.0
+
+    times, after = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
+    assert np.array_equal(times, dealt(np.array([0, 0, 0, 1])))
+    assert np.allclose([after.error2, after.expected_loss], [30, 12], rtol=1e-14)
+    assert after == replace(CONTACT.begin(), error2=after.error2, expected_loss=after.expected_loss, refined=True)
+    # A finer mesh with xi^2 = 18 and a change of 6^(1/2): theta_0 = (30 / (6 + 18 / 0.5^2))^(1/2) and once more.
+    finer = spread(np.sqrt(np.full(4, 4.5)), energy=10.0)
+    theta = np.sqrt(30 / (6 + 18 / (30 / (6 + 18 / 0.25))))
+    history = after.observed(finer, np.sqrt(6.0), CONTACT.least_effectivity)
+    assert abs(history.effectivity - theta) < 1e-12 and 0.5 < theta < 0.8
+    assert CONTACT.sought(finer, 0.45, history) == CONTACT.correction(history) * 0.45  # xi / omega = 0.424
+    assert CONTACT.sought(finer, 0.43 / theta, history) is None
+    assert CONTACT.sought(finer, 0.5, CONTACT.begin()) == 0.25  # nothing is measured on a first mesh
+
+
+def test_a_run_of_the_mode_energy():
+    """Marking (2), partners (5) and stop (6) of a whole run, from its own indicators; contact has no goals."""
+    tolerance, steps = 0.2, list(adapt(indentation(coarse=2), 0.2, control=ENERGY))
+    assert len(steps) > 2
+    for step, finer in zip(steps, steps[1:]):
+        record, error, forest = step.record, step.estimate, step.forest
+        assert not record["reached"] and record["ratio"] > 1
+        above = error.error > tolerance * error.energy_norm / np.sqrt(record["cells"])
+        marked = np.zeros(len(forest), dtype=bool)
+        marked[step.leaf_mesh.leaf] = above
+        assert np.array_equal(leaves(finer.forest), leaves(forest.refined(marked)[0]))
+    last = steps[-1].record
+    assert last["reached"] and last["ratio"] <= 1 and last["control"] == "energy"
+    assert last["assumed_effectivity"] == 1 and last["pair_errors"] == [None] and last["unseen_contact"] is None
+
+
+def test_the_mode_energy_may_stop_on_the_first_mesh():
+    """(6) needs one mesh; the default needs two to measure the effectivity."""
+    scene = indentation(coarse=2)
+    (only,) = adapt(scene, 0.9, control=ENERGY)
+    first, *_, last = adapt(scene, 0.9)
+    assert only.record["reached"] and not first.record["reached"] and last.record["reached"]
+
+
+def test_a_run_goes_on_with_its_own_control(tmp_path):
+    """Checkpoints remember the control: another one is refused, the same goes on to the same mesh."""
+    folder, scene = WORLD.bcast(tmp_path), indentation(coarse=2)
+    through = list(adapt(scene, 0.2, control=ENERGY, max_steps=3))
+    list(adapt(scene, 0.2, control=ENERGY, max_steps=2, checkpoint=folder))
+    with pytest.raises(CheckpointError, match="error control"):
+        adapt(scene, 0.2, restart=Checkpoint(folder, scene, WORLD))
+    (again,) = adapt(scene, 0.2, control=ENERGY, max_steps=3, restart=Checkpoint(folder, scene, WORLD))
+    assert np.array_equal(leaves(again.forest), leaves(through[-1].forest))
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"mode": "Energy"}, "mode of the error control"),
+        ({"target": 1.1}, "target of the error control must be at most 1"),
+        ({"dual_limit": 0.0}, "dual_limit of the error control must be a positive number"),
+        ({"thresholds": 2.5}, "number of thresholds"),
+    ],
+)
+def test_bad_controls(values, message):
+    """What makes no sense is refused."""
+    with pytest.raises(SceneError, match=message):
+        ErrorControl(**values)
