@@ -1,7 +1,5 @@
 """Hertz contact of two half-spheres: the same run on any number of ranks, and the reference values."""
 
-import resource
-
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
@@ -243,40 +241,14 @@ def test_advice_fits_the_failure(monkeypatch, reason, advice):
         next(adapt(hertz(order=1, coarse=1), 0.5, solver=Solver("cholesky")))
 
 
-def test_memory_of_one_rank(monkeypatch):
-    """A limit of one rank's own counts, whatever the host has left."""
-    if WORLD.rank == WORLD.size - 1:
-        monkeypatch.setattr(memory, "address_space", lambda: 1000)
-    assert memory.shortage(WORLD, 1000) is None
-    assert memory.shortage(WORLD, 1001) == (1001, 1000, "on a rank under a limit (ulimit -v)")
-
-
-def test_limit_of_the_address_space():
-    """What a process may still take is its limit less what it has."""
-    limits = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (1 << 42, limits[1]))
-    try:
-        assert 0 < (1 << 42) - memory.address_space() < 1 << 41
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, limits)
-
-
-@pytest.mark.parametrize(
-    "line, files",
-    [
-        ("0::/a/b", ("memory.max", "memory.current", "inactive_file")),
-        ("7:memory:/a/b", ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")),
-    ],
-)
-def test_memory_of_nested_groups(monkeypatch, tmp_path, line, files):
+def test_memory_of_control_groups(monkeypatch, tmp_path):
     """The tightest control group counts, of those around this process; what the page cache holds can be had back."""
-    limit, used, cache = files
     for group, texts in {".": "max 9 9", "a": "5000 4500 200", "a/b": "max 10 0", "other": "1 1 0"}.items():
-        folder = tmp_path / ("memory" * line.startswith("7")) / group
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in zip((limit, used, "memory.stat"), texts.split()):
-            (folder / name).write_text(f"anon 3\n{cache} {text}\n" if name == "memory.stat" else text)
-    (tmp_path / "cgroup").write_text(f"9:cpu:/other\n{line}\n")
+        folder = tmp_path / group
+        folder.mkdir(exist_ok=True)
+        for name, text in zip(("memory.max", "memory.current", "memory.stat"), texts.split()):
+            (folder / name).write_text(f"anon 3\ninactive_file {text}\n" if name == "memory.stat" else text)
+    (tmp_path / "cgroup").write_text("9:cpu:/other\n0::/a/b\n")
     monkeypatch.setattr(memory, "_CGROUP", tmp_path)
     monkeypatch.setattr(memory, "_MEMBERSHIP", tmp_path / "cgroup")
     assert memory.available() == 700

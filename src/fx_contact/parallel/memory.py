@@ -1,6 +1,5 @@
-"""How much memory the hosts have left: large allocations are refused before the system ends the program for them."""
+"""How much memory the hosts have left: large allocations are refused before the system kills the run."""
 
-import resource
 from pathlib import Path
 
 import numpy as np
@@ -8,18 +7,12 @@ from mpi4py import MPI
 
 from fx_contact.parallel.errors import SolveError
 
-#: Bytes that a leaf of a forest takes while it is made and its vertices and edges are named, as measured.
+#: Bytes that a leaf of a forest takes while it is made and its vertices and edges are numbered, as measured.
 _LEAF_BYTES = 1900
 
-_MEMINFO, _STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
-#: The control groups of this process, and where they are.
+_MEMINFO = Path("/proc/meminfo")
+#: The control group of this process (version 2: the line "0::PATH"), and where control groups are mounted.
 _MEMBERSHIP, _CGROUP = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-#: Of both versions of control groups, by the controllers in a line of the membership: folder below the mount, files of
-#: the limit and of what is used, and the name of what the system takes back from the page cache at once.
-_VERSIONS = {
-    "": (".", "memory.max", "memory.current", "inactive_file"),
-    "memory": ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
-}
 
 
 def check_leaves(comm, leaves):
@@ -32,7 +25,7 @@ def check_leaves(comm, leaves):
         leaves: how many this rank will have.
 
     Raises:
-        SolveError: a host or a rank lacks it.
+        SolveError: a host lacks it.
     """
     what = f"a forest of {comm.allreduce(leaves):,} leaves"
     check_memory(comm, what, _LEAF_BYTES * leaves, "refine less, ask for a larger tolerance, or use more hosts")
@@ -50,16 +43,16 @@ def check_memory(comm, what, needed, advice):
         advice: what to do where it is not there.
 
     Raises:
-        SolveError: a host or a rank lacks it.
+        SolveError: a host lacks it.
     """
     short = shortage(comm, needed)
     if short is not None:
-        needed, free, place = short
-        raise SolveError(f"{what} needs {_size(needed)} {place} that has {_size(free)} left; {advice}")
+        needed, free = map(_size, short)
+        raise SolveError(f"{what} needs {needed} on a host that has {free} left; {advice}")
 
 
 def shortage(comm, needed):
-    """The host, or the rank under a limit of its own, that lacks most of the memory that is about to be taken.
+    """The host that lacks most of the memory that is about to be taken.
 
     Collective on comm.
 
@@ -68,16 +61,13 @@ def shortage(comm, needed):
         needed: bytes that this rank will take.
 
     Returns:
-        (bytes needed, bytes free, where) of it, the same on all ranks; None if all have enough, or do not tell.
+        (bytes needed, bytes free) of that host, the same on all ranks; None if all have enough, or do not tell.
     """
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    places = (
-        (int(needed), address_space(), "on a rank under a limit (ulimit -v)"),
-        (host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN), "on a host"),
-    )
+    needed, free = host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN)
     host.Free()
-    worst = max(comm.allgather(max((needed - free, needed, free, place) for needed, free, place in places)))
-    return worst[1:] if worst[0] > 0 else None
+    lacking, *worst = max(comm.allgather((needed - free, needed, free)))
+    return tuple(worst) if lacking > 0 else None
 
 
 def _size(count):
@@ -87,51 +77,27 @@ def _size(count):
 
 
 def available():
-    """Bytes that this host, or a control group of this process, can still give.  Local.
+    """Bytes that the host can still give, or the tightest control group (version 2) around this process.  Local.
 
     Returns:
         int or float, infinite where the system does not tell.
     """
     limits = [np.inf]
     try:
-        lines = dict(line.split(":") for line in _MEMINFO.read_text().splitlines())
-        limits.append(1024 * int(lines["MemAvailable"].split()[0]))
-    except (OSError, KeyError, ValueError):
-        pass
-    for group, (_, limit, used, cache) in _groups():
+        limits.append(1024 * _table(_MEMINFO)["MemAvailable:"])
+        own = Path(dict(line.split(":", 1) for line in _MEMBERSHIP.read_text().splitlines())["0"].lstrip(":/"))
+    except (OSError, KeyError):
+        own = Path()
+    for group in (own, *own.parents):  # a batch system sets the limit of a job, of which each rank may be a group
+        group = _CGROUP / group
         try:
-            free = int((group / limit).read_text()) - int((group / used).read_text())
-            kept = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
-            limits.append(free + int(kept.get(cache, 0)))
-        except (OSError, ValueError):  # not there, or "max"
+            used = int((group / "memory.current").read_text()) - _table(group / "memory.stat")["inactive_file"]
+            limits.append(int((group / "memory.max").read_text()) - used)
+        except (OSError, KeyError, ValueError):  # not there, or "max"
             pass
     return max(min(limits), 0)
 
 
-def _groups():
-    """Folders of the control groups that this process is in, up to the outermost, and the names of their files."""
-    try:
-        lines = [line.split(":", 2) for line in _MEMBERSHIP.read_text().splitlines()]
-    except OSError:
-        return
-    for _, controllers, path in lines:
-        version = _VERSIONS.get(controllers)
-        if version is not None:
-            inner = Path(path.lstrip("/"))  # as the system names it, which inside a container need not be there
-            for group in (inner, *inner.parents):
-                yield _CGROUP / version[0] / group, version
-
-
-def address_space():
-    """Bytes that this process may still take by its own limit (ulimit -v).  Local.
-
-    Returns:
-        int or float, infinite where there is none.
-    """
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit == resource.RLIM_INFINITY:
-        return np.inf
-    try:
-        return max(limit - int(_STATM.read_text().split()[0]) * resource.getpagesize(), 0)
-    except OSError:
-        return limit
+def _table(path):
+    """A file of lines with a name and a number: dict of int.  Local."""
+    return {name: int(number) for name, number, *_ in map(str.split, path.read_text().splitlines())}
