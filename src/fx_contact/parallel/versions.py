@@ -1,7 +1,6 @@
 """Versions of the libraries that results depend on."""
 
 import ctypes
-from pathlib import Path
 
 import dolfinx
 import numpy as np
@@ -19,14 +18,9 @@ def library_versions():
 
 
 def _hypre_version():
-    """Release of the hypre that PETSc has loaded, asked from the library itself; None where it cannot be found."""
-    maps = Path("/proc/self/maps")
-    loaded = (
-        {line.split()[-1] for line in maps.read_text().splitlines() if "libHYPRE" in line} if maps.exists() else ()
-    )
-    for path in sorted(loaded):
-        ask = getattr(ctypes.CDLL(path), "HYPRE_VersionNumber", None)
-        numbers = [ctypes.c_int() for _ in range(4)]
-        if ask is not None and ask(*map(ctypes.byref, numbers)) == 0:
-            return ".".join(str(n.value) for n in numbers[:3])
-    return None
+    """Release of the hypre that PETSc has loaded, asked from the library itself; None where it does not tell."""
+    ask = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_VersionNumber", None)
+    numbers = [ctypes.c_int() for _ in range(4)]
+    if ask is None or ask(*map(ctypes.byref, numbers)):
+        return None
+    return ".".join(str(number.value) for number in numbers[:3])
