@@ -1492,22 +1492,36 @@ next(adapt(patch(cells=(2, 2, 2)), 0.1))
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize(
-    "program, error",
+    "program, error, runner",
     [
-        (FAILS_ALONE, "SceneError: Poisson's ratio"),
-        (FAILS_IN_PETSC.format("MemoryError('no room')"), "MemoryError: no room"),
-        (FAILS_IN_PETSC.format("PETSc.Error(55)"), "PETSc cannot work with the solver's options"),
+        (FAILS_ALONE, "SceneError: Poisson's ratio", ["-m", "fx_contact"]),
+        (FAILS_IN_PETSC.format("MemoryError('no room')"), "MemoryError: no room", []),
+        (FAILS_IN_PETSC.format("PETSc.Error(55)"), "PETSc cannot work with the solver's options", []),
     ],
-    ids=["before", "Python, called by PETSc", "PETSc"],
+    ids=["in the program", "Python, called by PETSc", "PETSc"],
 )
-def test_error_that_nobody_catches(ranks, program, error):
-    """It ends all ranks, with its traceback; on a single one MPI has nothing to say."""
-    command = ["mpirun", "-n", str(ranks), sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=60)
+def test_error_of_one_rank_ends_all(tmp_path, ranks, program, error, runner):
+    """With its traceback: any error in a program that is run by the package, and one inside PETSc in any program."""
+    path = tmp_path / "program.py"
+    path.write_text(program)
+    command = ["mpirun", "-n", str(ranks), sys.executable, *runner, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, env=outside(), timeout=30)
     assert done.returncode == 1 and "Traceback" in done.stderr, done.stderr
-    assert error in done.stderr and ("MPI_ABORT" in done.stderr) == (ranks > 1), done.stderr
+    assert error in done.stderr and "MPI_ABORT" in done.stderr, done.stderr
+
+
+def test_import_changes_nothing():
+    """Importing the package leaves the hooks of the process alone."""
+    program = """
+import sys, threading, signal
+hooks = lambda: (sys.excepthook, sys.displayhook, threading.excepthook, signal.getsignal(signal.SIGINT))
+before = hooks()
+import fx_contact
+sys.exit(before != hooks())
+"""
+    assert subprocess.run([sys.executable, "-c", program], env=outside(), timeout=60).returncode == 0
 
 
 #: A program that catches what PETSc cannot do on rank 0, then another error, and ends.

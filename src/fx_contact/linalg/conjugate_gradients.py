@@ -145,32 +145,27 @@ class ConjugateGradients:
 
     @contextmanager
     def _named_errors(self):
-        """What PETSc cannot do becomes our error; hypre forgets it, or it would fail ever after.
+        """PETSc's errors as SolveError on all ranks; an error of Python that PETSc has met in our callbacks as it is.
 
-        Collective.  PETSc fails on rank 0 alone where it cannot open the file of a monitor or a view.  An error of
-        Python that PETSc has met, like a Ctrl-C while it calls us or too little memory there, is raised as it is, by
-        this rank alone: others may be inside of PETSc, where nothing can reach them before it ends them too.  So they
-        may where PETSc itself fails on one rank; there they get some time to come.
+        Collective.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  Objects of PETSc
+        are not the same on all ranks then, so that they cannot be freed.
         """
-        failure = None
-        try:
-            yield
-        except PETSc.Error as error:
-            failure = error
-        while isinstance(failure, PETSc.Error) and failure.__cause__ is not None:  # met where PETSc has called us
-            failure = failure.__cause__
-        if failure is not None and not isinstance(failure, PETSc.Error):
-            self._objects.leave()
-            raise failure from None
         try:
             with together(self._comm, _PATIENCE):
-                if failure is not None:
+                try:
+                    yield
+                except PETSc.Error as error:
                     clear_hypre_errors()
+                    cause = error
+                    while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
+                        cause = cause.__cause__
+                    if not isinstance(cause, PETSc.Error):
+                        raise cause from None
                     raise SolveError(
                         f"PETSc cannot work with the solver's options, under the prefix {self._prefix}, as they are: "
-                        f"{failure}"
-                    ) from failure
-        except (SolveError, RuntimeError):
+                        f"{cause}"
+                    ) from error
+        except BaseException:
             self._objects.leave()
             raise
 

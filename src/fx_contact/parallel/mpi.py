@@ -1,20 +1,17 @@
-"""Raise together or end together, exchange rows between ranks, and meet at the home rank of a key (rendezvous).
+"""Errors raised on all ranks together, rows exchanged between ranks, and what all ranks know of a key (rendezvous).
 
-An error that nobody catches ends a rank, and the others would wait for it for ever, in the next collective call or when
-MPI is shut down.  So where there are several it ends them all, once Python has shown it.
+A lattice point is named by an int64 key that every rank computes alike.  What ranks know of a key is brought together
+on its *home*, the rank that a hash of the key names: one all-to-all there, one back.  No rank holds more than its share
+of the keys.
 
-A lattice point is named by an int64 key that every rank computes alike. What ranks know of a key is brought
-together on its *home*, the rank that a hash of the key names: one all-to-all there, one back. No rank ever holds
-more than its share of the keys.
-
-mpi4py's collectives of Python objects leave a lock on the communicator, which it takes away again when the communicator
-is freed.  dolfinx frees the communicators of its objects whenever Python drops them, even while an error is under way;
-the lock's removal can then hang for ever.  So collectives go to the user's communicator, never to one of dolfinx.
+Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  A collective of Python objects
+makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed; Python frees those of
+dolfinx at any time, also while it handles an exception, and the removal may then hang.
 """
 
 import pickle
-import sys
 import time
+import traceback
 from contextlib import contextmanager
 
 import numpy as np
@@ -25,61 +22,42 @@ from mpi4py import MPI
 def together(comm, patience=None):
     """Run a block of local code; if it raises on any rank, raise that error on every rank.
 
-    Collective on comm. The block itself must not communicate, unless there is a patience.
+    Collective on comm.  The block must not communicate, unless there is a patience.
 
     Args:
         comm: MPI communicator.
-        patience: where the block communicates, how long a rank on which it failed waits for others, which may wait for
-            it inside of the block [s]; None: for ever.
+        patience: where the block communicates, how long a rank on which it failed waits for the others [s]: they may
+            wait for it inside the block, where nothing reaches them.  Then it aborts all ranks.  None: for ever.
 
     Raises:
         Exception: the error of the lowest rank on which the block failed.
-        RuntimeError: the others have not come; on this rank alone, which nobody should catch, so that it ends them.
     """
     error = None
     try:
         yield
     except Exception as caught:
         error = caught
-    first = np.empty(1, dtype=np.int64)
-    lowest = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), first, MPI.MIN)
-    if error is None or patience is None:
-        lowest.Wait()
-    elif not _done(lowest, patience):
-        raise RuntimeError(
-            f"rank {comm.rank} has failed alone, and the others, which may wait for it for ever, end with it: {error}"
-        ) from error
-    first = int(first[0])
-    if first < comm.size:
-        shared = comm.bcast(_sendable(error), root=first)
+    lowest = np.empty(1, dtype=np.int64)
+    request = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), lowest, MPI.MIN)
+    end = np.inf if error is None or patience is None else time.monotonic() + patience
+    while end < np.inf and not request.Test():
+        if time.monotonic() > end:
+            traceback.print_exception(error)
+            comm.Abort(1)
+        time.sleep(1e-3)
+    request.Wait()
+    if lowest[0] < comm.size:
+        shared = comm.bcast(_sendable(error), root=int(lowest[0]))
         raise shared if error is None else error
 
 
-def _done(request, patience):
-    """Whether a request is done within so many seconds.  Local."""
-    end = time.monotonic() + patience
-    while not (done := request.Test()) and time.monotonic() < end:
-        time.sleep(1e-3)
-    return done
-
-
 def _sendable(error):
-    """The error, or if it cannot be sent to other ranks, one that says the same.  Local."""
+    """The error, or one that says the same if it cannot be pickled.  Local."""
     try:
         pickle.loads(pickle.dumps(error))
         return error
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
-
-
-def _end_all(kind, error, trace):
-    """What Python calls for an error that nobody has caught: it is shown as ever, and ends all ranks.  Local."""
-    _show(kind, error, trace)
-    MPI.COMM_WORLD.Abort(1)
-
-
-if MPI.COMM_WORLD.size > 1:
-    _show, sys.excepthook = sys.excepthook, _end_all
 
 
 class Exchange:
