@@ -4,13 +4,6 @@ Physical groups name things: volumes are bodies; surfaces, curves and points are
 order of Gmsh's nodes is read from Gmsh itself, so that all orders work alike.
 """
 
-import os
-import signal
-import subprocess
-import sys
-import tempfile
-from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
@@ -20,9 +13,6 @@ from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import MAX_ORDER, RootMesh
-
-#: Seconds that Gmsh may take to read any file, and the bytes that it reads in each further one, at the very least.
-_SECONDS, _BYTES_PER_SECOND = 60, 1e6
 
 
 def root_mesh_from_gmsh(comm, build):
@@ -67,92 +57,39 @@ def root_mesh_from_file(comm, path):
         RootMesh, the same on all ranks.
 
     Raises:
-        SceneError: there is no such file, Gmsh cannot read it or takes far too long, or a name in it is not in UTF-8.
+        SceneError: there is no such file, Gmsh cannot read it, or a name in it is not in UTF-8.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
     path = shared_path(comm, "a mesh file", path)
 
     def read():
-        """The file becomes Gmsh's current model, once another process could read it; SceneError where none can."""
+        """The file becomes Gmsh's current model."""
         import gmsh
 
-        _check_head(path)
-        with _alone(path) as link:
-            _check_reading(path, link)
-            try:
-                gmsh.open(str(link))
-            except Exception as error:
-                raise _unreadable(path, link, str(error)) from None
+        _check_mesh_file(path)
+        try:
+            gmsh.open(str(path))
+        except Exception as error:
+            reason = str(error).strip() or "its numbers make no sense"
+            raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
 
     return root_mesh_from_gmsh(comm, read)
 
 
-def _check_head(path):
-    """The file must begin as Gmsh's meshes do: what does not Gmsh runs as a script, which may call any command."""
+def _check_mesh_file(path):
+    """Raises SceneError for what is no mesh file: Gmsh begins a new model, or runs it as a script.  Local."""
     try:
         if not path.is_file():
-            there = f"{str(path)!r} is no regular file" if path.exists() else f"there is no mesh file {str(path)!r}"
-            raise SceneError(f"{there}: give a .msh file of Gmsh")
+            raise SceneError(f"there is no mesh file {str(path)!r}: give a .msh file of Gmsh")
         with path.open("rb") as file:
-            head = file.read(100)
+            if file.read(1) != b"$":
+                raise SceneError(
+                    f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat; for a script use "
+                    "root_mesh_from_gmsh"
+                )
     except OSError as error:
         raise SceneError(f"cannot read the mesh file {str(path)!r}: {error.strerror}") from None
-    if not head:
-        raise SceneError(f"the mesh file {str(path)!r} is empty")
-    if not head.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
-        raise SceneError(
-            f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat; for a script use "
-            "root_mesh_from_gmsh"
-        )
-
-
-@contextmanager
-def _alone(path):
-    """The file as a link in an empty folder: beside x.msh Gmsh runs x.msh.opt, a script that may call any command."""
-    with tempfile.TemporaryDirectory() as folder:
-        link = Path(folder, "mesh.msh")
-        link.symlink_to(path.resolve())
-        yield link
-
-
-#: Reads a file in a process of its own, and ends with what Gmsh says against it.
-_TRIAL = """
-import gmsh, sys
-gmsh.initialize(readConfigFiles=False, interruptible=False)
-gmsh.option.setNumber("General.Terminal", 0)
-try:
-    gmsh.open(sys.argv[1])
-except Exception as error:
-    sys.exit(str(error))
-"""
-
-
-def _check_reading(path, link):
-    """A damaged file can crash Gmsh or keep it busy, and the run with it; so another process reads it first.
-
-    What that one cannot read the run does not open: a file of which Gmsh complains once may crash it the next time.
-    """
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PRTE_"))}
-    patience = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
-    try:
-        subprocess.check_output(
-            [sys.executable, "-c", _TRIAL, str(link)], env=environment, stderr=subprocess.STDOUT, timeout=patience
-        )
-    except subprocess.TimeoutExpired:
-        raise SceneError(
-            f"Gmsh cannot read {str(path)!r} in {patience:.0f} s, so a number in it that counts something must be "
-            "wrong; is it whole? write it again"
-        ) from None
-    except subprocess.CalledProcessError as failed:
-        crashed = failed.returncode < 0 and f"it crashes ({signal.Signals(-failed.returncode).name})"
-        raise _unreadable(path, link, crashed or failed.output.decode(errors="replace")) from None
-
-
-def _unreadable(path, link, reason):
-    """The error for a file that Gmsh cannot read, with its reason, which names the link or is empty.  Local."""
-    reason = reason.strip().replace(str(link), str(path)) or "its numbers make no sense"
-    return SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again")
 
 
 def _with_gmsh(build):
