@@ -17,6 +17,7 @@ from fx_contact.estimate.contact_places import Places
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
@@ -297,26 +298,26 @@ def numbered(prolongation):
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     number = prolongation.index_map.local_to_global(prolongation.conforming[own])
     keys = np.full(prolongation.index_map.size_global, -1, dtype=np.int64)
-    keys[gathered(prolongation.comm, number)] = gathered(prolongation.comm, prolongation.vertices.keys[own])
+    keys[gathered(prolongation.comm, number)] = gathered(prolongation.comm, prolongation.space.keys[own])
     return keys
 
 
 def gathered_prolongation(prolongation):
     """P with rows and columns in ascending order of keys, and both keys.  Ranks that share a row agree.  Collective."""
     comm, by_number = prolongation.comm, numbered(prolongation)
-    rows = np.unique(gathered(comm, prolongation.vertices.keys))
+    rows = np.unique(gathered(comm, prolongation.space.keys))
     columns = np.sort(by_number)
     local = prolongation.matrix.tocoo()
     reach = prolongation.index_map.size_local + prolongation.index_map.num_ghosts
     number = prolongation.index_map.local_to_global(np.arange(reach, dtype=np.int32))
-    row = np.searchsorted(rows, prolongation.vertices.keys)[local.row]
+    row = np.searchsorted(rows, prolongation.space.keys)[local.row]
     column = np.searchsorted(columns, by_number[number])[local.col]
     shape = len(rows), len(columns)
     total = coo_matrix((gathered(comm, local.data), (gathered(comm, row), gathered(comm, column))), shape).tocsr()
-    copies = np.bincount(gathered(comm, np.searchsorted(rows, prolongation.vertices.keys)), minlength=len(rows))
+    copies = np.bincount(gathered(comm, np.searchsorted(rows, prolongation.space.keys)), minlength=len(rows))
     mean = total.multiply(1 / copies[:, None]).tocsr()
     mine = coo_matrix((local.data, (row, column)), shape).tocsr()
-    here = np.unique(np.searchsorted(rows, prolongation.vertices.keys))
+    here = np.unique(np.searchsorted(rows, prolongation.space.keys))
     everywhere(
         abs(mine[here] - mean[here]).max() < 1e-15 if len(here) else True, "ranks disagree on a row of P", comm
     )
@@ -343,7 +344,9 @@ def discrete(scene, forest, order=1):
     """Elasticity of a scene on a forest."""
     cells = create_leaf_mesh(forest, order)
     materials = np.array([[scene.materials[b].young, scene.materials[b].poisson] for b in scene.mesh.bodies])
-    return Elasticity(cells, materials, scene.mesh.body[forest.cell[cells.leaf]], Prolongation(forest), Stages())
+    return Elasticity(
+        cells, materials, scene.mesh.body[forest.cell[cells.leaf]], Prolongation(Space(forest, 1)), Stages()
+    )
 
 
 def side_by_side():
@@ -366,7 +369,7 @@ def conforming_positions(forest, prolongation):
     position, body = np.empty((prolongation.owned, 3)), np.empty(prolongation.owned, dtype=int)
     place = prolongation.conforming[own]
     position[place] = vertex_positions(forest)[own]
-    body[place] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
+    body[place] = forest.mesh.body[forest.cell[prolongation.space.example[own, 0]]]
     return position, body
 
 

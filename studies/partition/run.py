@@ -21,6 +21,7 @@ from mpi4py import MPI
 from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.partition import KINDS, along_curve, assign, by_graph
 from fx_contact.forest.partition_quality import Judge, Quality
 from fx_contact.forest.super_elements import Units, curve_keys
@@ -178,7 +179,7 @@ def scored(name, quick, most, folder):
         start = time.perf_counter()
         step()
         cost[title] = time.perf_counter() - start
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     judge, dofs = Judge(forest, prolongation), 3 * prolongation.index_map.size_global
     rows = []
     for parts in 2 ** np.arange(1, int(np.log2(most)) + 1):

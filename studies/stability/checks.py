@@ -275,6 +275,6 @@ def _bodies(forest, prolongation):
     """Body of each owned conforming vertex: (owned,) int."""
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     result = np.empty(prolongation.owned, dtype=np.int64)
-    leaf = prolongation.vertices.example[own, 0]
+    leaf = prolongation.space.example[own, 0]
     result[prolongation.conforming[own]] = forest.mesh.body[forest.cell[leaf]]
     return result

@@ -24,6 +24,7 @@ from fx_contact.adaptive.adaptive_loop import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.row_file import RowFile, write_rows
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest import forest
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import (
@@ -314,7 +315,7 @@ def test_two_runs_at_once(scene, folder):
 def holds_last_state(error, number):
     """An error in the middle of a run has the last step's record, and a displacement that belongs to a forest."""
     assert error.record["step"] == number
-    held = Prolongation(error.forest)
+    held = Prolongation(Space(error.forest, 1))
     everywhere(error.displacement.shape == (held.owned, 3), "a displacement of another forest")
     everywhere(WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) > 0, "no displacement")
 

@@ -9,6 +9,7 @@ from fx_contact import Enforcement
 from fx_contact.contact.contact_patches import Spots
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
@@ -16,7 +17,7 @@ def test_stripes(distribution):
     """Closed stripes across a surface are spots of their own where open pairs are between them, and one if not."""
     scene = pressed(two_boxes(upper=(6, 2, 1), distortion=0.0))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.3))
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
     pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
     x = pairs.position[:, 0]

@@ -10,6 +10,7 @@ from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes, vert
 from fx_contact import Dirichlet, Traction
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scenes import hertz, indentation
 
@@ -23,7 +24,7 @@ from fx_contact.scenes import hertz, indentation
 def test_curves(scene, axis, distribution):
     """Sideways conditions along the axis and a side hold all conforming vertices there, and no others."""
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
     prescribed = prescribed_displacements(scene, forest, prolongation)
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
@@ -47,7 +48,7 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
         order = slice(None, None, -1 if turned else 1)
         bumpy = replace(scene, dirichlet=(*scene.dirichlet, side)[order])
         forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
-        prolongation = Prolongation(forest)
+        prolongation = Prolongation(Space(forest, 1))
         prescribed = prescribed_displacements(bumpy, forest, prolongation)
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         position = np.empty((prolongation.owned, 3))
@@ -91,7 +92,7 @@ def test_planes_without_shear_stress(held, free):
     """A plane that is held across alone has none, whatever else is prescribed elsewhere."""
     scene = held_above(*held)
     forest = grown(roots(scene), 1)
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     along_z = shear_free_components(scene, forest, prolongation)[:, 2]
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     height = np.empty(prolongation.owned)
@@ -104,7 +105,9 @@ def test_a_plane_under_a_traction_has_shear_stress():
     """A load along a plane that is held across alone."""
     scene = replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),))
     forest = grown(roots(scene), 1)
-    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "no shear stress")
+    everywhere(
+        not shear_free_components(scene, forest, Prolongation(Space(forest, 1)))[:, 2].any(), "no shear stress"
+    )
 
 
 def test_a_curved_facet_is_no_plane():
@@ -114,4 +117,4 @@ def test_a_curved_facet_is_no_plane():
     points[:, 2] += np.where(points[:, 2] > 1.5, 0.1 * np.sin(np.pi * points[:, 0]) ** 2, 0.0)
     scene = replace(scene, mesh=replace(scene.mesh, points=points))
     forest = grown(roots(scene), 1)
-    everywhere(not shear_free_components(scene, forest, Prolongation(forest))[:, 2].any(), "a plane")
+    everywhere(not shear_free_components(scene, forest, Prolongation(Space(forest, 1)))[:, 2].any(), "a plane")

@@ -34,6 +34,7 @@ from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.problem.boundary_conditions import Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import Scene
@@ -56,12 +57,12 @@ def gathered_matrix(matrix, names, keys):
 
 def full_stiffness(elasticity):
     """K on all vertices as dolfinx assembles it, gathered, ordered by key."""
-    trial, test = ufl.TrialFunction(elasticity.space), ufl.TestFunction(elasticity.space)
+    trial, test = ufl.TrialFunction(elasticity.function_space), ufl.TestFunction(elasticity.function_space)
     dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
     matrix = assemble_matrix(form(ufl.inner(elasticity.stress(trial), ufl.sym(ufl.grad(test))) * dx))
     matrix.assemble()
-    imap = elasticity.space.dofmap.index_map
-    names = elasticity.prolongation.vertices.keys[elasticity.vertex_of_block[: imap.size_local]]
+    imap = elasticity.function_space.dofmap.index_map
+    names = elasticity.prolongation.space.keys[elasticity.node_of_block[: imap.size_local]]
     names = gathered(WORLD, names)
     assert len(np.unique(names)) == len(names) == imap.size_global, "dolfinx does not share the forest's vertices"
     return gathered_matrix(matrix, names, np.sort(names))
@@ -216,7 +217,7 @@ def test_strewn_pairs_are_not_local():
         pytest.skip("one rank owns everything")
     scene = pressed(two_boxes())
     forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
     assert WORLD.allreduce(int((pairs.second >= prolongation.owned).sum())) > 0
 
@@ -227,7 +228,7 @@ def test_tributary_area(distribution, rounds):
     """The tributary areas of flat contact surfaces add up to the surfaces' area, however they are refined."""
     scene = pressed(two_boxes(margin=1, flat_contact=False))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), rounds))
-    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
     assert abs(WORLD.allreduce(pairs.area.sum()) - 4) < 1e-13
     everywhere((pairs.area > 0).all(), "a pair without area")
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between surfaces that touch")
@@ -238,7 +239,7 @@ def test_pairs_of_two_surfaces_in_a_corner(distribution):
     """Where two contact pairs of a scene meet, no node pair of either is lost: areas add up to both surfaces'."""
     scene = corner_scene()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
     vertical = np.abs(pairs.normal[:, 2]) > 0.5
     for which in (vertical, ~vertical):
         area = WORLD.allreduce(pairs.area[which].sum())
@@ -250,7 +251,7 @@ def test_pairs_of_two_surfaces_side_by_side(distribution):
     """The same for two contact pairs in one plane."""
     scene = side_by_side()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = create_node_pairs(scene, forest, Prolongation(forest), Enforcement())
+    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
     on_seam = np.abs(pairs.position[:, 0] - 1) < 1e-9
     assert WORLD.allreduce(int(on_seam.sum())) >= 4
     area = WORLD.allreduce(pairs.area.sum())
@@ -263,7 +264,7 @@ def test_same_pairs_on_any_distribution():
     columns = []
     for comm, distribution in ((MPI.COMM_SELF, "roots"), *((WORLD, d) for d in DISTRIBUTIONS)):
         forest = DISTRIBUTIONS[distribution](grown(roots(scene, comm), 3, share=0.1))
-        prolongation = Prolongation(forest)
+        prolongation = Prolongation(Space(forest, 1))
         pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
         first = prolongation.index_map.local_to_global(pairs.first.astype(np.int32))
         second = prolongation.index_map.local_to_global(pairs.second.astype(np.int32))
@@ -305,7 +306,7 @@ def test_rigid_motions_have_no_energy(distribution):
     place = prolongation.conforming[own]
     position = np.empty((prolongation.owned, 3))
     position[place] = vertex_positions(forest)[own]
-    leaf, _ = prolongation.vertices.example.T
+    leaf, _ = prolongation.space.example.T
     body = np.empty(prolongation.owned)
     body[place] = scene.mesh.body[forest.cell[leaf[own]]]
     x, y = matrix.createVecs()
@@ -354,7 +355,7 @@ def test_prescribed_values_at_surfaces_and_vertices():
     scene = pressed(two_boxes(margin=1))
     for distribution in DISTRIBUTIONS.values():
         forest = distribution(grown(roots(scene), 3))
-        prolongation = Prolongation(forest)
+        prolongation = Prolongation(Space(forest, 1))
         prescribed = prescribed_displacements(scene, forest, prolongation)
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         place = prolongation.conforming[own]

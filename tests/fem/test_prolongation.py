@@ -20,6 +20,7 @@ from model_problems import (
 from scipy.sparse import coo_matrix
 
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import edge_midpoints, face_centres
 
@@ -80,7 +81,7 @@ def test_prolongation_by_definition(forest, distribution):
     """P on any distribution is the matrix that the definition gives for the gathered leaves."""
     forest = DISTRIBUTIONS[distribution](forest)
     expected, rows, columns, links = by_definition(whole(forest))
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     found, found_rows, found_columns = gathered_prolongation(prolongation)
     assert np.array_equal(rows, found_rows) and np.array_equal(columns, found_columns)
     assert abs(found - expected).max() == 0
@@ -100,7 +101,7 @@ def test_chains(unruly, distribution):
 def test_constants_and_injection(forest, distribution):
     """Rows of P sum to one, and R P = I where R takes the values at the conforming vertices."""
     forest = DISTRIBUTIONS[distribution](forest)
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
     everywhere(np.abs(prolongation.matrix.sum(axis=1) - 1).max() < 1e-15, "a row of P does not sum to one")
     total, rows, columns = gathered_prolongation(prolongation)
@@ -119,7 +120,7 @@ def test_constants_and_injection(forest, distribution):
 def test_linear_functions(forest, distribution):
     """P reproduces linear functions exactly on straight-sided meshes, along chains too."""
     forest = DISTRIBUTIONS[distribution](forest)
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     x = vertex_positions(forest)
     linear = x @ np.array([[1.0, 0.5], [-2.0, 0.3], [0.7, 0.0]]) + 4
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
@@ -132,9 +133,9 @@ def test_linear_functions(forest, distribution):
 def test_restrict_is_the_transpose(forest, distribution):
     """y^T (P x) = (P^T y)^T x with y given cell by cell on every rank."""
     forest = DISTRIBUTIONS[distribution](forest)
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     x = np.cos(np.arange(2.0 * prolongation.owned).reshape(-1, 2) + WORLD.rank)
-    y = np.sin(np.arange(2.0 * len(prolongation.vertices)).reshape(-1, 2) - WORLD.rank)
+    y = np.sin(np.arange(2.0 * len(prolongation.space)).reshape(-1, 2) - WORLD.rank)
     left = WORLD.allreduce((y * prolongation.prolong(x)).sum())
     right = WORLD.allreduce((prolongation.restrict(y) * x).sum())
     assert abs(left - right) < 1e-12 * WORLD.allreduce(np.abs(y).sum())
@@ -143,14 +144,14 @@ def test_restrict_is_the_transpose(forest, distribution):
 def test_owners_of_facing_vertices(forest):
     """Where facing leaves are on one rank, however strewn, the owner of a vertex owns the one that faces it."""
     forest, _ = forest.moved(scramble(forest.representatives, 1) % np.uint64(WORLD.size))
-    prolongation = Prolongation(forest)
+    prolongation = Prolongation(Space(forest, 1))
     leaf, face = forest.contact_faces()
     points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
     keys = forest.lattice.keys(forest.cell[leaf], points)
     copies = np.unique(gathered(WORLD, np.unique(keys)), return_counts=True)[1]
     assert WORLD.size == 1 or (copies > 1).sum() >= 8, "ranks share too few vertices of the contact surface"
-    mine, other = (prolongation.vertices.find(k) for k in (keys, forest.lattice.keys(cell, opposite)))
+    mine, other = (prolongation.space.find(k) for k in (keys, forest.lattice.keys(cell, opposite)))
     everywhere((other >= 0).all(), "a facing vertex is not on this rank")
     place = prolongation.conforming[mine], prolongation.conforming[other]
     owned = [(p >= 0) & (p < prolongation.owned) for p in place]

@@ -21,6 +21,7 @@ from model_problems import (
 from mpi4py import MPI
 
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import find_leaves
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
@@ -264,4 +265,4 @@ def test_refinement_of_an_empty_rank():
     forest, _ = roots(pressed(two_boxes())).moved(np.zeros(len(roots(pressed(two_boxes()))), dtype=int))
     forest = grown(forest, 2)
     assert gathered(WORLD, [len(forest)])[0] == forest.size_global > 12
-    assert Prolongation(forest).hanging_global > 0
+    assert Prolongation(Space(forest, 1)).hanging_global > 0

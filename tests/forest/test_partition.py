@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from fx_contact import Solver, adapt
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.forest import find_leaves
 from fx_contact.forest.leaf_graph import create_leaf_graph
@@ -186,7 +187,7 @@ def solution(steps):
     prolongation = last.elasticity.prolongation
     own = np.flatnonzero((prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned))
     own = own[np.argsort(prolongation.conforming[own])]
-    keys = gathered(last.forest.comm, prolongation.vertices.keys[own])
+    keys = gathered(last.forest.comm, prolongation.space.keys[own])
     order = np.argsort(keys)
     return keys[order], gathered(last.forest.comm, last.contact.displacement)[order], last.record
 
@@ -220,7 +221,7 @@ def test_quality_by_definition(make, parts):
     octants = (forest.anchor.astype(np.int64) // (SIDE // 2)) @ [1, 3, 5] % parts
     for part in (random_parts(forest, parts), octants):
         weights = 1.0 + forest.level
-        found = Judge(forest, Prolongation(forest), weights).score(part, parts)
+        found = Judge(forest, Prolongation(Space(forest, 1)), weights).score(part, parts)
         total = whole(forest)
         everyone, weight = gathered(WORLD, part), gathered(WORLD, weights)
         for value, loads in (
@@ -253,7 +254,7 @@ def test_quality_of_the_ranks():
     """For the parts that the ranks are, the halo is that of the prolongation's index map, and brief() agrees."""
     for kind in KINDS:
         forest, _ = repartition(grown(roots(pressed(two_boxes(margin=1))), 3), None, kind)
-        prolongation = Prolongation(forest)
+        prolongation = Prolongation(Space(forest, 1))
         found = Judge(forest, prolongation).score(np.full(len(forest), WORLD.rank), WORLD.size)
         assert found.halo_bytes == BYTES * WORLD.allreduce(prolongation.index_map.num_ghosts)
         short = brief(forest, kind)
@@ -267,10 +268,10 @@ def test_quality_of_the_ranks():
 
 def by_search(forest):
     """For a serial forest the keys of the conforming vertices that each leaf needs, and the pairs of facing leaves."""
-    prolongation, lattice = Prolongation(forest), forest.lattice
+    prolongation, lattice = Prolongation(Space(forest, 1)), forest.lattice
     column = np.empty(prolongation.matrix.shape[1], dtype=np.int64)
-    column[prolongation.conforming[~prolongation.hanging]] = prolongation.vertices.keys[~prolongation.hanging]
-    masters = {key: set(column[row.indices]) for key, row in zip(prolongation.vertices.keys, prolongation.matrix)}
+    column[prolongation.conforming[~prolongation.hanging]] = prolongation.space.keys[~prolongation.hanging]
+    masters = {key: set(column[row.indices]) for key, row in zip(prolongation.space.keys, prolongation.matrix)}
     keys = lattice.keys(forest.cell, forest.corners)
     needs = [set().union(*(masters[key] for key in row)) for row in keys]
     conforming, joined = set(column), []

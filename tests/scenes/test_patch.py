@@ -190,7 +190,7 @@ def test_displacement_is_a_function_on_the_leaf_mesh():
     elasticity = discrete(scene, forest)
     position, _ = conforming_positions(forest, elasticity.prolongation)
     elasticity.set_displacement(position @ GRADIENT.T)
-    other = Function(elasticity.space)
+    other = Function(elasticity.function_space)
     other.interpolate(lambda x: GRADIENT @ x)
     everywhere(np.abs(other.x.array - elasticity.u.x.array).max() < 1e-14, "displacements sit at other vertices")
 

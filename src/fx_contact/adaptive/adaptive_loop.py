@@ -6,11 +6,12 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
-from fx_contact.adaptive.step import Settings, check_step, solve_step
+from fx_contact.adaptive.step import DEGREE, Settings, check_step, solve_step
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import KINDS, repartition
 from fx_contact.forest.partition_quality import brief
@@ -32,8 +33,9 @@ class Beginning:
 
     Attributes:
         forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
-        values: (n, 8, 3 + k) float64 at the corners of its leaves: a first guess of the displacement [m], then any
-            continuous trilinear fields, which go along through refinement and partition.
+        values: (n, (p+1)^3, 3 + k) float64 at the nodes of its leaves, p the degree of displacements (`DEGREE`): a
+            first guess of the displacement [m], then any continuous fields of degree p, which go along through
+            refinement and partition.
         history: RefinementHistory; None: nothing is known of the estimate, as on root cells.
     """
 
@@ -52,7 +54,7 @@ class Beginning:
 
         Raises:
             SceneError: the forest is of another root mesh, has other contact pairs or another communicator, or the
-                values are not finite numbers at the corners of its leaves.
+                values are not finite numbers at the nodes of its leaves.
         """
         forest, values = self.forest, self.values
         for name, value, kind in (("forest", forest, Forest), ("history", self.history, RefinementHistory)):
@@ -65,10 +67,11 @@ class Beginning:
             raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
         if not isinstance(values, np.ndarray) or values.dtype != np.float64:
             raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
-        if values.ndim != 3 or values.shape[:2] != (len(forest), 8) or values.shape[2] < 3:
+        shape = len(forest), (DEGREE + 1) ** 3
+        if values.ndim != 3 or values.shape[:2] != shape or values.shape[2] < 3:
             raise SceneError(
-                f"the values of a Beginning must be an array of shape ({len(forest)}, 8, 3 or more), three components "
-                f"of the displacement and other fields at the corners of each leaf, got one of {values.shape}"
+                f"the values of a Beginning must be an array of shape ({shape[0]}, {shape[1]}, 3 or more), three "
+                f"components of the displacement and other fields at the nodes of each leaf, got one of {values.shape}"
             )
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
@@ -100,7 +103,7 @@ class Beginning:
         check_leaves(comm, len(forest) * 8 ** int(levels))
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-        return cls(forest, np.zeros((len(forest), 8, 3)))
+        return cls(forest, np.zeros((len(forest), (DEGREE + 1) ** 3, 3)))
 
     @classmethod
     def after(cls, step, marked):
@@ -131,7 +134,7 @@ class Beginning:
                     f"{marked.min()} to {marked.max()}"
                 )
         history = RefinementHistory(step.history.effectivity, compared=True)
-        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.corner_displacement, 2)), history)
+        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2)), history)
 
 
 def adapt(
@@ -268,8 +271,8 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
                 forest, carried = repartition(forest, carried, partition_kind)
             quality = brief(forest, partition_kind)
         with stages("hanging"):
-            prolongation = Prolongation(forest)
-            start, along = _start(forest, prolongation, carried)
+            prolongation = Prolongation(Space(forest, DEGREE))
+            start, along = _start(prolongation, carried)
             carried = None
         last.forest, last.displacement = forest, start
         # The last step of a run that goes on again: what its refinement changed has been observed.
@@ -311,15 +314,12 @@ def _stages(progress, number):
     return Stages(progress and (lambda name: progress(number, name)))
 
 
-def _start(forest, prolongation, carried):
+def _start(prolongation, carried):
     """First guess of the conforming displacement (owned, 3) from the values that the leaves carry, and the others."""
-    start = np.zeros((prolongation.owned, 3))
     if carried is None:
-        return start, np.zeros((len(forest), 8, 0))
-    leaf, corner = prolongation.vertices.example.T
-    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-    start[prolongation.conforming[own]] = carried[leaf[own], corner[own], :3]
-    return start, carried[..., 3:].copy()
+        return np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
+    leaf, node = prolongation.space.example.T
+    return prolongation.injected(carried[leaf, node, :3]), carried[..., 3:].copy()
 
 
 def _first_forest(scene, comm, kind):
@@ -335,12 +335,12 @@ def _first_forest(scene, comm, kind):
 
 
 def _refine(step, settings):
-    """The next forest, displacement and further fields at the corners of its leaves (n, 8, 3 + k), and the history."""
+    """The next forest, nodal displacement and further fields of its leaves (n, (p+1)^3, 3 + k), and the history."""
     times = np.zeros(len(step.forest), dtype=np.int8)
     marked, history = settings.control.marked(step.estimate, settings.tolerance, step.history, step.forest.comm)
     times[step.leaf_mesh.leaf] = marked
     times = np.maximum(times, step.contact_error.refine)
-    forest, values = step.forest.refined_with(times, np.concatenate([step.corner_displacement, step.along], axis=2))
+    forest, values = step.forest.refined_with(times, np.concatenate([step.nodal_displacement, step.along], axis=2))
     return forest, values, history
 
 

@@ -11,8 +11,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.row_file import RowFile, write_rows
+from fx_contact.adaptive.step import DEGREE
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError
@@ -76,9 +78,9 @@ class CheckpointWriter:
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         indicator = np.empty(len(forest))
         indicator[step.leaf_mesh.leaf] = error.error
-        leaf, corner = prolongation.vertices.example.T
-        values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, corner]], axis=1)
-        # Conforming vertices by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
+        leaf, node = prolongation.space.example.T
+        values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, node]], axis=1)
+        # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         write_rows(
             self._path,
@@ -87,7 +89,7 @@ class CheckpointWriter:
                 "run": self._run,
                 "problem": self._problem,
                 "options": self._options,
-                "degree": 1,
+                "degree": prolongation.space.degree,
                 "records": records,
                 "estimate": [error.error_global, error.energy_norm, error.cells],
                 "history": asdict(step.history),
@@ -96,7 +98,7 @@ class CheckpointWriter:
                 "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
                 "indicator": indicator[:, None],
                 "refine": step.contact_error.refine[:, None].astype(float),
-                "nodes": prolongation.vertices.keys[rows, None],
+                "nodes": prolongation.space.keys[rows, None],
                 "values": values[rows],
             },
             self._allow,
@@ -139,7 +141,7 @@ class State:
 
     Attributes:
         forest: Forest.
-        values: (n, 8, 3 + k) float64 at the corners of the leaves: displacement [m], and fields that go along.
+        values: (n, (p+1)^3, 3 + k) float64 at the nodes of the leaves: displacement [m], and fields that go along.
         estimate: Estimate without stress, its errors in the order of the leaves.
         refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
         history: RefinementHistory, before this step is marked.
@@ -220,19 +222,18 @@ class Checkpoint:
             CheckpointError: the file is damaged.
         """
         scene, comm, content = self._scene, self.comm, self._file.content
-        if content["degree"] != 1:
-            raise CheckpointError(f"{str(self.path)!r} has displacements of degree {content['degree']}, not 1")
+        if content["degree"] != DEGREE:
+            raise CheckpointError(f"{str(self.path)!r} has displacements of degree {content['degree']}, not {DEGREE}")
         leaves, keys, values, error, refine = map(
             self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
         )
         forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0]))
         keys, rows = np.unique(keys[:, 0], return_index=True)
-        values, found = Directory(comm, keys).lookup(
-            forest.vertices.keys, values[rows], np.ones(len(keys), dtype=bool)
-        )
+        space = Space(forest, content["degree"])
+        values, found = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         with together(comm):
             if not found.all():
                 raise CheckpointError(f"{str(self.path)!r} lacks nodes of its leaves: begin anew")
         estimate = Estimate(None, error[:, 0], None, *content["estimate"])
         history = RefinementHistory(**content["history"])
-        return State(forest, values[forest.vertices.cells], estimate, refine[:, 0].astype(np.int8), history)
+        return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)

@@ -31,6 +31,8 @@ from fx_contact.parallel.versions import library_versions
 from fx_contact.problem.fingerprint import problem
 from fx_contact.problem.scene import Scene, check_scene
 
+#: Degree of the displacements.
+DEGREE = 1
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
 GEOMETRY_SHARE = 0.1
@@ -135,7 +137,7 @@ class Step:
         history: RefinementHistory, with what this step has shown.
         contact_error: ContactError.
         stages: Stages of this step, from the refinement that led to it.
-        along: (n, 8, k) float64 at the corners of the leaves, further fields that go along.
+        along: (n, (p+1)^3, k) float64 at the nodes of the leaves, further fields that go along.
     """
 
     record: dict
@@ -158,10 +160,10 @@ class Step:
         self.__dict__.clear()
 
     @property
-    def corner_displacement(self):
-        """Displacement at the corners of this rank's leaves: (n, 8, 3) [m].  Collective."""
-        values = self.elasticity.prolongation.prolong(self.contact.displacement)
-        return values[self.forest.vertices.cells]
+    def nodal_displacement(self):
+        """Displacement at the nodes of this rank's leaves: (n, (p+1)^3, 3) [m].  Collective."""
+        prolongation = self.elasticity.prolongation
+        return prolongation.prolong(self.contact.displacement)[prolongation.space.cells]
 
 
 def check_step(step, contact=False):
@@ -191,7 +193,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         forest: Forest.
         prolongation: Prolongation of the forest.
         start: (owned, 3) float64, first guess of the displacement [m].
-        along: (n, 8, k) float64, fields that go along.
+        along: (n, (p+1)^3, k) float64, fields that go along.
         stages: Stages, with the times so far.
         quality: dict, `partition` of the record.
         history: RefinementHistory of the run so far.

@@ -37,18 +37,17 @@ class Spots:
 
     def _add(self, index, forest, pairs, active):
         """The spots of one contact pair, whose closed pairs are given."""
-        vertices, prolongation = forest.vertices, pairs.prolongation
-        leaf, _, corner = facets_of(index, forest)
-        cells = vertices.cells[leaf[:, None], corner]
+        prolongation, space = pairs.prolongation, pairs.prolongation.space
+        cells = space.on_faces(*facets_of(index, forest))
         touched = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 1))
         touched[pairs.first[active]] = 1
         closed = (prolongation.prolong(prolongation.summed(touched))[cells, 0] > 0).any(axis=1)
 
         here, position = np.unique(cells, return_inverse=True)
-        label = _lowest_connected(Directory(forest.comm, vertices.keys[here]), position.reshape(-1, 4)[closed])
+        label = _lowest_connected(Directory(forest.comm, space.keys[here]), position.reshape(cells.shape)[closed])
         known = label < _NONE
         spots = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
-        spot = np.full(len(vertices), -1)
+        spot = np.full(len(space), -1)
         spot[here[known]] = self.number + np.searchsorted(spots, label[known])
         self.facet.append(spot[cells].max(axis=1))
 
@@ -67,12 +66,12 @@ def _lowest_connected(directory, facets):
 
     Args:
         directory: Directory of the (n,) vertices' keys.
-        facets: (k, 4) int, this rank's facets, positions of their vertices there.
+        facets: (k, j) int, this rank's facets, positions of their nodes there.
     """
     n, k = len(directory.keys), len(facets)
-    rows, columns = np.repeat(np.arange(k), 4), k + facets.ravel()
+    rows, columns = np.repeat(np.arange(k), facets.shape[1]), k + facets.ravel()
     _, part = connected_components(
-        csr_matrix((np.ones(4 * k), (rows, columns)), shape=(k + n, k + n)), directed=False
+        csr_matrix((np.ones(facets.size), (rows, columns)), shape=(k + n, k + n)), directed=False
     )
     part, touched = part[k:], np.unique(facets)
     label = np.full(n, _NONE)

@@ -29,12 +29,10 @@ class RigidMotions:
 
     def __init__(self, scene, forest, prolongation):
         self._scene, self._comm = scene, forest.comm
-        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-        at, (leaf, corner) = prolongation.conforming[own], prolongation.vertices.example[own].T
-        self._body = np.empty(prolongation.owned, dtype=np.int64)
-        self._body[at] = scene.mesh.body[forest.cell[leaf]]
-        self._modes = np.empty((6, prolongation.owned, 3))
-        self._modes[:, at] = scene.rigid_modes(forest.positions(leaf, corner), self._body[at]).swapaxes(0, 1)
+        space = prolongation.space
+        self._body = prolongation.injected(scene.mesh.body[forest.cell[space.example[:, 0]]].astype(np.int64))
+        positions = prolongation.injected(space.positions())
+        self._modes = np.ascontiguousarray(scene.rigid_modes(positions, self._body).swapaxes(0, 1))
 
     def move(self, matrix, base, jump, stiffness, u, free):
         """Move the bodies to where the energy of all rigid motions is least.

@@ -218,26 +218,24 @@ def loose_bodies(scene, pairs, active):
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):
     """Columns of NodePairs, after the prolongation, and those of `_sharing`, for one contact pair of the scene."""
-    vertices, (leaf, face, corner) = forest.vertices, facets_of(index, forest)
-    vertex = vertices.cells[leaf[:, None], corner]
-    points = forest.corners[leaf[:, None], corner]
-    cell, opposite = _opposite(forest, leaf, face, points)
-    here, there = positions_across(forest, leaf, face, points)
-    keys = forest.lattice.keys(cell, opposite)
+    space, (leaf, face) = prolongation.space, facets_of(index, forest)
+    node, keys = space.on_faces(leaf, face), space.facing(leaf, face)
+    here, there = positions_across(forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
+    cell = forest.pairing.partner[forest.cell[leaf], face, 0]
 
-    (area, outward), (_, inward) = (_facet_shares(corners, face) for corners in (here, there))  # in the same order
+    (area, outward), (_, inward) = (_facet_shares(space, nodes, face) for nodes in (here, there))  # in the same order
     size = np.sqrt(area.sum(axis=1))
     bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
     modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
     stiffness = (enforcement.springs / (1 / modulus).sum(axis=1) / size)[:, None] * area
-    sums = np.zeros((len(vertices), 5))
-    np.add.at(sums, vertex, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
+    sums = np.zeros((len(space), 5))
+    np.add.at(sums, node, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
 
     # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
-    distinct, example = np.unique(vertex, return_index=True)
+    distinct, example = np.unique(node, return_index=True)
     conform = ~prolongation.hanging[distinct]
     distinct, example = distinct[conform], example[conform]
-    _, owner = Directory(forest.comm, vertices.keys[distinct]).number()
+    _, owner = Directory(forest.comm, space.keys[distinct]).number()
     own = owner == forest.comm.rank
     first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
     sums = prolongation.ghosted(prolongation.restrict(sums))
@@ -248,7 +246,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
     apart = there - here
     gap = np.einsum("ni,ni->n", normal, apart)
-    facet = example // 4
+    facet = example // keys.shape[1]
     second = prolongation.find(keys.ravel()[example])
     pair = np.full(len(first), index, dtype=np.int32)
     return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair, across, apart
@@ -264,12 +262,12 @@ def facets_of(index, forest):
         forest: Forest.
 
     Returns:
-        (n,) int64 leaves, (n,) int64 their local faces, (n, 4) int64 the leaf's corners that are the facet's.
+        (n,) int64 leaves, (n,) int64 their local faces.
     """
     leaf, face = forest.contact_faces()
     cell, pairing = forest.cell[leaf], forest.pairing
     ours = pairing.first[cell, face] & (pairing.pair[cell, face] == index)
-    return leaf[ours], face[ours], hexahedron.FACE_CORNERS[face[ours]]
+    return leaf[ours], face[ours]
 
 
 def positions_across(forest, leaf, face, points):
@@ -285,27 +283,25 @@ def positions_across(forest, leaf, face, points):
     Returns:
         two (n, m, 3) float64 [m].
     """
-    return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, *_opposite(forest, leaf, face, points))
-
-
-def _opposite(forest, leaf, face, points):
-    """Root cells and lattice coordinates there of the points that face points of contact facets."""
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    return cell, opposite
+    return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, cell, opposite)
 
 
-def _facet_shares(corners, face):
-    """Integrals of the four bilinear functions over straight-sided facets, so that a uniform pressure is exact.
+def _facet_shares(space, nodes, face):
+    """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
 
-    Returns (n, 4) areas and (n, 4, 3) areas times the outward normals.
+    Args:
+        space: Space.
+        nodes: (n, (p+1)^2, 3) float64, positions of the facet nodes [m].
+        face: (n,) int, local faces.
+
+    Returns:
+        (n, (p+1)^2) float64 areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
     """
-    gauss = 0.5 + np.array([-1, 1]) / np.sqrt(12)
-    v, u = (g.ravel() for g in np.meshgrid(gauss, gauss, indexing="ij"))
-    value = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    along_u = np.stack([v - 1, 1 - v, -v, v], axis=1) @ corners
-    along_v = np.stack([u - 1, -u, 1 - u, u], axis=1) @ corners
-    normal = np.cross(along_u, along_v) * hexahedron.FACE_ORIENTATION[face][:, None, None]
-    return np.linalg.norm(normal, axis=2) @ value / 4, value.T @ normal / 4
+    weights, value, along_u, along_v = space.facet_rule
+    normal = np.cross(along_u @ nodes, along_v @ nodes) * hexahedron.FACE_ORIENTATION[face][:, None, None]
+    value = weights[:, None] * value
+    return np.linalg.norm(normal, axis=2) @ value, value.T @ normal
 
 
 def _evaluate(forest, cell, points):

@@ -53,8 +53,7 @@ def stored_by_forces(forest, elasticity, poisson, estimate, places):
 
 def _stress(forest, elasticity, estimate):
     """Means of the recovered stress in this rank's leaves: (n, 3, 3) float64 [Pa]."""
-    nodal, stress = np.empty((len(forest.vertices), 6)), np.empty((len(forest), 3, 3))
-    nodal[elasticity.vertex_of_block] = estimate.stress.x.array.reshape(-1, 6)
+    nodal, stress = elasticity.at_leaves(estimate.stress), np.empty((len(forest), 3, 3))
     for component, (i, j) in enumerate(VOIGT):
-        stress[:, i, j] = stress[:, j, i] = nodal[forest.vertices.cells, component].mean(axis=1)
+        stress[:, i, j] = stress[:, j, i] = nodal[:, :, component].mean(axis=1)
     return stress

@@ -38,9 +38,7 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
         np.add.at(said, pairs.second, -push)
         residual += prolongation.summed(said)
         pressed = contact.force.sum()
-    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-    body = np.empty(prolongation.owned, dtype=np.int64)
-    body[prolongation.conforming[own]] = forest.mesh.body[forest.cell[prolongation.vertices.example[own, 0]]]
+    body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
     sums = np.zeros((len(scene.mesh.bodies) + 1, 3))
     np.add.at(sums, body, np.where(free, residual, 0.0))
     sums[-1] = pressed, np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()

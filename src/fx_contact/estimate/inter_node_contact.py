@@ -45,9 +45,9 @@ def unseen_contact(forest, pairs, contact, tolerance, spots, energy):
     unseen, most = np.zeros(len(forest), dtype=bool), np.maximum(tolerance**2 * energy, contact.energy_error**2)
     left, around = np.zeros((2, spots.number)), []
     for index, spot in enumerate(spots.facet):
-        leaf, face, corner = facets_of(index, forest)
-        vertex = forest.vertices.cells[leaf[:, None], corner]
-        near, facets = spot >= 0, _Facets(forest, leaf, face, corner, _at_vertices(pairs, contact, index)[vertex])
+        leaf, face = facets_of(index, forest)
+        nodal = _at_nodes(pairs, contact, index)[pairs.prolongation.space.on_faces(leaf, face)]
+        near, facets = spot >= 0, _Facets(forest, leaf, face, nodal)
         unseen[leaf[~near][facets.where(~near).overlap()]] = True
         around.append((leaf[near], spot[near], facets.where(near).energy()))
         np.add.at(left, (0, spot[near]), around[-1][-1])
@@ -66,16 +66,15 @@ class _Facets:
     Args:
         forest: Forest.
         leaf, face: (n,) int64, leaves and their local faces.
-        corner: (n, 4) int64, corners of these faces.
-        nodal: (n, 4, 8) float64, columns of what is known at their vertices.
+        nodal: (n, 4, 8) float64, columns of what is known at their nodes.
     """
 
-    def __init__(self, forest, leaf, face, corner, nodal):
+    def __init__(self, forest, leaf, face, nodal):
         parts = 2 * ((forest.mesh.order + 1) // 2)  # even, for Simpson's rule
         self._count, self._nodal, self._orientation = parts + 1, nodal, hexahedron.FACE_ORIENTATION[face]
         line = hexahedron.lagrange(1, np.linspace(0, 1, self._count))
         self._bilinear = np.einsum("va,ub->vuab", line, line).reshape(self._count**2, 4)
-        anchors = forest.corners[leaf[:, None], corner]
+        anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * self._bilinear).astype(np.int64), anchors)
         # How far a function may leave the range of its samples, relative to that: less than by Lebesgue's constant.
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
@@ -135,8 +134,8 @@ def _simpson(count):
     return np.outer(line, line).ravel()
 
 
-def _at_vertices(pairs, contact, index):
-    """What is known of a contact pair's node pairs, at this rank's vertices: (m, 8) float64."""
+def _at_nodes(pairs, contact, index):
+    """What is known of a contact pair's node pairs, at this rank's nodes: (m, 8) float64."""
     prolongation, ours = pairs.prolongation, pairs.contact == index
     said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 8))
     modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(contact.displacement)

@@ -54,11 +54,11 @@ class Recovery:
     """
 
     def __init__(self, elasticity, shear_free, stages):
-        self._prolongation, self._vertex = elasticity.prolongation, elasticity.vertex_of_block
+        self._prolongation, self._elasticity = elasticity.prolongation, elasticity
         self._shear_free, mesh, comm = shear_free, elasticity.mesh, self._prolongation.comm
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-        moments = fem.functionspace(mesh, ("Lagrange", 1, (7,)))
-        self._recovered = fem.Function(fem.functionspace(mesh, ("Lagrange", 1, (6,))), name="stress")
+        moments = elasticity.nodal_space(7)
+        self._recovered = fem.Function(elasticity.nodal_space(6), name="stress")
         cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))
         with stages("compile"):
             sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
@@ -83,14 +83,12 @@ class Recovery:
             SolveError: the energy is not a finite number.
         """
         prolongation = self._prolongation
-        local = np.empty((len(prolongation.vertices), 7))
-        local[self._vertex] = fem.assemble_vector(self._moments).array.reshape(-1, 7)
-        sums = prolongation.restrict(local)
+        sums = prolongation.restrict(self._elasticity.at_nodes(fem.assemble_vector(self._moments).array))
         for component, (i, j) in enumerate(VOIGT):
             if i != j:
                 sums[self._shear_free[:, i] | self._shear_free[:, j], component] = 0
         values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
-        self._recovered.x.array[:] = values[self._vertex].ravel()
+        self._recovered.x.array[:] = self._elasticity.at_blocks(values)
 
         energies = fem.assemble_vector(self._energies).array.reshape(-1, 2)
         error2, energy2 = np.maximum(energies, 0).T

@@ -16,9 +16,9 @@ _FLAT = 1e-9
 
 
 def prescribed_displacements(scene, forest, prolongation):
-    """Prescribed displacement components at this rank's conforming vertices.
+    """Prescribed displacement components at this rank's conforming nodes.
 
-    Collective on forest.comm.  Hanging vertices have none of their own.
+    Collective on forest.comm.  Hanging nodes have none of their own.
 
     Args:
         scene: Scene.
@@ -33,34 +33,32 @@ def prescribed_displacements(scene, forest, prolongation):
             different values at one vertex.
     """
     with together(forest.comm):
-        said = [_said(condition, scene, forest, prolongation) for condition in scene.conditions]
+        said = [_said(condition, scene, prolongation) for condition in scene.conditions]
     largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
     result = Prescribed(prolongation.owned, _SAME * forest.comm.allreduce(largest, op=MPI.MAX))
     imap = prolongation.index_map
     for condition, (at, values) in zip(scene.conditions, said):
-        # The owner of a vertex need not have a leaf face on the surface: ranks that have one tell it.
+        # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
         sums = np.zeros((imap.size_local + imap.num_ghosts, 4))
         sums[at] = np.column_stack([np.nan_to_num(values), np.ones(len(at))])
         total = prolongation.summed(sums)
         ours = np.flatnonzero(total[:, 3])
         mean = np.where(condition.held, total[ours, :3] / total[ours, 3:], np.nan)
         with together(forest.comm):
-            result.add(condition.where, ours, mean, lambda vertex: _position(forest, prolongation, vertex))
+            result.add(condition.where, ours, mean, lambda node: _position(prolongation, node))
     return result.values
 
 
-def _said(condition, scene, forest, prolongation):
-    """What a condition says of this rank's conforming vertices: (n,) their positions in the index map, (n, 3) [m]."""
-    vertices = forest.vertices
-    here = np.unique(_vertices_at(scene, forest, condition.where))
+def _said(condition, scene, prolongation):
+    """What a condition says of this rank's conforming nodes: (n,) their positions in the index map, (n, 3) [m]."""
+    here = np.unique(_nodes_at(scene, prolongation.space, condition.where))
     here = here[~prolongation.hanging[here]]
-    return prolongation.conforming[here], condition.at(forest.positions(*vertices.example[here].T))
+    return prolongation.conforming[here], condition.at(prolongation.space.positions(here))
 
 
-def _position(forest, prolongation, vertex):
-    """Where an owned conforming vertex is: (3,) float64 [m]."""
-    (here,) = np.flatnonzero(prolongation.conforming == vertex)
-    return forest.positions(*forest.vertices.example[[here]].T)[0]
+def _position(prolongation, node):
+    """Where an owned conforming node is: (3,) float64 [m]."""
+    return prolongation.space.positions(np.flatnonzero(prolongation.conforming == node))[0]
 
 
 def shear_free_components(scene, forest, prolongation):
@@ -74,9 +72,10 @@ def shear_free_components(scene, forest, prolongation):
         prolongation: Prolongation of the forest.
 
     Returns:
-        (owned, 3) bool, for each conforming vertex the directions in which it lies on such a plane.
+        (owned, 3) bool, for each conforming node the directions in which it lies on such a plane.
     """
-    mesh, on = forest.mesh, np.zeros((len(forest.vertices), 3))
+    mesh, space = forest.mesh, prolongation.space
+    on = np.zeros((len(space), 3))
     held, loaded = np.zeros((len(mesh.cells), 6, 3), dtype=bool), np.zeros((len(mesh.cells), 6), dtype=bool)
     for condition in scene.conditions:
         if condition.where in mesh.surfaces:
@@ -87,26 +86,25 @@ def shear_free_components(scene, forest, prolongation):
     for axis in range(3):
         facets = np.argwhere(alone & held[:, :, axis])
         extent = np.ptp(mesh.facet_points(facets), axis=1)
-        on[_corners_of(forest, facets[extent[:, axis] <= _FLAT * extent.max(axis=1)]), axis] = 1
+        on[_nodes_on(space, facets[extent[:, axis] <= _FLAT * extent.max(axis=1)]), axis] = 1
     on[prolongation.hanging] = 0
     return prolongation.restrict(on) > 0
 
 
-def _vertices_at(scene, forest, name):
-    """This rank's vertices on a named surface or curve, or at a named vertex, of the root mesh."""
-    mesh = forest.mesh
+def _nodes_at(scene, space, name):
+    """This rank's nodes on a named surface or curve, or at a named vertex, of the root mesh."""
+    forest, mesh = space.forest, space.forest.mesh
     if name in mesh.surfaces:
-        return _corners_of(forest, mesh.surfaces[name])
+        return _nodes_on(space, mesh.surfaces[name])
     if name in mesh.curves:
         leaf, edge = forest.boundary_edges(mesh.curves[name])
-        return forest.vertices.cells[leaf[:, None], hexahedron.EDGE_CORNERS[edge]]
+        return space.cells[leaf[:, None], space.edge_nodes[edge]]
     cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(name)))
     points = (SIDE * hexahedron.CORNERS[corner])[:, None]
-    place = forest.vertices.find(forest.lattice.keys(cell, points)[:, 0])
+    place = space.find(forest.lattice.keys(cell, points)[:, 0])
     return place[place >= 0]
 
 
-def _corners_of(forest, facets):
-    """This rank's vertices at the corners of the leaves on facets (n, 2) of the root mesh: (m, 4)."""
-    leaf, face = forest.boundary_faces(facets)
-    return forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]
+def _nodes_on(space, facets):
+    """This rank's nodes of the leaf faces on facets (n, 2) of the root mesh: (m, (p+1)^2)."""
+    return space.on_faces(*space.forest.boundary_faces(facets))

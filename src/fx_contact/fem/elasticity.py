@@ -12,7 +12,7 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import bsr_matrix, diags, identity, kron
+from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
 
 from fx_contact.fem.compilation import compiled
 from fx_contact.linalg.matrix import create_matrix
@@ -26,7 +26,7 @@ _CHUNK = 1 << 13
 
 
 class Elasticity:
-    """Q1 displacements on a leaf mesh with one material a body.
+    """Displacements of degree p on a leaf mesh with one material a body.
 
     Collective on mesh.comm.
 
@@ -41,9 +41,10 @@ class Elasticity:
         leaf_mesh: as given.
         mesh: its dolfinx mesh.
         prolongation: as given.
-        space: displacement space, a block of 3 a vertex.
+        function_space: of displacements, a block of 3 a node.
         u: displacement, a Function [m].
-        vertex_of_block: (nblocks,) int64, position in the forest's vertices of each local block of `space`.
+        cells: (ncells, (p+1)^3) int32, position in the Space of the nodes of each local cell.
+        node_of_block: (nblocks,) int64, the same of each local block of `function_space`; several blocks may be a node.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
         volume_strain: that of `u`, a UFL expression; the mean of each cell in nearly incompressible bodies [-].
         has_mean: whether there are such bodies; the energy of a displacement then depends on the cells.
@@ -52,13 +53,15 @@ class Elasticity:
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
-        self.space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        self.function_space = self.nodal_space(3)
         constant = fem.functionspace(mesh, ("DG", 0))
         self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
-        blocks = self.space.dofmap.list
-        imap = self.space.dofmap.index_map
-        self.vertex_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
-        self.vertex_of_block[blocks] = leaf_mesh.vertices
+        imap, self.cells = self.function_space.dofmap.index_map, prolongation.space.cells[leaf_mesh.leaf]
+        self.node_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
+        self.node_of_block[self.function_space.dofmap.list] = self.cells
+        count = len(self.node_of_block)
+        entries = np.ones(count), (self.node_of_block, np.arange(count))
+        self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
         young, poisson = materials[body].T
         self.lame = fem.Function(constant), fem.Function(constant)
         cells = constant.dofmap.list[:, 0]
@@ -75,7 +78,7 @@ class Elasticity:
 
     def _displacement(self, name):
         """A displacement Function, its volume strain in UFL, and a function that updates the means in that."""
-        u = fem.Function(self.space, name=name)
+        u = fem.Function(self.function_space, name=name)
         if not self.has_mean:
             return u, ufl.div(u), lambda: None
         mean = fem.Function(self._pointwise.function_space)
@@ -85,6 +88,34 @@ class Elasticity:
             mean.x.array[:] = fem.assemble_vector(change).array / self._volume
 
         return u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * mean, update
+
+    def nodal_space(self, components):
+        """Continuous functions of the displacement's degree with some components.  Collective."""
+        return fem.functionspace(self.mesh, ("Lagrange", self.prolongation.space.degree, (components,)))
+
+    def at_blocks(self, values):
+        """Values at all nodes (m, k) as the array of a Function of a nodal space: (nblocks * k,).  Local."""
+        return values[self.node_of_block].ravel()
+
+    def at_nodes(self, blocks):
+        """What this rank's cells contribute to their nodes, not summed over ranks.
+
+        Local.
+
+        Args:
+            blocks: (nblocks * k,) float64, an assembled vector of a nodal space.
+
+        Returns:
+            (m, k) float64; the blocks of one node are added.
+        """
+        return self._gather @ blocks.reshape(len(self.node_of_block), -1)
+
+    def at_leaves(self, function):
+        """Values of a Function of a nodal space at the nodes of this rank's leaves: (n, (p+1)^3, k).  Local."""
+        values = function.x.array.reshape(len(self.node_of_block), -1)[function.function_space.dofmap.list]
+        result = np.empty_like(values)
+        result[self.leaf_mesh.leaf] = values
+        return result
 
     def stress(self, u, volume_strain=None):
         """Cauchy stress [Pa] of a displacement, a UFL expression.
@@ -97,12 +128,12 @@ class Elasticity:
         return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * ufl.sym(ufl.grad(u))
 
     def set_displacement(self, conforming):
-        """Set `u` on all vertices from the owned conforming values (owned, 3) [m].  Collective."""
+        """Set `u` at all nodes from the owned conforming values (owned, 3) [m].  Collective."""
         self._set(self.u, conforming)
         self._mean_of_u()
 
     def _set(self, function, conforming):
-        function.x.array[:] = self.prolongation.prolong(conforming)[self.vertex_of_block].ravel()
+        function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
 
     def energy_norm(self, conforming):
         """omega (4) of a displacement [J^(1/2)]; `u` stays.
@@ -148,17 +179,15 @@ class Elasticity:
 
     def internal_forces(self):
         """P^T K u, integrated from the stress of `u` without a matrix: (owned, 3) float64 [N].  Collective."""
-        test = ufl.TestFunction(self.space)
+        test = ufl.TestFunction(self.function_space)
         stress = self.stress(self.u, self.volume_strain)
         forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
-        local = np.empty((len(self.prolongation.vertices), 3))
-        local[self.vertex_of_block] = forces.reshape(-1, 3)
-        return self.prolongation.restrict(local)
+        return self.prolongation.restrict(self.at_nodes(forces))
 
     def stiffness(self, pairs=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
-        Collective on mesh.comm.  Cells without hanging vertex go straight into the matrix; for the others the product
+        Collective on mesh.comm.  Cells without hanging node go straight into the matrix; for the others the product
         is taken on this rank's part of K, which has only their rows.
 
         Args:
@@ -168,14 +197,14 @@ class Elasticity:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
         """
         imap = self.prolongation.index_map
-        conforming = self.prolongation.conforming[self.vertex_of_block]
+        conforming = self.prolongation.conforming[self.node_of_block]
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
-        matrix = create_matrix(self.prolongation, self.leaf_mesh.vertices, pairs)
+        matrix = create_matrix(self.prolongation, self.cells, pairs)
         lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
         matrix.mat.setLGMap(lgmap, lgmap)
 
-        irregular = (conforming[self.space.dofmap.list] < 0).any(axis=1)
+        irregular = (conforming[self.function_space.dofmap.list] < 0).any(axis=1)
         assemble_matrix(matrix.mat, self._form(np.flatnonzero(~irregular)))
         self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
         if self.has_mean:
@@ -191,7 +220,7 @@ class Elasticity:
 
     def _form(self, cells):
         """Stiffness of some cells, but for the mean volume strain."""
-        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        trial, test = ufl.TrialFunction(self.function_space), ufl.TestFunction(self.function_space)
         stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.has_mean else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
@@ -200,14 +229,14 @@ class Elasticity:
         for part in self._chunks(cells):
             form = self._form(part)
             stiffness, rows, interpolation = self._product_parts(form)
-            to_rows = kron(self.prolongation.matrix[self.vertex_of_block][rows], identity(3), format="bsr")
+            to_rows = kron(self.prolongation.matrix[self.node_of_block][rows], identity(3), format="bsr")
             self._insert(matrix, to_rows.T @ (stiffness @ interpolation), number)
 
     def _add_mean_volume(self, matrix, number):
         """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
         # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
         space = fem.functionspace(self.mesh, ("DG", 0, (3,)))
-        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(space)
+        trial, test = ufl.TrialFunction(self.function_space), ufl.TestFunction(space)
         terms = sum(test[i] * trial[i].dx(i) for i in range(3))
         modulus = self.lame[0].x.array / self._volume
         for part in self._chunks(self._soft):
@@ -231,7 +260,7 @@ class Elasticity:
             (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
             shape=(3 * len(rows), 3 * columns),
         )
-        interpolation = self.prolongation.matrix[self.vertex_of_block]
+        interpolation = self.prolongation.matrix[self.node_of_block]
         interpolation.resize(columns, interpolation.shape[1])
         return matrix, rows, kron(interpolation, identity(3), format="bsr")
 

@@ -30,44 +30,45 @@ def load(scene, forest, elasticity):
     Raises:
         SceneError: a force that is a function fails or is not finite somewhere.
     """
-    forces, order = np.zeros((len(forest.vertices), 3)), elasticity.leaf_mesh.order
+    space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
+    forces = np.zeros((len(space), 3))
     if scene.tractions or scene.body_forces:
         with together(forest.comm):
             for traction in scene.tractions:
                 leaf, face = forest.boundary_faces(forest.mesh.surface(traction.surface))
                 for which in np.unique(face):
-                    _add(forces, forest, leaf[face == which], order, traction.at, which)
+                    _add(forces, space, leaf[face == which], order, traction.at, which)
             for force in scene.body_forces:
                 body = forest.mesh.bodies.index(force.body)
                 leaves = np.flatnonzero(forest.mesh.body[forest.cell] == body)
-                _add(forces, forest, leaves, order, force.at)
+                _add(forces, space, leaves, order, force.at)
     return elasticity.prolongation.restrict(forces)
 
 
-def _add(forces, forest, leaves, order, density, face=None):
-    """Add the integrals of a force over leaves, or over one local face of theirs, times the functions of the vertices.
+def _add(forces, space, leaves, order, density, face=None):
+    """Add the integrals of a force over leaves, or over one local face of theirs, times the functions of the nodes.
 
     Args:
-        forces: (m, 3) float64, on the forest's vertices; changed [N].
-        forest: Forest.
+        forces: (m, 3) float64, at the nodes; changed [N].
+        space: Space.
         leaves: (n,) int.
         order: geometry order of the leaves.
         density: function of points, and of normals where there is a face, that gives the force per volume or area.
         face: local face, or None for the volume.
     """
     # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    points, weights = _gauss(2 if face is None else order + 1)
+    points, weights = _gauss(space.degree + (1 if face is None else order))
     axes, rules = [points] * 3, [weights] * 3
     if face is not None:
         axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
         rules[hexahedron.FACE_AXIS[face]] = np.ones(1)
     value = [hexahedron.lagrange(order, x) for x in axes]
     slope = [hexahedron.lagrange_derivative(order, x) for x in axes]
-    corner = _tensor([hexahedron.lagrange(1, x) for x in axes])
+    functions = _tensor([hexahedron.lagrange(space.degree, x) for x in axes])
     weight = _tensor([w[:, None] for w in rules])[:, 0]
     for start in range(0, len(leaves), _CHUNK):
         part = leaves[start : start + _CHUNK]
-        nodal = leaf_positions(forest, part, order)
+        nodal = leaf_positions(space.forest, part, order)
         x = hexahedron.tensor_evaluate(value, nodal).reshape(-1, 3)
         tangent = [
             hexahedron.tensor_evaluate([slope[a] if a == axis else value[a] for a in range(3)], nodal).reshape(-1, 3)
@@ -81,7 +82,7 @@ def _add(forces, forest, leaves, order, density, face=None):
             measure = np.linalg.norm(normal, axis=1)
             force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
         force = (force * measure[:, None]).reshape(len(part), -1, 3) * weight[:, None]
-        np.add.at(forces, forest.vertices.cells[part], corner.T @ force)
+        np.add.at(forces, space.cells[part], functions.T @ force)
 
 
 def _gauss(count):

@@ -29,13 +29,11 @@ class LeafMesh:
         mesh: dolfinx Mesh; every rank's cells are its leaves, none is a ghost.
         order: geometry order q.
         leaf: (ncells,) int64, this rank's leaf of each local cell.
-        vertices: (ncells, 8) int32, position in `forest.vertices` of each local cell's corners.
     """
 
     mesh: object
     order: int
     leaf: np.ndarray
-    vertices: np.ndarray
 
     def facets(self, forest, facets):
         """Exterior facets that lie on given root facets, as dolfinx integrates over them.
@@ -77,7 +75,7 @@ def create_leaf_mesh(forest, order):
     )
     first = forest.comm.exscan(len(forest)) or 0
     leaf = mesh.topology.original_cell_index - first
-    return LeafMesh(mesh, order, leaf, forest.vertices.cells[leaf])
+    return LeafMesh(mesh, order, leaf)
 
 
 def sufficient_order(forest, tolerance):

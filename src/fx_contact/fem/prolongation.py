@@ -1,7 +1,8 @@
-"""Hanging vertices and the prolongation P from conforming to all vertex unknowns.
+"""Hanging nodes and the prolongation P from conforming to all nodal unknowns.
 
-A vertex that is the midpoint of a leaf's edge, or the centre of a leaf's face, hangs there with weights 1/2 or 1/4
-(section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang
+A node of a fine leaf that is none of the nodes of a coarser leaf's edge or face on which it lies hangs there: its value
+is that of the coarser leaf's function.  At degree 1 these are the middles of edges and faces, with the weights 1/2 and
+1/4 (section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang
 themselves are replaced by theirs until none does.
 """
 
@@ -12,49 +13,50 @@ from scipy.sparse import csr_matrix
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import MAX_LEVEL
 
 _NONE = -1
 
 
 class Prolongation:
-    """P: the values of all vertices of this rank's leaves from those of the conforming vertices.
+    """P: the values at all nodes of this rank's leaves from those at the conforming nodes.
 
-    Collective on forest.comm.
+    Collective on space.forest.comm.
 
     Args:
-        forest: Forest.
+        space: Space.
 
     Attributes:
-        vertices: Vertices of the forest.
+        comm: MPI communicator.
+        space: as given, with m nodes on this rank.
         hanging: (m,) bool, which of them hang.
-        index_map: IndexMap of the conforming vertices: owned ones first, in the order in which the leaves touch
-            them, then those of other ranks that this rank's vertices need.  A rank that holds a facing pair of leaves
-            owns their facing vertices, both of them.
-        conforming: (m,) int32, position of each vertex in `index_map`, -1 where it hangs.
+        index_map: IndexMap of the conforming nodes: owned ones first, in the order in which the leaves touch them, then
+            those of other ranks that this rank's nodes need.  A rank that holds a facing pair of leaves owns their
+            facing nodes, both of them.
+        conforming: (m,) int32, position of each node in `index_map`, -1 where it hangs.
         matrix: (m, owned + ghosts) scipy CSR float64, P on this rank.
-        hanging_global: number of hanging vertices on all ranks.
+        hanging_global: number of hanging nodes on all ranks.
     """
 
-    def __init__(self, forest):
-        self.comm = forest.comm
-        self.vertices = vertices = forest.vertices
-        masters = _masters(forest)
-        self.hanging = masters[:, 0] != _NONE
-        claim, ballot, facing = _claims(forest)
-        number, owner = vertices.directory.number(~self.hanging, claim, ballot)
-        slaves, keys, weights = _resolve(vertices, masters)
+    def __init__(self, space):
+        self.comm, self.space = space.forest.comm, space
+        masters, shares = _masters(space)
+        self.hanging = (masters != _NONE).any(axis=1)
+        claim, ballot, facing = _claims(space)
+        number, owner = space.directory.number(~self.hanging, claim, ballot)
+        slaves, keys, weights = _resolve(space, masters, shares)
 
         foreign = (owner != self.comm.rank) | self.hanging
         needed = np.concatenate([keys, facing])
-        away = np.unique(needed[vertices.find(needed) < 0])
-        far, conform = vertices.directory.lookup(away, np.stack([number, owner.astype(np.int64)], axis=1), ~foreign)
-        self._away, far = away[conform], far[conform]  # of the facing vertices some hang
+        away = np.unique(needed[space.find(needed) < 0])
+        far, conform = space.directory.lookup(away, np.stack([number, owner.astype(np.int64)], axis=1), ~foreign)
+        self._away, far = away[conform], far[conform]  # of the facing nodes some hang
         near = foreign & ~self.hanging
         ghosts = np.concatenate([number[near], far[:, 0]])
         owners = np.concatenate([owner[near], far[:, 1].astype(np.int32)])
         owned = int((~foreign).sum())
         self.index_map = index_map(self.comm, owned, ghosts, owners)
-        self.conforming = np.full(len(vertices), -1, dtype=np.int32)
+        self.conforming = np.full(len(space), -1, dtype=np.int32)
         self.conforming[~foreign] = np.arange(owned)
         self.conforming[near] = owned + np.arange(near.sum())
 
@@ -62,20 +64,20 @@ class Prolongation:
         own = np.flatnonzero(~self.hanging)
         entries = np.concatenate([np.ones(len(own)), weights])
         places = np.concatenate([own, slaves]), np.concatenate([self.conforming[own], columns])
-        self.matrix = csr_matrix((entries, places), shape=(len(vertices), owned + len(ghosts)))
-        counted, holder = vertices.directory.number(self.hanging)
+        self.matrix = csr_matrix((entries, places), shape=(len(space), owned + len(ghosts)))
+        _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
     def find(self, keys):
-        """Positions in `index_map` of vertices, ghosts included, by their keys.  Local.
+        """Positions in `index_map` of nodes, ghosts included, by their keys.  Local.
 
         Args:
-            keys: (m,) int64 keys of vertices that this rank's leaves have, hang on, or face.
+            keys: (k,) int64 keys of nodes that this rank's leaves have, hang on, or face.
 
         Returns:
-            (m,) int64, -1 where a vertex hangs.
+            (k,) int64, -1 where a node hangs.
         """
-        place = self.vertices.find(keys)
+        place = self.space.find(keys)
         here = place >= 0
         result = np.full(len(keys), -1, dtype=np.int64)
         result[here] = self.conforming[place[here]]
@@ -86,11 +88,27 @@ class Prolongation:
 
     @property
     def owned(self):
-        """Number of conforming vertices that this rank owns."""
+        """Number of conforming nodes that this rank owns."""
         return self.index_map.size_local
 
+    def injected(self, values):
+        """Owned conforming values out of values at all nodes, R: R P = I.
+
+        Local.
+
+        Args:
+            values: (m, ...) array.
+
+        Returns:
+            (owned, ...) array.
+        """
+        own = (self.conforming >= 0) & (self.conforming < self.owned)
+        result = np.empty((self.owned, *values.shape[1:]), values.dtype)
+        result[self.conforming[own]] = values[own]
+        return result
+
     def prolong(self, values):
-        """All vertex values from the owned conforming ones.
+        """Values at all nodes from the owned conforming ones.
 
         Collective on comm.
 
@@ -118,7 +136,7 @@ class Prolongation:
         return spread.array.reshape(-1, k)
 
     def restrict(self, values):
-        """P^T of what this rank's cells contribute to their vertices, summed over the ranks.
+        """P^T of what this rank's cells contribute to their nodes, summed over the ranks.
 
         Collective on comm.
 
@@ -131,7 +149,7 @@ class Prolongation:
         return self.summed(self.matrix.T @ values)
 
     def summed(self, values):
-        """Sums over the ranks of what each says of conforming vertices.
+        """Sums over the ranks of what each says of conforming nodes.
 
         Collective on comm.
 
@@ -148,59 +166,102 @@ class Prolongation:
         return gathered.array[: self.owned * k].reshape(-1, k).copy()
 
 
-def _masters(forest):
-    """Keys of the two or four vertices that each vertex hangs on, padded with -1; all -1 where it does not: (m, 4)."""
-    wanted = forest.vertices.keys
-    result = np.full((len(wanted), 4), _NONE, dtype=np.int64)
-    for entities, corners in ((forest.edges, hexahedron.EDGE_CORNERS), (forest.faces, hexahedron.FACE_CORNERS)):
-        asked = np.flatnonzero(entities.directory.asked(wanted))
-        leaf, which = entities.example[asked].T
-        ends = forest.vertices.keys[forest.vertices.cells[leaf[:, None], corners[which]]]
-        rows, found = Directory(forest.comm, entities.directory.keys[asked]).lookup(
-            wanted, ends, np.ones(len(asked), dtype=bool)
-        )
-        result[found, : rows.shape[1]] = rows[found]
-    return result
+def _masters(space):
+    """What each node hangs on, of this rank or others.
 
+    Collective on space.forest.comm.
 
-def _claims(forest):
-    """For the ownership of each vertex its claim and ballot, and the keys of the vertices that face this rank's.
-
-    Facing vertices are drawn alike, among the ranks that hold a contact face of each.
+    Returns:
+        (m, (p+1)^2) int64 keys of the masters, -1 where there are fewer or none, and their float64 weights.
     """
-    vertices = forest.vertices
-    claim, ballot = np.zeros(len(vertices), dtype=np.int8), vertices.keys.copy()
+    masters = np.full((len(space), (space.degree + 1) ** 2), _NONE, dtype=np.int64)
+    weights = np.zeros(masters.shape)
+    for dimension, entities, nodes in (
+        (1, space.forest.edges, space.edge_nodes),
+        (2, space.forest.faces, space.face_nodes),
+    ):
+        points, shares = _hanging_points(space.degree, dimension)
+        directory, example = _points_on(space, entities, nodes, points)
+        asked = np.flatnonzero(directory.asked(space.keys))
+        leaf, which, point = example[asked].T
+        rows = np.column_stack([space.keys[space.cells[leaf[:, None], nodes[which]]], point])
+        rows, found = Directory(space.forest.comm, directory.keys[asked]).lookup(
+            space.keys, rows, np.ones(len(asked), dtype=bool)
+        )
+        share = shares[rows[found, -1]]
+        masters[found, : nodes.shape[1]] = np.where(share != 0, rows[found, :-1], _NONE)
+        weights[found, : nodes.shape[1]] = share
+    return masters, weights
+
+
+def _hanging_points(degree, dimension):
+    """Points inside an edge or a face that are nodes of its halves or quarters, but none of its own.
+
+    Returns:
+        (h, dimension) int64 coordinates in 1..2p-1, last axis first; (h, (p+1)^dimension) float64 weights of the nodes.
+    """
+    steps = np.indices((2 * degree - 1,) * dimension).reshape(dimension, -1).T + 1
+    steps = steps[(steps % 2 == 1).any(axis=1)]
+    functions = hexahedron.lagrange(degree, steps / (2 * degree))  # (h, dimension, p + 1)
+    weights = functions[:, 0]
+    for axis in range(1, dimension):
+        weights = (weights[:, :, None] * functions[:, axis, None]).reshape(len(steps), -1)
+    return steps, weights
+
+
+def _points_on(space, entities, nodes, points):
+    """The Directory of such points of edges or faces, and of each (leaf, local entity, point): (k, 3) int64."""
+    if space.degree == 1:  # the one point is the middle, by which the entity is named
+        return entities.directory, np.column_stack(
+            [entities.example, np.zeros(len(entities.example), dtype=np.int64)]
+        )
+    forest = space.forest
+    coarse = entities.example[forest.level[entities.example[:, 0]] < MAX_LEVEL]
+    leaf, which = coarse.T
+    corners = space.points[leaf[:, None], nodes[which][:, [0, space.degree, -1 - space.degree]]].astype(np.int64)
+    origin, ends = corners[:, :1], (corners[:, 2:], corners[:, 1:2])[-points.shape[1] :]
+    place = origin + sum((end - origin) * along[:, None] // (2 * space.degree) for end, along in zip(ends, points.T))
+    keys = forest.lattice.keys(forest.cell[leaf], place.astype(np.int32))
+    example = np.column_stack([np.repeat(coarse, len(points), axis=0), np.tile(np.arange(len(points)), len(coarse))])
+    return Directory(forest.comm, keys.ravel()), example
+
+
+def _claims(space):
+    """For the ownership of each node its claim and ballot, and the keys of the nodes that face this rank's.
+
+    Facing nodes are drawn alike, among the ranks that hold a contact face of each.
+    """
+    forest = space.forest
+    claim, ballot = np.zeros(len(space), dtype=np.int8), space.keys.copy()
     leaf, face = forest.contact_faces()
-    corner = hexahedron.FACE_CORNERS[face]
-    mine = vertices.cells[leaf[:, None], corner]
-    cell, _, points = forest.pairing.opposite(forest.cell[leaf], face, forest.corners[leaf[:, None], corner])
-    facing = forest.lattice.keys(cell, points)
+    mine, facing = space.on_faces(leaf, face), space.facing(leaf, face)
     claim[mine] = 1
     second = ~forest.pairing.first[forest.cell[leaf], face]
     ballot[mine[second]] = facing[second]
     return claim, ballot, facing[~second].ravel()
 
 
-def _resolve(vertices, masters):
+def _resolve(space, masters, weights):
     """Slave positions, master keys and weights, none of the masters hanging."""
-    hanging = np.flatnonzero(masters[:, 0] != _NONE)
-    slaves, keys, weights = _expand(hanging, masters[hanging], np.ones(len(hanging)))
+    hanging = np.flatnonzero((masters != _NONE).any(axis=1))
+    rows = np.column_stack([masters, weights.view(np.int64)])
+    slaves, keys, shares = _expand(hanging, rows[hanging], np.ones(len(hanging)))
     done = []
-    while vertices.directory.comm.allreduce(len(keys)):
-        place = vertices.find(keys)
-        above = masters[np.maximum(place, 0)] if len(masters) else np.full((len(keys), 4), _NONE)
+    while space.directory.comm.allreduce(len(keys)):
+        place = space.find(keys)
+        above = rows[np.maximum(place, 0)] if len(rows) else np.full((len(keys), rows.shape[1]), _NONE)
         away = place < 0
-        above[away], _ = vertices.directory.lookup(keys[away], masters, np.ones(len(masters), dtype=bool))
-        chained = above[:, 0] != _NONE
-        done.append((slaves[~chained], keys[~chained], weights[~chained]))
-        slaves, keys, weights = _expand(slaves[chained], above[chained], weights[chained])
+        above[away], _ = space.directory.lookup(keys[away], rows, np.ones(len(rows), dtype=bool))
+        chained = (above[:, : masters.shape[1]] != _NONE).any(axis=1)
+        done.append((slaves[~chained], keys[~chained], shares[~chained]))
+        slaves, keys, shares = _expand(slaves[chained], above[chained], shares[chained])
     if not done:
-        return slaves, keys, weights
+        return slaves, keys, shares
     return (np.concatenate(column) for column in zip(*done))
 
 
-def _expand(slaves, masters, weights):
-    """One row for each master of each slave."""
-    valid = masters != _NONE
-    count = valid.sum(axis=1)
-    return np.repeat(slaves, count), masters[valid], np.repeat(weights / np.maximum(count, 1), count)
+def _expand(slaves, rows, shares):
+    """One row for each master of each slave; rows hold keys and, as bits, the weights of the masters."""
+    masters, weights = np.split(rows, 2, axis=1)
+    valid, weights = masters != _NONE, weights.view(np.float64)
+    return np.repeat(slaves, valid.sum(axis=1)), masters[valid], (shares[:, None] * weights)[valid]

@@ -90,8 +90,8 @@ class Forest:
 
     @cached_property
     def vertices(self):
-        """The distinct corners of the leaves (`Vertices`).  Collective on comm at first use."""
-        return Vertices(self)
+        """The distinct corners of the leaves (`LatticePoints`).  Collective on comm at first use."""
+        return LatticePoints(self, self.corners)
 
     @cached_property
     def edges(self):
@@ -188,10 +188,10 @@ class Forest:
 
         Args:
             times: (n,) int, how often to refine each leaf; its children all alike.
-            values: (n, 8, ...) float64, a trilinear field at the corners of the leaves.
+            values: (n, (p+1)^3, ...) float64, a field of degree p at the nodes of the leaves.
 
         Returns:
-            The new Forest, and the field at the corners of its leaves.
+            The new Forest, and the field at the nodes of its leaves.
 
         Raises:
             GeometryError: a leaf of the finest level is to be refined.
@@ -285,31 +285,19 @@ class Glue:
     child: np.ndarray
 
     def carry(self, values):
-        """Carry a trilinear field along: children take their parent's function, restricted.  Local.
+        """Carry a field along: children take their parent's function, restricted.  Local.
 
         Args:
-            values: (n_before, 8, ...) float64 at the leaf corners.
+            values: (n_before, (p+1)^3, ...) float64, a field of degree p at the nodes of the leaves.
 
         Returns:
-            (n, 8, ...) float64.
+            (n, (p+1)^3, ...) float64.
         """
         result = values[self.parent]
-        for child in range(8):
+        for child, interpolation in enumerate(hexahedron.child_interpolation(hexahedron.order_of(values.shape[1]))):
             rows = self.child == child
-            result[rows] = np.einsum("ij,nj...->ni...", _CHILD_INTERPOLATION[child], result[rows])
+            result[rows] = np.einsum("ij,nj...->ni...", interpolation, result[rows])
         return result
-
-
-#: (8, 8, 8): corners of a child from the corners of its parent.
-_CHILD_INTERPOLATION = np.array(
-    [
-        [
-            np.prod(np.where(hexahedron.CORNERS == 1, middle, 1 - middle), axis=1)
-            for middle in (hexahedron.CORNERS + hexahedron.CORNERS[child]) / 2
-        ]
-        for child in range(8)
-    ]
-)
 
 
 class Entities:
@@ -333,36 +321,41 @@ class Entities:
         self.directory = Directory(forest.comm, keys)
 
 
-class Vertices:
-    """Distinct corners of this rank's leaves, in the order in which the leaves touch them first.
+class LatticePoints:
+    """Distinct lattice points of this rank's leaves, in the order in which the leaves touch them first.
 
     Collective on comm.
 
+    Args:
+        forest: Forest.
+        points: (n, k, 3) int32, lattice coordinates of k points of each leaf.
+
     Attributes:
         keys: (m,) int64 keys.
-        cells: (n, 8) int32, position of each leaf's corners in `keys`.
+        cells: (n, k) int32, position of each leaf's points in `keys`.
         directory: Directory of the keys.
-        example: (m, 2) int64, a leaf and its corner at each vertex.
+        example: (m, 2) int64, a leaf and the number there of each point.
     """
 
-    def __init__(self, forest):
+    def __init__(self, forest, points):
+        k = points.shape[1]
         keys, index, cells = np.unique(
-            forest.lattice.keys(forest.cell, forest.corners), return_index=True, return_inverse=True
+            forest.lattice.keys(forest.cell, points), return_index=True, return_inverse=True
         )
         order = np.argsort(index, kind="stable")
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         self._sorted, self._rank = keys, rank
         self.keys = keys[order]
-        self.cells = rank[cells].reshape(-1, 8).astype(np.int32)
-        self.example = np.stack(np.divmod(index[order], 8), axis=1)
+        self.cells = rank[cells].reshape(-1, k).astype(np.int32)
+        self.example = np.stack(np.divmod(index[order], k), axis=1)
         self.directory = Directory(forest.comm, self.keys)
 
     def __len__(self):
         return len(self.keys)
 
     def find(self, keys):
-        """Positions of keys among this rank's vertices, -1 where they are not.  Local.
+        """Positions of keys among this rank's points, -1 where they are not.  Local.
 
         Args:
             keys: (...) int64.

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
 from fx_contact.parallel.mpi import Directory, Exchange
-from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import leaf_code
 
 #: A displacement: three float64.
@@ -197,23 +196,21 @@ def _facing(forest):
 
 
 def _needs(forest, prolongation):
-    """Which conforming vertices each leaf needs: those that its corners hang on, and those that face it.
+    """Which conforming nodes each leaf needs: those that its nodes hang on, and those that face it.
 
     Returns (n, owned + ghosts) scipy CSR, columns as in the prolongation's index map.
     """
-    vertices, count = forest.vertices, len(forest)
-    corners = coo_matrix(
-        (np.ones(8 * count, dtype=np.int8), (np.repeat(np.arange(count), 8), vertices.cells.ravel())),
-        shape=(count, len(vertices)),
-    ).tocsr()
+    space, count = prolongation.space, len(forest)
+    nodes = csr_matrix(
+        (np.ones(space.cells.size, dtype=np.int8), space.cells.ravel(), np.arange(count + 1) * space.nodes_per_cell),
+        shape=(count, len(space)),
+    )
     pattern = prolongation.matrix.astype(bool).astype(np.int8)
     leaf, face = forest.contact_faces()
     first = forest.pairing.first[forest.cell[leaf], face]
     leaf, face = leaf[first], face[first]
-    points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    facing = prolongation.find(forest.lattice.keys(cell, opposite).ravel())
+    facing = prolongation.find(space.facing(leaf, face).ravel())
     known = facing >= 0
-    place = np.repeat(leaf, 4)[known], facing[known]
+    place = np.repeat(leaf, (space.degree + 1) ** 2)[known], facing[known]
     across = csr_matrix((np.ones(len(place[0]), dtype=np.int8), place), shape=(count, pattern.shape[1]))
-    return corners @ pattern + across
+    return nodes @ pattern + across

@@ -70,7 +70,7 @@ def create_matrix(prolongation, cells, pairs):
 
     Args:
         prolongation: Prolongation.
-        cells: (ncells, 8) int32, position in the forest's vertices of each local cell's corners.
+        cells: (ncells, k) int32, position in the prolongation's space of each local cell's nodes.
         pairs: NodePairs or None.
 
     Returns:
@@ -104,11 +104,11 @@ def _row_lengths(prolongation, cells, pairs):
     """Blocks of each owned row in columns of this rank and of others, exactly: two (owned,) int32."""
     imap, comm = prolongation.index_map, prolongation.comm
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
-    corners = csr_matrix(
-        (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, 8)),
-        shape=(len(cells), len(prolongation.vertices)),
+    nodes = csr_matrix(
+        (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])),
+        shape=(len(cells), len(prolongation.space)),
     )
-    touches = corners @ prolongation.matrix.astype(bool)
+    touches = nodes @ prolongation.matrix.astype(bool)
     graph = touches.T @ touches
     if pairs is not None:
         facing = csr_matrix((np.ones(len(pairs), dtype=bool), (pairs.first, pairs.second)), shape=(size, size))

@@ -4,6 +4,7 @@ Nodes are in tensor order, x fastest, as dolfinx orders the corners of a hexahed
 (v & 1, v >> 1 & 1, v >> 2 & 1).  All functions here are local.
 """
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -46,6 +47,11 @@ def lattice(order):
     return np.array([ijk[::-1] for ijk in product(range(order + 1), repeat=3)], dtype=np.int64)
 
 
+def order_of(count):
+    """The order p of a cell that has (p+1)^3 nodes: int."""
+    return round(count ** (1 / 3)) - 1
+
+
 def corner_nodes(order):
     """Tensor index of the eight corners among the nodes of a cell of the given order: (8,) int64."""
     n = order + 1
@@ -58,11 +64,15 @@ def face_nodes(order):
     return np.array([np.flatnonzero(nodes[:, a] == order * s) for a, s in zip(FACE_AXIS, FACE_SIDE)])
 
 
+def edge_nodes(order):
+    """Tensor indices of the nodes of the 12 edges, from the low end: (12, p+1) int64."""
+    n = order + 1
+    return corner_nodes(order)[EDGE_CORNERS[:, :1]] + np.arange(n) * np.array([1, n, n * n])[EDGE_AXIS][:, None]
+
+
 def edge_inner_nodes(order):
     """Tensor indices of the nodes inside the 12 edges, from the low end: (12, p-1) int64."""
-    n = order + 1
-    along = np.arange(1, order)[None] * np.array([1, n, n * n])[EDGE_AXIS][:, None]
-    return corner_nodes(order)[EDGE_CORNERS[:, :1]] + along
+    return edge_nodes(order)[:, 1:-1]
 
 
 def face_inner_nodes(order):
@@ -101,6 +111,15 @@ def lagrange_derivative(order, x):
     monomials = np.linalg.inv(np.vander(np.linspace(0, 1, order + 1), increasing=True))
     powers = np.arange(1, order + 1)
     return (np.asarray(x)[..., None] ** (powers - 1) * powers) @ monomials[1:]
+
+
+@cache
+def child_interpolation(order):
+    """Nodal values of each child of a cell from those of the cell: (8, (p+1)^3, (p+1)^3) float64, exact."""
+    steps = np.arange(order + 1) / order
+    low, high = (lagrange(order, (side + steps) / 2) for side in (0, 1))
+    axes = [[high if corner[axis] else low for axis in range(3)] for corner in CORNERS]
+    return np.array([np.kron(z, np.kron(y, x)) for x, y, z in axes])
 
 
 def tensor_evaluate(functions, nodal):

@@ -71,14 +71,13 @@ def energy_distance(elasticity, forest, values):
     Args:
         elasticity: Elasticity, its `u` set.
         forest: Forest of its mesh.
-        values: (n, 8, 3) float64, the other displacement at the corners of this rank's leaves [m].
+        values: (n, (p+1)^3, 3) float64, the other displacement at the nodes of this rank's leaves [m].
 
     Returns:
         float, norm of the difference over the norm of `elasticity.u` [-].
     """
-    leaf, corner = forest.vertices.example.T
-    off = fem.Function(elasticity.space)
-    off.x.array[:] = elasticity.u.x.array - values[leaf, corner][elasticity.vertex_of_block].ravel()
+    off, (leaf, node) = fem.Function(elasticity.function_space), elasticity.prolongation.space.example.T
+    off.x.array[:] = elasticity.u.x.array - elasticity.at_blocks(values[leaf, node])
     dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
     cellwise = fem.functionspace(elasticity.mesh, ("DG", 0, (2,)))
     densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, elasticity.u)]
@@ -128,15 +127,14 @@ def _pressure_error(step, reference):
 
 
 def _axis_error(step, reference):
-    """Of the upper body; only the vertices on the axis are brought together."""
+    """Of the upper body; only the nodes on the axis are brought together."""
     forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
-    leaf, corner = forest.vertices.example.T
-    position = forest.positions(leaf, corner)
-    position -= step.scene.contact_centre
+    space = elasticity.prolongation.space
+    leaf, node = space.example.T
+    position = space.positions() - step.scene.contact_centre
     upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
     on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
-    stress = np.empty(len(position))
-    stress[elasticity.vertex_of_block] = step.estimate.stress.x.array[VOIGT.index((2, 2)) :: len(VOIGT)]
+    stress = elasticity.at_leaves(step.estimate.stress)[leaf, node, VOIGT.index((2, 2))]
     rows = np.concatenate(comm.allgather(np.stack([position[on, 2], stress[on]], axis=1)))
     rows = rows[np.argsort(rows[:, 0])]
     height, known = reference.axis.T

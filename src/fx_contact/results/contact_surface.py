@@ -66,10 +66,9 @@ def contact_facets(step):
     leaf, face = forest.contact_faces()
     rows = np.arange(len(leaf))
     points = leaf_positions(forest, leaf, order)[rows[:, None], hexahedron.face_nodes(order)[face]]
-    corners = forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-    along = hexahedron.lagrange(1, np.linspace(0, 1, order + 1))  # (order + 1, 2)
-    bilinear = np.einsum("va,ub->vuab", along, along).reshape(-1, 4)
-    nodal = bilinear @ _vertex_values(step)[corners]
+    space = step.elasticity.prolongation.space
+    along = hexahedron.lagrange(space.degree, np.linspace(0, 1, order + 1))  # (order + 1, p + 1)
+    nodal = np.kron(along, along) @ _nodal_values(step)[space.on_faces(leaf, face)]
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     return (
@@ -89,8 +88,8 @@ def contact_facets(step):
     )
 
 
-def _vertex_values(step):
-    """Displacement, pressure, status and gap at this rank's vertices, the last three zero off the contact: (m, 6)."""
+def _nodal_values(step):
+    """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact: (m, 6)."""
     pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
     area = pairs.area
     rows = np.stack([contact.force, contact.active * area, -contact.penetration * area, area], axis=1)

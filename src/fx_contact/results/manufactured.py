@@ -19,6 +19,7 @@ from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
@@ -141,7 +142,7 @@ def adapt_manufactured(
 def _solve(number, forest, order, tolerance, stages):
     material = Material(young=1.0, poisson=0.3)
     with stages("hanging"):
-        prolongation = Prolongation(forest)
+        prolongation = Prolongation(Space(forest, 1))
     with stages("mesh"):
         cells = create_leaf_mesh(forest, order)
     with stages("assemble"):
@@ -183,7 +184,7 @@ def _solve(number, forest, order, tolerance, stages):
 
 def _load(forest, elasticity, stages):
     """Body force and tractions of the bump on the conforming vertices: (owned, 3) [N]."""
-    mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.space)
+    mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.function_space)
     mesh.topology.create_connectivity(2, 3)
     outside = elasticity.leaf_mesh.facets(forest, forest.mesh.surface("outside")).ravel()
     degree = {"quadrature_degree": FINE_QUADRATURE}
@@ -193,19 +194,15 @@ def _load(forest, elasticity, stages):
     work = -ufl.inner(ufl.div(stress), test) * dx + ufl.inner(stress * ufl.FacetNormal(mesh), test) * ds(1)
     with stages("compile"):
         form = compiled(forest.comm, work)
-    values = np.zeros((len(forest.vertices), 3))
-    values[elasticity.vertex_of_block] = fem.assemble_vector(form).array.reshape(-1, 3)
-    return elasticity.prolongation.restrict(values)
+    return elasticity.prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(form).array))
 
 
 def _prescribed(forest, prolongation):
-    """The bump at the conforming vertices of both ends of the ring: (owned, 3) [m], NaN elsewhere."""
-    leaf, corner = forest.vertices.example.T
-    position = forest.positions(leaf, corner)
-    on = np.zeros(len(forest.vertices), dtype=bool)
+    """The bump at the conforming nodes of both ends of the ring: (owned, 3) [m], NaN elsewhere."""
+    space = prolongation.space
+    position, on = space.positions(), np.zeros(len(space), dtype=bool)
     for name in ("start", "end"):
-        leaf, face = forest.boundary_faces(forest.mesh.surface(name))
-        on[forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]] = True
+        on[space.on_faces(*forest.boundary_faces(forest.mesh.surface(name)))] = True
     on &= ~prolongation.hanging
     rows = np.zeros((len(on), 4))
     rows[on, :3], rows[on, 3] = np.stack(bump(position.T), axis=1)[on], 1

@@ -198,8 +198,8 @@ def write_fields(step, folder):
         step,
         folder / "fields.bp",
         lambda: [
-            _nodal(step.leaf_mesh, "displacement", (3,), _corner_values(step.elasticity.u)),
-            _nodal(step.leaf_mesh, "stress", (3, 3), _corner_values(step.estimate.stress)[:, :, tensor]),
+            _nodal(step.leaf_mesh, "displacement", (3,), _values_of_cells(step.elasticity.u)),
+            _nodal(step.leaf_mesh, "stress", (3, 3), _values_of_cells(step.estimate.stress)[:, :, tensor]),
         ],
     )
     _write(step, folder / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
@@ -241,22 +241,27 @@ def _check_room(path, size):
         )
 
 
-def _corner_values(function):
-    """Values of a Q1 function at the corners of each local cell: (ncells, 8, k)."""
+def _values_of_cells(function):
+    """Values of a nodal function at the nodes of each local cell: (ncells, (p+1)^3, k)."""
     values = function.x.array.reshape(-1, function.function_space.dofmap.index_map_bs)
     return values[function.function_space.dofmap.list]
 
 
 def _nodal(leaf_mesh, name, shape, values):
-    """A function of the geometry's order, whose nodes VTX takes for the shape of the cells, from (ncells, 8, k)."""
+    """A function of the geometry's order, whose nodes VTX takes for the shape of the cells, from nodal values.
+
+    Args:
+        values: (ncells, (p+1)^3, k) float64, of degree p.
+    """
     element = basix.ufl.element(
         "Lagrange", "hexahedron", leaf_mesh.order, lagrange_variant=basix.LagrangeVariant.equispaced, shape=shape
     )
     space = fem.functionspace(leaf_mesh.mesh, element)
-    along = hexahedron.lagrange(1, space.element.basix_element.points)
-    corners = np.prod([along[:, axis, hexahedron.CORNERS[:, axis]] for axis in range(3)], axis=0)
+    degree = hexahedron.order_of(values.shape[1])
+    along, nodes = hexahedron.lagrange(degree, space.element.basix_element.points), hexahedron.lattice(degree)
+    functions = np.prod([along[:, axis, nodes[:, axis]] for axis in range(3)], axis=0)
     function = fem.Function(space, name=name)
-    function.x.array.reshape(-1, values.shape[2])[space.dofmap.list] = np.matmul(corners, values)
+    function.x.array.reshape(-1, values.shape[2])[space.dofmap.list] = np.matmul(functions, values)
     return function
 
 

@@ -1,0 +1,142 @@
+"""Where the unknowns sit: the nodes of a degree on a forest, the one place that knows how many a leaf has.
+
+The nodes of degree p are the lattice points i/p, 0 <= i <= p along each axis of a leaf, in tensor order, x fastest.
+They are named by their lattice keys, so that leaves and ranks that share a node agree on its name without a message.
+At degree 1 they are the vertices of the leaves.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from fx_contact.forest.forest import LatticePoints
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import SIDE
+
+#: Gauss points and weights on [0, 1] by degree, p + 1 of them, right to the last digit, which NumPy's are not.
+_GAUSS = {
+    1: (0.5 + np.array([-0.5, 0.5]) / np.sqrt(3), np.array([0.5, 0.5])),
+    2: (0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6), np.array([5.0, 8.0, 5.0]) / 18),
+}
+
+
+class Space:
+    """The nodes of degree p of this rank's leaves.
+
+    Collective on forest.comm.
+
+    Args:
+        forest: Forest.
+        degree: p.
+
+    Attributes:
+        forest, degree: as given.
+        keys: (m,) int64, lattice keys of the nodes, in the order in which the leaves touch them first.
+        cells: (n, (p+1)^3) int32, position in `keys` of the nodes of each leaf.
+        example: (m, 2) int64, a leaf and the local node there at each node.
+        directory: Directory of the keys.
+        face_nodes: (6, (p+1)^2) int64, local nodes of each face of a leaf, first tangent fastest.
+        edge_nodes: (12, p+1) int64, local nodes of each edge, from its low end.
+    """
+
+    def __init__(self, forest, degree):
+        self.forest, self.degree = forest, degree
+        self._nodes = forest.vertices if degree == 1 else LatticePoints(forest, self.points)
+        self.keys, self.cells = self._nodes.keys, self._nodes.cells
+        self.example, self.directory = self._nodes.example, self._nodes.directory
+        self.face_nodes = hexahedron.face_nodes(degree)
+        self.edge_nodes = hexahedron.edge_nodes(degree)
+
+    def __len__(self):
+        return len(self.keys)
+
+    @property
+    def nodes_per_cell(self):
+        """(p+1)^3."""
+        return (self.degree + 1) ** 3
+
+    @cached_property
+    def points(self):
+        """(n, (p+1)^3, 3) int32, lattice coordinates of the nodes of each leaf."""
+        forest = self.forest
+        if self.degree == 1:
+            return forest.corners
+        side = (SIDE >> forest.level.astype(np.int32)).astype(np.int32)
+        steps = hexahedron.lattice(self.degree).astype(np.int32)
+        return forest.anchor[:, None] + side[:, None, None] * steps // self.degree
+
+    def find(self, keys):
+        """Positions of keys among this rank's nodes, -1 where they are not.  Local.
+
+        Args:
+            keys: (...) int64.
+
+        Returns:
+            (...) int64.
+        """
+        return self._nodes.find(keys)
+
+    def positions(self, nodes=slice(None)):
+        """Where nodes are, on the curved geometry.
+
+        Local.
+
+        Args:
+            nodes: (k,) int or bool, which nodes; default all.
+
+        Returns:
+            (k, 3) float64 [m].
+        """
+        leaf, local = self.example[nodes].T
+        return self.forest.mesh.evaluate(self.forest.cell[leaf], self.points[leaf, local][:, :, None] / SIDE)[:, 0]
+
+    def on_faces(self, leaf, face):
+        """Nodes of faces of this rank's leaves.
+
+        Local.
+
+        Args:
+            leaf, face: (k,) int, leaves and their local faces.
+
+        Returns:
+            (k, (p+1)^2) int32, first tangent fastest.
+        """
+        return self.cells[leaf[:, None], self.face_nodes[face]]
+
+    def facing(self, leaf, face):
+        """Keys of the points that face the nodes of paired faces of this rank's leaves.
+
+        Local.
+
+        Args:
+            leaf, face: (k,) int, leaves and their local faces, all on contact surfaces.
+
+        Returns:
+            (k, (p+1)^2) int64, in the order of `on_faces`.
+        """
+        forest = self.forest
+        points = self.points[leaf[:, None], self.face_nodes[face]]
+        cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
+        return forest.lattice.keys(cell, opposite)
+
+    @property
+    def child_interpolation(self):
+        """(8, (p+1)^3, (p+1)^3) float64: nodal values of each child from those of its parent."""
+        return hexahedron.child_interpolation(self.degree)
+
+    @cached_property
+    def facet_rule(self):
+        """A Gauss rule on a facet, exact for products of its shape functions with the Jacobian of affine facets.
+
+        Returns:
+            (g,) float64 weights on the unit square, and the functions of the (p+1)^2 facet nodes at the g points:
+            (g, (p+1)^2) float64 values, derivatives along the first tangent, and along the second.
+        """
+        x, w = _GAUSS[self.degree]
+        value, slope = hexahedron.lagrange(self.degree, x), hexahedron.lagrange_derivative(self.degree, x)
+        return np.kron(w, w), np.kron(value, value), np.kron(value, slope), np.kron(slope, value)
+
+    @property
+    def child_error(self):
+        """xi_T^2 of a child over that of its parent where the solution is smooth: h^(2p+3), 1/32 at degree 1 [-]."""
+        return 2.0 ** -(2 * self.degree + 3)

@@ -1,0 +1,96 @@
+"""Nodes of a degree: polynomials of that degree pass through children and hanging nodes exactly."""
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_boxes
+
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.problem import hexahedron
+
+
+def polynomial(points, degree):
+    """A function of a degree in each coordinate, at points (..., 3)."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    return (1 + x) ** degree * (2 - y) ** degree * (0.5 + z) ** degree
+
+
+def affine_forest(distribution="contact-sfc"):
+    """A refined forest of unit cells, on which leaves differ in level."""
+    scene = pressed(two_boxes(upper=(2, 2, 2), depth=1, distortion=0.0), contact=True)
+    return DISTRIBUTIONS[distribution](grown(roots(scene), 3))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_polynomials_through_hanging_nodes(degree, distribution):
+    """P gives a polynomial of the degree at all nodes from its values at the conforming ones; weights sum to one."""
+    space = Space(affine_forest(distribution), degree)
+    prolongation = Prolongation(space)
+    assert prolongation.hanging_global > 50
+    exact = polynomial(space.positions(), degree)[:, None]
+    found = prolongation.prolong(prolongation.injected(exact))
+    everywhere(np.abs(found - exact).max(initial=0) < 1e-12 * 100, "a polynomial is not reproduced")
+    everywhere(np.abs(prolongation.matrix.sum(axis=1) - 1).max() < 1e-14, "a row of P does not sum to one")
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_nodes_are_shared(degree):
+    """The nodes of a box of n cells an edge without hanging ones are (p n + 1)^3 of it, counted once."""
+    scene = pressed(two_boxes(upper=(2, 2, 2), depth=2, distortion=0.0), contact=False)
+    forest, _ = roots(scene).refined(np.ones(len(roots(scene)), dtype=bool))
+    prolongation = Prolongation(Space(forest, degree))
+    assert prolongation.hanging_global == 0
+    assert prolongation.index_map.size_global == 2 * (4 * degree + 1) ** 3
+
+
+def test_quadratic_nodes_have_no_chains():
+    """A vertex on a coarser leaf is that leaf's middle node: at degree 2 no vertex of a leaf hangs."""
+    space = Space(affine_forest(), 2)
+    prolongation = Prolongation(space)
+    corners = space.cells[:, hexahedron.corner_nodes(2)]
+    everywhere(not prolongation.hanging[corners].any(), "a vertex hangs")
+    entries = np.unique(np.abs(prolongation.matrix.data))
+    products = np.unique(np.outer([1, 2, 3, 6, 8], [1, 3, 6, 8]))
+    everywhere(np.isin(np.round(64 * entries, 9), products).all(), "weights are products of 3/8, 3/4, 1/8 and 1")
+
+
+def test_facing_nodes_are_owned_together():
+    """A rank that owns a node of a contact surface owns the one that faces it, middles too."""
+    space = Space(affine_forest(), 2)
+    prolongation, forest = Prolongation(space), space.forest
+    leaf, face = forest.contact_faces()
+    mine, facing = space.on_faces(leaf, face).ravel(), space.find(space.facing(leaf, face).ravel())
+    known = facing >= 0
+    conforming = prolongation.conforming[mine[known]], prolongation.conforming[facing[known]]
+    assert WORLD.allreduce(int(known.sum())) > 0
+    everywhere(((conforming[0] < 0) == (conforming[1] < 0)).all(), "a node hangs, and not the one that faces it")
+    together = [(place < prolongation.owned) for place in conforming]
+    everywhere((together[0] == together[1]).all(), "facing nodes have two owners")
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_children_take_the_function_of_their_parent(degree):
+    """Local: the values of a polynomial at the nodes of a child, from those of the cell."""
+    nodes = hexahedron.lattice(degree) / degree
+    for child, table in enumerate(hexahedron.child_interpolation(degree)):
+        inside = (hexahedron.CORNERS[child] + nodes) / 2
+        assert np.abs(table @ polynomial(nodes, degree) - polynomial(inside, degree)).max() < 1e-12
+
+
+@pytest.mark.parametrize("degree, shares", [(1, [1 / 2, 1 / 2]), (2, [1 / 6, 2 / 3, 1 / 6])])
+def test_shares_of_a_facet(degree, shares):
+    """The nodes of a flat facet share its area by the trapezoidal rule or Simpson's, and the slopes are right."""
+    space = Space(affine_forest(), degree)
+    weights, value, along_u, along_v = space.facet_rule
+    assert np.abs(weights @ value - np.outer(shares, shares).ravel()).max() < 1e-15
+    v, u = (x.ravel() / degree for x in np.mgrid[: degree + 1, : degree + 1])
+    assert np.abs(along_u @ u - 1).max() < 1e-14 and np.abs(along_u @ v).max() < 1e-14
+    assert np.abs(along_v @ v - 1).max() < 1e-14 and np.abs(along_v @ u).max() < 1e-14
+
+
+def test_names_do_not_depend_on_the_ranks():
+    """All ranks together have the same nodes, however the leaves are dealt out."""
+    keys = [np.unique(gathered(WORLD, Space(affine_forest(name), 2).keys)) for name in DISTRIBUTIONS]
+    assert all(np.array_equal(keys[0], other) for other in keys[1:])
