@@ -21,25 +21,29 @@ def pytest_addoption(parser):
     parser.addoption(
         "--one-of-several",
         action="store_true",
-        help="one of several runs on different numbers of ranks: whole runs are on 2 or on 3, and none may be selected",
+        help="one of several runs on different numbers of ranks, which share whole runs; it may select no test",
     )
 
 
 def pytest_configure(config):
     """The marks of these tests."""
     config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
-    config.addinivalue_line("markers", "whole_run: whole adaptive runs; with --one-of-several on 1 rank and 2 or 3")
+    config.addinivalue_line(
+        "markers",
+        "whole_run(*ranks): adaptive runs; with --one-of-several on these numbers of ranks, or on one of 1 to 3",
+    )
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what the options say; a test that runs on 2 or on 3 ranks is on those that its name says."""
+    """Leave out what the options say.  Which number of ranks a whole run is on follows from its name."""
 
     def left_out(item):
         if config.getoption("--quick") and item.get_closest_marker("slow"):
             return True
-        if not config.getoption("--one-of-several") or WORLD.size not in (2, 3):
+        mark = item.get_closest_marker("whole_run")
+        if mark is None or not config.getoption("--one-of-several"):
             return False
-        return bool(item.get_closest_marker("whole_run")) and 2 + zlib.crc32(item.nodeid.encode()) % 2 != WORLD.size
+        return WORLD.size not in (mark.args or [1 + zlib.crc32(item.nodeid.encode()) % 3])
 
     left = [item for item in items if left_out(item)]
     config.hook.pytest_deselected(items=left)

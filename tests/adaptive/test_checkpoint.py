@@ -525,6 +525,7 @@ def complete_lines(path):
     return text[: text.rfind("\n") + 1].splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="starts runs of its own, on 1, 2 and 3 ranks")
 def test_killed_at_random_moments(tmp_path, request):
     """kill -9 of one rank or of all, restarts on 1 to 3 ranks: no finished step is lost, and the end is the same."""

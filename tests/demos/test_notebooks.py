@@ -15,6 +15,7 @@ PICTURES = {"adaptive_loop": 4, "hertz_in_five_minutes": 4, "reading_work_precis
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_runs_as_printed(name, tmp_path):
     """In a copy, so that its results go to a temporary folder; no cell fails or warns."""

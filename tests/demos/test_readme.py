@@ -187,6 +187,7 @@ def serves(words, folder):
     return "http://" in (folder / "server.log").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_command(command, clone, request):
     """It ends well, or serves."""
@@ -202,6 +203,7 @@ def test_command(command, clone, request):
     assert code == 0, f"{text}\n{said[-3000:]}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in BLOCKS])
 def test_block(code, clone, request):
     """It runs by itself, after the commands above."""

@@ -105,6 +105,7 @@ BEAMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BEAMS)
 def test_forces_of_beams(name):
     """However little energy a force has to do with, it is as right as asked for, and its error is known."""
@@ -118,6 +119,7 @@ def test_forces_of_beams(name):
         assert record["pair_errors"][0] > 0.8 * abs(force / record["force"] - 1), record["step"]
 
 
+@pytest.mark.slow
 def test_contact_with_a_block_that_sinks():
     """A coarse mesh sinks too little; the whole is resolved long before the force is known."""
     steps = [step.record for step in adapt(sinking(5e-3), 0.4)]
@@ -146,6 +148,7 @@ def test_a_new_beginning():
     assert not again.record["reached"] and again.record["pair_leaves"] == step.record["pair_leaves"]
 
 
+@pytest.mark.slow
 def test_restart(tmp_path):
     """What forces need is known after a restart, and with another tolerance found anew."""
     folder, scene = WORLD.bcast(tmp_path), beam(0.9)
@@ -159,7 +162,7 @@ def test_restart(tmp_path):
     assert closer.record["pair_errors"][0] < again.record["pair_errors"][0]
 
 
-@pytest.mark.skipif(WORLD.size == 1, reason="compares ranks")
+@pytest.mark.whole_run(2, 3)
 def test_any_number_of_ranks():
     """What dual solutions ask for is the same; at a looser tolerance than theirs some leaves were not."""
     scene = beam(0.85, tension=3e-3, touch=2e-6)
@@ -199,6 +202,7 @@ def test_a_light_plate_beside_a_heavier_load(load):
     assert abs(last["pair_forces"][0] / FORCE - 1) < tolerance
 
 
+@pytest.mark.slow
 def test_a_very_light_plate():
     """Lighter than e^2 of the heaviest, it may be as wrong as that is; its error says so."""
     *_, last = (step.record for step in adapt(on_a_base(heavy=500 * LIGHT), 0.1))
@@ -217,6 +221,7 @@ def test_forces_beside_a_weight():
     assert abs(steps[-1]["force"] / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance, wave, force", [(0.3, 1e-4, 1.16e-3), (0.2, 6e-5, 1.14e-3)])
 def test_waves_beside_a_pressure(tolerance, wave, force):
     """They are not flat, though what they take is little of what a pressure stores next to them, along the normal."""
@@ -232,6 +237,7 @@ def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
         list(adapt(plates(stretched=stretched), 0.1, enforcement=Enforcement("penalty", factor)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pressure", [0.02, 0.5])
 @pytest.mark.parametrize("factor", [None, 300.0])
 def test_a_penalty_too_soft_beside_a_pressure(factor, pressure):

@@ -36,6 +36,7 @@ def test_a_pole_between_nodes():
     assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells, pole, depth, radius", [(3, 0.137, 1e-6, 4.0), (2, 0.1141, 1.63e-5, 2.438)])
 def test_a_touch_between_nodes(cells, pole, depth, radius):
     """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
@@ -96,6 +97,7 @@ def in_one(scene):
     return replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=(pair,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one_pair", [False, True], ids=["two pairs", "one pair"])
 @pytest.mark.parametrize("depths, moduli", [((0.01, 1e-4), (1.0, 1.0)), ((0.01, 1e-4), (1.0, 1e-6))])
 def test_a_light_contact_beside_a_heavy_one(depths, moduli, one_pair):
@@ -306,6 +308,7 @@ def test_waves_between_quarters():
     assert low["force"] == low["unseen_contact"] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.0, 0.75], ids=["mean height", "crests"])
 def test_waves_that_seem_flat(phase):
     """All nodes touch at once and the stress is uniform; what is between them is found, as on a finer mesh."""

@@ -64,6 +64,7 @@ def test_record_names_what_was_used(solver, used):
     assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record["preconditioner"] == used
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
 def test_smoother_of_all_levels(smoother):
     """What sets several options at once wins over the defaults of each, in a dict and on the command line."""
@@ -75,6 +76,7 @@ def test_smoother_of_all_levels(smoother):
         assert set(kinds) == {smoother}, log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_log_view_has_our_stages(tmp_path, ranks):
     """All stages of a step are stages of PETSc's log, on any number of ranks; the solve has its flops."""
@@ -92,6 +94,7 @@ def test_monitor(tmp_path):
     assert len(re.findall(r"^ +\d+ KSP Residual norm", log, re.MULTILINE)) > 5 and "Linear fx_ solve converged" in log
 
 
+@pytest.mark.slow
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help")

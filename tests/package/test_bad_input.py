@@ -1463,6 +1463,7 @@ next(adapt(patch(cells=(2, 2, 2)), 0.1))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize("ranks", [2, 3])
 @pytest.mark.parametrize(
@@ -1529,6 +1530,7 @@ def test_options_file_of_the_environment():
     assert "PETSC ERROR" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize(
     "words, code, message",

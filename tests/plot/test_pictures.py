@@ -46,6 +46,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
 def test_pictures(name, tmp_path):
     """Something is drawn, in several colours, into a folder that is made; all ranks know where."""

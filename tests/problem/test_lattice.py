@@ -112,6 +112,7 @@ def test_names_fit():
     assert np.array_equal(keys, again)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="the same on every rank")
 def test_most_cells():
     """250,000 cells that share nothing have names, all different, up to the last point; more are refused."""

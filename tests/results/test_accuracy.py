@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import everywhere
 
 from fx_contact import Dirichlet, Enforcement, Material, adapt
 from fx_contact.adaptive.adaptive_loop import Beginning
@@ -19,6 +19,7 @@ from fx_contact.scenes import hertz, indentation, stack
 pytestmark = pytest.mark.whole_run
 
 
+@pytest.mark.slow
 def test_orders_under_uniform_refinement():
     """Manufactured solution on curved cells with hanging vertices: order 1 in energy, 2 in L2."""
     steps = [step.record for step in adapt_manufactured(1e-9, uniform=True, max_steps=3, coarse=3)]
@@ -27,6 +28,7 @@ def test_orders_under_uniform_refinement():
     assert 0.95 < energy < 1.1 and 1.9 < l2 < 2.2
 
 
+@pytest.mark.slow
 def test_adaptive_rate_and_effectivity():
     """Energy error like N^(-1/3) from one tolerance to the next; the estimate within 10 % of the truth below 8 %."""
     lasts = []
@@ -41,7 +43,8 @@ def test_adaptive_rate_and_effectivity():
     assert -0.42 < rate < -0.28
 
 
-@pytest.mark.skipif(WORLD.size > 1, reason="ten seconds, on one number of ranks")
+@pytest.mark.slow
+@pytest.mark.whole_run(1)
 def test_true_error_of_hertz():
     """At e = 8 % the true error is what was asked for, and estimated within 10 %."""
     *_, step = adapt(hertz(), 0.08)
@@ -50,12 +53,14 @@ def test_true_error_of_hertz():
     assert 0.04 < true < 0.088
 
 
+@pytest.mark.slow
 def test_true_error_sees_the_geometry():
     """Straight cells solve for other bodies, which the estimate cannot see."""
     *_, step = adapt(hertz(order=1), 0.25)
     assert true_error(step, 0.25, hertz(order=6)).relative > 0.5 > 2 * step.record["estimate"] - 1e-9
 
 
+@pytest.mark.slow
 def test_distance_to_itself_and_to_a_finer_solution():
     """On the same leaves the solution is found again; a finer one is about as far away as was estimated."""
     *_, step = adapt(indentation(coarse=2), 0.3)
@@ -101,7 +106,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
     assert errors[1] < 0.2**2 < errors[0]
 
 
-@pytest.mark.skipif(WORLD.size > 2, reason="ten seconds; two ranks show it")
+@pytest.mark.whole_run(2)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
     bodies = [Material(1.0, 0.4), Material(3.0, 0.4)]
@@ -113,7 +118,8 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
     assert step.record["reached"] and step.record["assumed_effectivity"] < 0.8
 
 
-@pytest.mark.skipif(WORLD.size > 2, reason="fifteen seconds; two ranks show it")
+@pytest.mark.slow
+@pytest.mark.whole_run(2)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
     bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]

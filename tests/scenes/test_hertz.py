@@ -53,6 +53,7 @@ def runs(scene, **options):
     return [[summary(step) for step in adapt(scene, comm=comm, **options)] for comm in (WORLD, MPI.COMM_SELF)]
 
 
+@pytest.mark.whole_run(2, 3)
 def test_same_run_in_serial(scene):
     """Cells, levels, dofs and active pairs of every step are those of a serial run; forces agree to 1e-7."""
     parallel, serial = runs(scene, tolerance=0.08, geometry_order=3)
@@ -74,7 +75,8 @@ def test_same_run_in_serial(scene):
         assert parallel[-1][4]["partition"]["cut_facets"] > 0
 
 
-@pytest.mark.skipif(WORLD.size > 2, reason="fifteen seconds; two ranks show it")
+@pytest.mark.slow
+@pytest.mark.whole_run(2)
 def test_default_krylov_tolerance(scene):
     """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
     forces = [
@@ -137,7 +139,8 @@ def test_reference_values(scene):
     assert abs(again.relative / record["estimate"] - 1) < 1e-12
 
 
-@pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
+@pytest.mark.slow
+@pytest.mark.whole_run(2)
 def test_reference_values_at_4_percent(scene):
     """HERTZ-A at 4 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
     *_, step = adapt(scene, 0.04)

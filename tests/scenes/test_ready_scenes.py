@@ -203,6 +203,7 @@ def test_roundness_decides_the_force():
     assert 0.005 < force / exact - 1 < 0.02
 
 
+@pytest.mark.slow
 def test_own_gmsh_model(tmp_path):
     """The demo of an own model is short, and ends with a picture."""
     path = Path(__file__).parents[2] / "demos" / "own_gmsh_model.py"

@@ -25,6 +25,7 @@ def study(monkeypatch):
     return partition_study
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 2, reason="each rank scores a benchmark by itself: two show all")
 def test_study(study, monkeypatch, tmp_path):
     """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
@@ -65,6 +66,7 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
         assert words in text and "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_kernels(study):
     """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
     from studies.partition.scaling_kernels import TIMES, measure

@@ -21,6 +21,7 @@ CHOSEN = sample(NAMED)
 SOFT = Material(1.0, 0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
 def test_scores():
     """The sampled scenes, each on one rank: right or rightly refused, or honest about why not; none silently wrong."""
@@ -70,6 +71,7 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
             assert not check.holds, "uniform stresses are exact"
 
 
+@pytest.mark.slow
 def test_few_layers_keep_what_was_asked_for():
     """Where the estimate sees half of the error the accuracy is that asked for, and a reference 3 % off is noticed."""
     case = NAMED["aspect/clamped-cubes/10"]
@@ -116,6 +118,7 @@ def test_a_scene_with_an_unsure_reference():
     assert judged(replace(off, unsure=0.009))["score"] == "wrong"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="starts processes")
 def test_processes(tmp_path, monkeypatch):
     """Scenes run in other processes, are not run again, and a hang or a crash is a score; all is drawn."""

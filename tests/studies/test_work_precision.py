@@ -50,6 +50,7 @@ def test_commands_are_distinct():
     assert all("--true-error" not in point.timing.options for point in full)
 
 
+@pytest.mark.slow
 def test_tables_and_plots(tmp_path):
     """Medians, a failure shown as one, and all plots that the results allow."""
     from studies.work_precision.figures import draw_all
