@@ -5,7 +5,7 @@ import os
 import sys
 import traceback
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 
 import petsc4py
@@ -198,42 +198,42 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
         if unread := unread_options(comm, "fx_"):
             near = nearest(unread[0], ["fx_" + name for name in COMMON])
             raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_{near}")
-        if step.record["step"] == len(steps):  # else the last one again, for its fields
+        if step.record.step == len(steps):  # else the last one again, for its fields
             records.write(step.record)
             steps.append(step.record)
             show(table_row(step.record))
     record = step.record
-    compared = exact(arguments, material, record["force"]) if exact and record["force"] > 0 else None
+    compared = exact(arguments, material, record.force) if exact and record.force > 0 else None
     results = "steps.jsonl"
     if not arguments.records_only:
         results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), " + _show(
             step, arguments.output, bool(exact), compared
         )
-        record |= step.stages.costs(comm)
+        record = replace(record, **step.stages.costs(comm))
     if errors:
-        record["errors"] = errors(arguments, step)
+        record = replace(record, errors=errors(arguments, step))
     if arguments.true_error:
         true = true_error(step, arguments.true_error, best_scene(arguments, material))
-        record["true_error"] = {**asdict(true), "relative": true.relative}
-        record["effectivity"] = record["estimate"] / true.relative
-    if record is steps[-1]:
-        records.amend(record)
-    show(total_seconds([r["seconds"] for r in steps]))
-    if not record["reached"] and not once:
+        record = replace(record, true_error=true, effectivity=record.estimate / true.relative)
+    if step.record is steps[-1]:
+        records.write(record)
+        steps[-1] = record
+    show(total_seconds([r.seconds for r in steps]))
+    if not record.reached and not once:
         show(f"The tolerance was not reached in {arguments.max_steps} steps.")
-    if not record["active_pairs"]:
+    if not record.active_pairs:
         show("The bodies do not touch.")
     for line in doubts(record):
         show(line)
-    show(f"force {record['force']:.6g} N, largest pressure {record['max_pressure']:.5g} Pa")
+    show(f"force {record.force:.6g} N, largest pressure {record.max_pressure:.5g} Pa")
     if compared:
-        radii = f"contact radius {record['contact_radius']:.5g} m; Hertz: {compared.contact_radius:.5g} m"
+        radii = f"contact radius {record.contact_radius:.5g} m; Hertz: {compared.contact_radius:.5g} m"
         show(f"{radii}, {compared.max_pressure:.5g} Pa")
-    for name, value in record.get("errors", {}).items():
+    for name, value in (record.errors or {}).items():
         sign = "" if name in NORMS else "+"
         show(f"{name.replace('_', ' ')}: {value:{sign}.3%} from the reference")
     if arguments.true_error:
-        show(f"true energy error {true.relative:.2%}, effectivity {record['effectivity']:.3f}")
+        show(f"true energy error {true.relative:.2%}, effectivity {record.effectivity:.3f}")
     show(f"results in {arguments.output}: {results}")
 
 

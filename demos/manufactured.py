@@ -33,5 +33,5 @@ if __name__ == "__main__":
         row = (
             "{dofs:9,}  {hanging_nodes:7,}  {estimate:8.2%}  {true_error:6.2%}  {effectivity:11.3f}  {l2_error:6.3%}"
         )
-        show(row.format(**r), flush=True)
+        show(row.format(**r.as_json()), flush=True)
     show(f"results in {given.output}: steps.jsonl")

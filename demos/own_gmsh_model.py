@@ -53,7 +53,8 @@ mesh, contact = root_mesh_from_gmsh(MPI.COMM_WORLD, model), (ContactPair("pin ou
 materials = {"pin": Material(young=210e9, poisson=0.3), "eye": Material(young=70e9, poisson=0.33)}
 scene = Scene("eye", mesh, materials, dirichlet=held + planes, contact=contact, symmetry=4)
 for step in adapt(scene, tolerance=0.1):
+    r = step.record
     if MPI.COMM_WORLD.rank == 0:
-        print("{cells} cells, {active_pairs} pairs closed, error {estimate:.1%}, {force:.4g} N".format(**step.record))
+        print(f"{r.cells} cells, {r.active_pairs} pairs closed, error {r.estimate:.1%}, {r.force:.4g} N")
 Path("results").mkdir(exist_ok=True)
 draw_stress(step, "results/eye.png")

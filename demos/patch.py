@@ -40,9 +40,9 @@ def beginning(_arguments, scene, comm):
 def errors(_arguments, step):
     """Deviations from the exact solution: of the force, and of the pressure in the L2 norm over the surface."""
     pairs = step.pairs
-    off = step.contact.force / pairs.area - PRESSURE
+    off = step.solution.force / pairs.area - PRESSURE
     total, area = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area.sum()]), op=MPI.SUM)
-    return {"force": step.record["force"] / PRESSURE - 1, "pressure": float(np.sqrt(total / area) / PRESSURE)}
+    return {"force": step.record.force / PRESSURE - 1, "pressure": float(np.sqrt(total / area) / PRESSURE)}
 
 
 if __name__ == "__main__":

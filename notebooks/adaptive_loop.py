@@ -30,9 +30,9 @@ records, pictures = [], []
 for step in adapt(scene, tolerance=0.16):
     record = step.record
     records.append(record)
-    picture = f"../results/notebooks/step-{record['step']}.png"
+    picture = f"../results/notebooks/step-{record.step}.png"
     pictures.append(draw_mesh(step, picture, zoom=5, colour="level"))
-    print(f"{record['cells']:5} cells, {record['active_pairs']:3} pairs closed, error {record['estimate']:.1%}")
+    print(f"{record.cells:5} cells, {record.active_pairs:3} pairs closed, error {record.estimate:.1%}")
 
 # %% [markdown]
 # ## Refine
@@ -77,7 +77,7 @@ Image(draw_convergence(records, "../results/notebooks/convergence.png"), width=6
 import numpy as np
 
 error = step.estimate.error
-line = step.record["tolerance"] * step.estimate.energy_norm / np.sqrt(step.estimate.cells)
+line = step.record.tolerance * step.estimate.energy_norm / np.sqrt(step.estimate.cells)
 positive = error[error > 0]
 plt.hist(positive, bins=np.geomspace(positive.min(), positive.max(), 40), color="#56B4E9")
 plt.axvline(line, color="#D55E00", label=r"$e\,\omega/\sqrt{N}$")
@@ -98,7 +98,7 @@ plt.legend();
 stages = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine")
 bottom = np.zeros(len(records))
 for stage in stages:
-    seconds = np.array([record["seconds"][stage] for record in records])
+    seconds = np.array([record.seconds[stage] for record in records])
     plt.bar(range(len(records)), seconds, bottom=bottom, label=stage)
     bottom += seconds
 plt.xlabel("step")
@@ -123,5 +123,5 @@ for _ in range(3):
     marked[leaf] = np.linalg.norm(centre, axis=1) < 0.2
     first = next(adapt(scene, tolerance=0.16, beginning=Beginning.after(first, marked)))
 
-print(f"by hand:   {first.record['dofs']:6,} dofs, error {first.record['estimate']:.1%}")
-print(f"by itself: {step.record['dofs']:6,} dofs, error {step.record['estimate']:.1%}")
+print(f"by hand:   {first.record.dofs:6,} dofs, error {first.record.estimate:.1%}")
+print(f"by itself: {step.record.dofs:6,} dofs, error {step.record.estimate:.1%}")

@@ -53,12 +53,12 @@ from fx_contact.results.analytic import Hertz
 from fx_contact.plot import draw_pressure
 
 *_, step = adapt(scene, tolerance=0.08)
-theory = Hertz.of_equal_spheres(1.0, material, step.record["force"])
+theory = Hertz.of_equal_spheres(1.0, material, step.record.force)
 Image(draw_pressure(step, "../results/notebooks/pressure.png", theory), width=600)
 
 # %%
-print(f"largest pressure {step.record['max_pressure']:.5f} Pa, Hertz {theory.max_pressure:.5f} Pa")
-print(f"contact radius   {step.record['contact_radius']:.5f} m,  Hertz {theory.contact_radius:.5f} m")
+print(f"largest pressure {step.record.max_pressure:.5f} Pa, Hertz {theory.max_pressure:.5f} Pa")
+print(f"contact radius   {step.record.contact_radius:.5f} m,  Hertz {theory.contact_radius:.5f} m")
 
 # %% [markdown]
 # ## Stress
@@ -84,7 +84,7 @@ approach = np.array([0.005, 0.01, 0.02, 0.04])
 force = []
 for delta in approach:
     *_, last = adapt(hertz(displacement=delta, material=material), tolerance=0.2)
-    force.append(last.record["force"])
+    force.append(last.record.force)
 
 plt.loglog(approach, force, "o", label="two half-spheres")
 plt.loglog(approach, 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5, label="half-spaces")

@@ -37,7 +37,7 @@ from fx_contact.scenes import hertz
 comm = MPI.COMM_WORLD
 for step in adapt(hertz(), tolerance=0.16, comm=comm):
     pass
-print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record['cells']:,} leaves")
+print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record.cells:,} leaves")
 
 # %% [markdown]
 # Everything that the documentation calls *collective* must be called on all ranks, so in a `%%px` cell, pictures
@@ -60,7 +60,7 @@ display(Image("../results/notebooks/partition.png", width=600), Image("../result
 # %%
 # Local things come back with `pull`: here the record, the same on both ranks.
 client[:].execute("record = step.record").get()
-print(client[:].pull("record").get()[0]["partition"])
+print(client[:].pull("record").get()[0].partition)
 
 # %%
 cluster.stop_cluster_sync()

@@ -1,6 +1,6 @@
 """Model problems that several tests share: meshes, forests, scenes, and what is gathered of them to all ranks."""
 
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -8,6 +8,7 @@ from conftest import WORLD, everywhere
 from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.contact_patches import Spots
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
@@ -20,6 +21,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
@@ -33,6 +35,12 @@ from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.2)
+
+
+def step_record(step, **entries):
+    """A record with nothing in it but a number and what is given."""
+    known = {entry.name: 0 for entry in fields(StepRecord) if entry.default is MISSING}
+    return StepRecord(**known | {"step": step, "partition": PartitionSummary("sfc", 1.0, 0, 0)} | entries)
 
 
 def scramble(numbers, salt=0):
@@ -425,8 +433,8 @@ def plates(pressed=False, stretched=0.0, joined=False):
 
 def of_spots(step):
     """Spots of the step's closed contact, and what their forces store, twice [J]."""
-    spots = Spots(step.forest, step.pairs, step.contact.active)
-    return spots, stored(step, step.contact.force, spots.pair, spots.number)
+    spots = Spots(step.forest, step.pairs, step.solution.active)
+    return spots, stored(step, step.solution.force, spots.pair, spots.number)
 
 
 def stored(step, force, group=None, count=None):

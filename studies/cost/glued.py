@@ -48,7 +48,7 @@ def glued(step, forces, prescribed):
         PenaltyTerm(Jump(pairs, prescribed)).reserve(matrix.mat)  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
-            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, np.zeros(len(pairs), bool), step.contact.active)
+            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, np.zeros(len(pairs), bool), step.solution.active)
     problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
@@ -77,7 +77,7 @@ def run(arguments, show):
         both = np.array([[seconds(step, f, *given) for f in (with_contact, glued)] for _ in range(arguments.repeats)])
         total += both
         contact, tied = np.median(both, axis=0)
-        show(row.format(f"{step.record['dofs']:,}", contact, tied, contact / tied))
+        show(row.format(f"{step.record.dofs:,}", contact, tied, contact / tied))
     ratios = total[:, 0] / total[:, 1]
     show(row.format("all", *np.median(total, axis=0), np.median(ratios)), end="")
     show(f"  ({ratios.min():.2f} to {ratios.max():.2f} in {arguments.repeats} repeats)")

@@ -29,10 +29,10 @@ def row(options, tolerance, **scene):
     """One row: the last step of a run, and the seconds of all its steps."""
     records = [step.record for step in adapt(hertz(**scene), tolerance)]
     last = records[-1]
-    seconds = sum(r["seconds"]["total"] - r["seconds"]["compile"] for r in records)
+    seconds = sum(r.seconds["total"] - r.seconds["compile"] for r in records)
     reference = hertz_a()
-    errors = (f"{100 * (last[name] / getattr(reference, name) - 1):+.3f} %" for name in FIGURES)
-    size = f"{last['cells']:,} | {last['dofs']:,}"
+    errors = (f"{100 * (getattr(last, name) / getattr(reference, name) - 1):+.3f} %" for name in FIGURES)
+    size = f"{last.cells:,} | {last.dofs:,}"
     return f"| `demos/hertz.py {options}` | {size} | {' | '.join(errors)} | {seconds:.1f} |"
 
 

@@ -57,7 +57,7 @@ def first_step(scene, **options):
     """The first step of a run, and its CPU seconds without compilation."""
     start = time.process_time()
     step = next(iter(adapt(scene, 0.04, max_steps=1, **options)))
-    return step, time.process_time() - start - step.record["cpu_seconds"]["compile"]
+    return step, time.process_time() - start - step.record.cpu_seconds["compile"]
 
 
 def least(function):
@@ -79,7 +79,7 @@ def main():
         first_step(scene)  # compiles
         step, seconds = min((first_step(scene) for _ in range(REPEATS)), key=lambda run: run[1])
         bare = bare or seconds
-        numbers = f"{step.record['dofs']:,} | {sum(step.record['krylov_iterations'])}"
+        numbers = f"{step.record.dofs:,} | {sum(step.record.krylov_iterations)}"
         print(f"| {name} | {numbers} | {seconds:.2f} | {seconds - bare:+.2f} |", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)

@@ -13,7 +13,6 @@ import json
 import runpy
 import sys
 import time
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +63,11 @@ def cases():
 def kept(step):
     """What a step leaves: dict.  Collective."""
     record = step.record
-    record = asdict(record) if is_dataclass(record) else record
     levels = np.zeros(16, dtype=np.int64)
     np.add.at(levels, step.forest.level, 1)
     levels = step.forest.comm.allreduce(levels)
     names = (*KEPT, *ROUNDED, "pair_forces", "krylov_iterations")
-    return {name: record[name] for name in names} | {"levels": levels.tolist()}
+    return {name: getattr(record, name) for name in names} | {"levels": levels.tolist()}
 
 
 def main():

@@ -85,8 +85,8 @@ def _measured(comm, tolerance):
     """Kernels of one run, but for levels and exchanges."""
     *_, step = adapt(hertz(comm=comm), tolerance, comm)
     record = step.record
-    cell, dof = (comm.size / record[name] for name in ("cells", "dofs"))
-    seconds, iterations = record["seconds"], sum(record["krylov_iterations"])
+    cell, dof = comm.size / record.cells, comm.size / record.dofs
+    seconds, iterations = record.seconds, sum(record.krylov_iterations)
     blocks = step.elasticity.stiffness(step.pairs)
     blocks.mat.assemble()
     matrix = blocks.in_hypre_format()

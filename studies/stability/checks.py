@@ -126,7 +126,7 @@ class State:
 
     def __init__(self, step, method):
         self.record, self._step, self._penalty = step.record, step, method == "penalty"
-        self.pairs, contact = step.pairs, step.contact
+        self.pairs, contact = step.pairs, step.solution
         u = contact.displacement
         stiffness = step.elasticity.stiffness().mat
         stiffness.assemble()
@@ -179,12 +179,12 @@ class State:
 
     def stated(self):
         """What discretisation changes in force and energy by the record, at most, relative."""
-        seen = self.record["assumed_effectivity"]
-        return 1.5 * (self.record["estimate"] / (1.0 if seen >= ErrorControl.trusted_effectivity else seen)) ** 2
+        seen = self.record.assumed_effectivity
+        return 1.5 * (self.record.estimate / (1.0 if seen >= ErrorControl.trusted_effectivity else seen)) ** 2
 
     def bulge(self):
         """What a round contact changes in them between its nodes, relative."""
-        return 1.5 * np.pi / (8 * max(1, self.record["active_pairs"] * self.copies))
+        return 1.5 * np.pi / (8 * max(1, self.record.active_pairs * self.copies))
 
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
@@ -194,7 +194,7 @@ class State:
 
     def checks(self):
         """What any solution must satisfy: list of Check."""
-        contact = self._step.contact
+        contact = self._step.solution
         all_forces = self._reaction + self._load + self._contact
         bodies = range(len(self._step.scene.mesh.bodies))
         unbalanced = max(np.linalg.norm(all_forces[self._body == body].sum(axis=0)) for body in bodies)
@@ -205,7 +205,7 @@ class State:
         clapeyron = self.work - self.energy - contact.force @ (self.pairs.gap + self.penetration)
         parts = abs(self.work) + self.energy + np.abs(contact.force * self.pairs.gap).sum() + abs(self.yielded)
         lost = self.noise * self.scale * self.size
-        said = np.array([self.record["force"], sum(self.record["pair_forces"])])
+        said = np.array([self.record.force, sum(self.record.pair_forces)])
         return [
             Check(
                 "forces of the record",
@@ -224,7 +224,7 @@ class State:
         """Comparison with a known answer: list of Check."""
         allowed = self.noise + exact.unsure + (self.bulge() if exact.curved else 0.0)
         if not exact.linear:
-            allowed += min(self.stated(), self.record["tolerance"] ** 2)
+            allowed += min(self.stated(), self.record.tolerance**2)
         if exact.force is None:
             energy = self.energy * self.copies
             return [Check("energy against the reference", abs(energy / exact.energy - 1), allowed)]
@@ -239,9 +239,10 @@ class State:
     def against_twin(self, other, twin):
         """Comparison with the last step of a twin: list of Check."""
         allowed, rounded = self.noise + other.noise, self.energy_noise + other.energy_noise
-        same = twin.same_mesh and all(self.record[name] == other.record[name] for name in ("cells", "active_pairs"))
+        size, other_size = ((record.cells, record.active_pairs) for record in (self.record, other.record))
+        same = twin.same_mesh and size == other_size
         if not same:
-            allowed += min(self.stated() + other.stated(), self.record["tolerance"] ** 2)
+            allowed += min(self.stated() + other.stated(), self.record.tolerance**2)
         if not same and twin.curved:
             allowed += self.bulge() + other.bulge()
         if not twin.same_contact:
@@ -254,14 +255,14 @@ class State:
             Check("energy against the twin", _off(energy[0] * twin.energy, energy[1]), allowed + rounded),
         ]
         if twin.each:  # held to e of it, or e^2 of the largest
-            tolerance = self.record["tolerance"]
-            one, two = (np.array(record["pair_forces"]) for record in (self.record, other.record))
+            tolerance = self.record.tolerance
+            one, two = (np.array(record.pair_forces) for record in (self.record, other.record))
             off = np.abs(one * twin.force - two) / np.maximum(two, tolerance * two.max())
             result[0] = Check("force of each pair against the twin", off.max(), tolerance)
         if same and twin.same_contact:
-            pressure = self.record["max_pressure"] * twin.pressure
+            pressure = self.record.max_pressure * twin.pressure
             allowed *= np.sqrt(len(self.pairs))
-            result.append(Check("pressure against the twin", _off(pressure, other.record["max_pressure"]), allowed))
+            result.append(Check("pressure against the twin", _off(pressure, other.record.max_pressure), allowed))
         return result
 
 

@@ -46,8 +46,8 @@ def solve(scene, case, tolerance, default=False):
     own, iterations = default or case.method is None, 0
     enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
     for step in adapt(scene, tolerance, MPI.COMM_SELF, enforcement=enforcement):
-        iterations += step.record["contact_iterations"] + sum(step.record["krylov_iterations"])
-        if step.record["dofs"] > MOST_DOFS:
+        iterations += step.record.contact_iterations + sum(step.record.krylov_iterations)
+        if step.record.dofs > MOST_DOFS:
             break
     return State(step, enforcement.method), iterations
 
@@ -88,7 +88,7 @@ def _judged(case):
         "max_penetration",
         "penalty_share",
     ):
-        result[name] = record[name]
+        result[name] = getattr(record, name)
     if reference is None:
         return result | {"score": "wrong", "message": "there is no solution, but one was delivered"}
     sound = state.checks()
@@ -98,14 +98,11 @@ def _judged(case):
         other, _ = solve(reference.scene(), case, case.tolerance * reference.tolerance, reference.default)
         compared = state.against_twin(other, reference)
     result["checks"] = [[c.name, c.deviation, c.allowed, c.holds] for c in (*sound, *compared)]
-    reached = record["reached"]
+    reached = record.reached
     if not all(c.holds for c in sound) or (reached and not all(c.holds for c in compared)):
         return result | {"score": "wrong", "message": "; ".join(c.name for c in (*sound, *compared) if not c.holds)}
     if not reached:
-        return result | {
-            "score": "unreached",
-            "message": f"estimated error {record['estimate']:.0%}, {MOST_DOFS} dofs",
-        }
+        return result | {"score": "unreached", "message": f"estimated error {record.estimate:.0%}, {MOST_DOFS} dofs"}
     if state.noise > LOST:
         return result | {"score": "noisy"}
     return result | {"score": "right"}

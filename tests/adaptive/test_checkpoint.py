@@ -16,13 +16,14 @@ from uuid import uuid4
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere, outside
-from model_problems import leaves, vertex_positions
+from model_problems import leaves, step_record, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt
 from fx_contact.adaptive.adaptive_loop import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.row_file import RowFile, write_rows
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest import forest
@@ -36,6 +37,7 @@ from fx_contact.parallel.errors import (
     SceneError,
 )
 from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.results import output
 from fx_contact.results.output import RecordWriter
 from fx_contact.scenes import hertz
 
@@ -62,7 +64,7 @@ def through(scene):
 
 
 def summary(step):
-    return leaves(step.forest), step.record["force"]
+    return leaves(step.forest), step.record.force
 
 
 @contextmanager
@@ -88,13 +90,13 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
     with some(writers) as comm:
         if comm:
             *_, stopped = adapt(scene, 0.16, comm, max_steps=2, checkpoint=folder)
-            assert stopped.record["step"] == 1
+            assert stopped.record.step == 1
     with some(readers) as comm:
         if comm:
             before = Checkpoint(folder, scene, comm)
-            assert [r["step"] for r in before.records] == [0, 1] and before.records[0]["ranks"] == writers
+            assert [r.step for r in before.records] == [0, 1] and before.records[0].ranks == writers
             after = [
-                (step.record["step"], summary(step))
+                (step.record.step, summary(step))
                 for step in adapt(scene, 0.16, comm, checkpoint=folder, restart=before)
             ]
             assert [number for number, _ in after] == list(range(2, len(through)))
@@ -107,8 +109,8 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
 def test_holds_what_the_step_had(scene, folder):
     """Leaves, displacements and indicators come back as they were, in another distribution."""
     *_, before, step = adapt(scene, 0.16, max_steps=4, checkpoint=folder)
-    assert step.record["hanging_nodes"] > 50
-    values = step.elasticity.prolongation.prolong(step.contact.displacement)[step.forest.vertices.cells]
+    assert step.record.hanging_nodes > 50
+    values = step.elasticity.prolongation.prolong(step.solution.displacement)[step.forest.vertices.cells]
     indicator = np.empty(len(step.forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
 
@@ -123,7 +125,7 @@ def test_holds_what_the_step_had(scene, folder):
     # Of a hanging vertex ranks have values that differ by rounding.
     assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
     size = (folder / NAME).stat().st_size
-    assert size < 16 * step.record["cells"] + 40 * (step.record["dofs"] / 3 + step.record["hanging_nodes"]) + 2**14
+    assert size < 16 * step.record.cells + 40 * (step.record.dofs / 3 + step.record.hanging_nodes) + 2**14
 
 
 def test_fields_go_along(scene, folder):
@@ -135,7 +137,7 @@ def test_fields_go_along(scene, folder):
     list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
     (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
     (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
-    assert expected.shape == (through.record["cells"], 8, 3) and np.ptp(expected) > 1
+    assert expected.shape == (through.record.cells, 8, 3) and np.ptp(expected) > 1
     assert np.abs(found - expected).max() < 1e-14
 
 
@@ -144,11 +146,11 @@ def test_finished_run(scene, folder, through):
     list(adapt(scene, 0.4, checkpoint=folder))
     before = Checkpoint(folder, scene, WORLD)
     (again,) = adapt(scene, 0.4, checkpoint=folder, restart=before)
-    assert again.record["step"] == before.records[-1]["step"]
-    assert abs(again.record["force"] / before.records[-1]["force"] - 1) < 1e-7
+    assert again.record.step == before.records[-1].step
+    assert abs(again.record.force / before.records[-1].force - 1) < 1e-7
     assert len(Checkpoint(folder, scene, WORLD).records) == len(before.records)
     *_, further = adapt(scene, 0.16, restart=before)
-    assert further.record["step"] > again.record["step"] and further.record["ratio"] <= 1
+    assert further.record.step > again.record.step and further.record.ratio <= 1
 
 
 # ------------------------------------------------------------------------------------------- what is wrong with a file
@@ -314,7 +316,7 @@ def test_two_runs_at_once(scene, folder):
 
 def holds_last_state(error, number):
     """An error in the middle of a run has the last step's record, and a displacement that belongs to a forest."""
-    assert error.record["step"] == number
+    assert error.record.step == number
     held = Prolongation(Space(error.forest, 1))
     everywhere(error.displacement.shape == (held.owned, 3), "a displacement of another forest")
     everywhere(WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) > 0, "no displacement")
@@ -357,7 +359,7 @@ def test_finest_level(scene, monkeypatch):
     monkeypatch.setattr(forest, "MAX_LEVEL", 2)
     with pytest.raises(GeometryError, match="leaves of the finest level, 2, are marked") as caught:
         list(adapt(scene, 0.01))
-    holds_last_state(caught.value, caught.value.record["step"])
+    holds_last_state(caught.value, caught.value.record.step)
 
 
 @contextmanager
@@ -412,46 +414,46 @@ def test_records_need_a_file(folder, make):
         ('\xff\n[1]\n{"step": 0}\n', "? ? 0 1 2 3"),
     ],
 )
-def test_records_go_on(folder, there, expected):
+def test_records_go_on(folder, there, expected, monkeypatch):
     """Finished lines stay as they are, half of a last one goes, missing ones are added."""
+    monkeypatch.setattr(output, "_TELLING", ())
     path = folder / "steps.jsonl"
     if there is not None:
         alone(lambda: path.write_text(there, encoding="latin-1"))
-    writer = RecordWriter(folder, WORLD, [{"step": number} for number in range(3)])
-    writer.write({"step": 3, "draft": 1})
-    writer.amend({"step": 3})
+    writer = RecordWriter(folder, WORLD, [step_record(number) for number in range(3)])
+    writer.write(step_record(3, scene="draft" * 99))
+    writer.write(step_record(3))
     WORLD.Barrier()
     found = []
     for line in path.read_text(encoding="latin-1").splitlines():
         record = json.loads(line) if line.startswith("{") else {"step": "?"}
         found.append(f"{record['step']}{'+' * ('kept' in record)}")
-        assert "draft" not in record
+        assert "draft" not in line
     assert " ".join(found) == expected
 
 
 @pytest.mark.parametrize(
     "there, words",
     [
-        (
-            '{"step": 0, "force": 1.0, "seconds": 3}\n{"step": 1, "force": 3.0}\n',
-            "step 1, force is 3.0 there, 2.0 in",
-        ),
-        ('{"step": 0}\n', "step 0, force is None there, 1.0 in"),
-        ('{"step": 0, "force": 1.0}\n{"step": 2, "force": 2.5}\n{"st', "step 2, which the run that goes on has not"),
+        ([step_record(0, force=1.0, seconds=3), step_record(1, force=3.0)], "step 1, force is 3.0 there, 2.0 in"),
+        ([{"step": 0}], "step 0, scene is None there, 0 in"),
+        ([step_record(0, force=1.0), step_record(2, force=2.5), 5], "step 2, which the run that goes on has not"),
     ],
 )
 def test_records_of_another_run(folder, there, words):
     """Records of another run are no beginning of this one: they stay to the last byte; an empty folder gets its own."""
     path = folder / "steps.jsonl"
+    there = "\n".join(json.dumps(r.as_json() if isinstance(r, StepRecord) else r) for r in there) + "\n"
     alone(lambda: path.write_text(there))
-    finished = [{"step": 0, "force": 1.0, "seconds": 1}, {"step": 1, "force": 2.0, "seconds": 2}]
+    finished = [step_record(0, force=1.0, seconds=1), step_record(1, force=2.0, seconds=2)]
     assert words in caught(OutputError, lambda: RecordWriter(folder, WORLD, finished))
     assert path.read_text() == there
     RecordWriter(folder / "new", WORLD, finished)
     WORLD.Barrier()
-    assert [*map(json.loads, (folder / "new" / "steps.jsonl").read_text().splitlines())] == finished
+    lines = (folder / "new" / "steps.jsonl").read_text().splitlines()
+    assert [StepRecord.from_json(json.loads(line)) for line in lines] == finished
     # The last step may have been solved for again, on another number of ranks.
-    again = [finished[0], finished[1] | {"force": 2.0 * (1 + 1e-8), "ranks": 5, "krylov_iterations": [7]}]
+    again = [finished[0], replace(finished[1], force=2.0 * (1 + 1e-8), ranks=5, krylov_iterations=[7])]
     RecordWriter(folder / "new", WORLD, again)
 
 
@@ -535,7 +537,7 @@ def test_killed_at_random_moments(tmp_path, request):
     whole = Life(tmp_path / "whole", 2)
     assert whole.end() == 0, (tmp_path / "whole" / "log").read_text()
     duration = time.monotonic() - start
-    expected = [json.loads(line) for line in complete_lines(whole.records)]
+    expected = [StepRecord.from_json(json.loads(line)) for line in complete_lines(whole.records)]
     while kills < wanted:
         folder, done, kept = tmp_path / f"run-{lives}", [], 0
         folder.mkdir()
@@ -559,8 +561,8 @@ def test_killed_at_random_moments(tmp_path, request):
         assert life.end() == 0, (folder / "log").read_text()
         lines = complete_lines(life.records)
         assert lines[: len(done)] == done, "a finished line was lost"
-        records = [json.loads(line) for line in lines]
-        assert [r["step"] for r in records] == list(range(len(expected)))
+        records = [StepRecord.from_json(json.loads(line)) for line in lines]
+        assert [r.step for r in records] == list(range(len(expected)))
         for one, other in zip(records, expected):
-            assert one["cells"] == other["cells"] and one["active_pairs"] == other["active_pairs"]
-            assert abs(one["force"] / other["force"] - 1) < 1e-7
+            assert one.cells == other.cells and one.active_pairs == other.active_pairs
+            assert abs(one.force / other.force - 1) < 1e-7

@@ -110,7 +110,7 @@ def test_projection(contact, distribution):
 def forces(scene, tolerance, **options):
     """Contact force of the last step for an enforcement."""
     *_, step = adapt(scene, tolerance, max_steps=3, enforcement=Enforcement(**options))
-    return step.record["force"]
+    return step.record.force
 
 
 @pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
@@ -127,13 +127,13 @@ def test_methods_agree(name):
 def test_complementarity():
     """Closed pairs do not pull, open ones do not overlap, and the pairs' forces are those of the held faces."""
     for step in adapt(hertz(order=2, coarse=2, displacement=0.05), 0.25):
-        contact = step.contact
+        contact = step.solution
         scale = WORLD.allreduce(contact.force.max(initial=0.0), MPI.MAX)
         everywhere((contact.force > -1e-6 * scale).all(), "a pair pulls")
         everywhere((contact.force[~contact.active] == 0).all(), "an open pair presses")
         everywhere((contact.penetration < 1e-9 * 0.05).all(), "an overlap")
         everywhere((np.abs(contact.penetration[contact.active]) < 1e-12 * 0.05).all(), "a closed pair with a gap")
-    assert step.record["active_pairs"] > 10
+    assert step.record.active_pairs > 10
 
 
 def loaded_hertz(pressure, displacement=0.01):
@@ -153,7 +153,7 @@ def test_balance_that_is_lost(monkeypatch):
             with pytest.raises(SolveError, match="of the forces on a body unbalanced: rigid motions"):
                 adapt_once()
         else:
-            assert adapt_once().record["force"] > 0
+            assert adapt_once().record.force > 0
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -161,8 +161,8 @@ def test_stiff_penalty_after_a_long_way(method):
     """Overlaps far smaller than the way of a body are rounding, which spoils no force, however stiff the penalty."""
     scene = stack((Material(1.0, 0.3),) * 2, displacement=50 + 1e-4, gap=50.0)
     step = next(adapt(scene, 0.1, enforcement=Enforcement(method, None if method == "exact" else 1e12)))
-    assert abs(step.record["force"] / 5e-5 - 1) < 1e-6
-    everywhere((step.contact.force > 0).all(), "a pair pulls")
+    assert abs(step.record.force / 5e-5 - 1) < 1e-6
+    everywhere((step.solution.force > 0).all(), "a pair pulls")
 
 
 def test_gap_tolerance_is_that_of_the_approach():
@@ -170,8 +170,8 @@ def test_gap_tolerance_is_that_of_the_approach():
     scene = punch(displacement=1 + 1e-3, gap=1.0, order=4)
     enforcement = Enforcement("augmented-lagrangian", 10.0, gap_tolerance=1e-4)
     step, exact = (next(adapt(scene, 0.5, enforcement=e)).record for e in (enforcement, None))
-    assert step["max_penetration"] < 1e-4 * 1e-3
-    assert abs(step["force"] / exact["force"] - 1) < 1e-3
+    assert step.max_penetration < 1e-4 * 1e-3
+    assert abs(step.force / exact.force - 1) < 1e-3
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -189,7 +189,7 @@ def test_conditions_that_press_vertices_into_each_other(method):
         next(adapt(pinned(-0.003, -0.004), 0.3, enforcement=Enforcement(method)))
     held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
     # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
-    assert abs(held["force"] / 0.005 - 15 / 16) < 3e-3
+    assert abs(held.force / 0.005 - 15 / 16) < 3e-3
 
 
 def test_conditions_that_press_vertices_of_bodies_from_afar():
@@ -227,8 +227,8 @@ def test_conditions_that_press_bodies_into_each_other_from_two_sides(method):
     ):
         next(adapt(wedge(0.01), 0.5, enforcement=enforcement))
     free, exact = (next(adapt(wedge(0.01, False), 0.5, enforcement=e)).record for e in (enforcement, Enforcement()))
-    assert np.ptp(free["pair_forces"]) < 1e-6 * free["force"], "not symmetric"
-    assert abs(free["force"] / exact["force"] - 1) < (0.05 if method == "penalty" else 1e-5)
+    assert np.ptp(free.pair_forces) < 1e-6 * free.force, "not symmetric"
+    assert abs(free.force / exact.force - 1) < (0.05 if method == "penalty" else 1e-5)
 
 
 def three_walls(weight):
@@ -258,7 +258,7 @@ def test_a_little_force_beside_large_ones(enforcement):
     """What the walls carry is the cube's weight, also across the one that hardly anything presses."""
     weight = np.array([1e-3, 1e-7, 1e-3])
     step = next(adapt(three_walls(weight), 0.5, max_steps=1, enforcement=enforcement))
-    assert np.abs(step.record["pair_forces"] - weight).max() < 1e-10
+    assert np.abs(step.record.pair_forces - weight).max() < 1e-10
 
 
 def two_punches(deep):
@@ -287,11 +287,11 @@ def test_two_bodies_at_one_vertex(deep):
     scene = two_punches(deep)
     exact = next(adapt(scene, 0.5))
     soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
-    assert exact.record["active_pairs"] == (15 if deep > 0.01 else 18)
-    assert exact.record["max_penetration"] < 1e-12 * deep
-    closed = exact.contact.penetration[exact.contact.active]
+    assert exact.record.active_pairs == (15 if deep > 0.01 else 18)
+    assert exact.record.max_penetration < 1e-12 * deep
+    closed = exact.solution.penetration[exact.solution.active]
     everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
-    assert np.abs(np.subtract(exact.record["pair_forces"], soft.record["pair_forces"])).max() < 1e-5 * deep
+    assert np.abs(np.subtract(exact.record.pair_forces, soft.record.pair_forces)).max() < 1e-5 * deep
 
 
 def test_two_bodies_at_one_vertex_from_afar():
@@ -300,7 +300,7 @@ def test_two_bodies_at_one_vertex_from_afar():
     for far in (0.0, 100.0):
         scene = two_punches(0.0101)
         moved = tuple(replace(condition, x=far, z=far + condition.z) for condition in scene.dirichlet)
-        forces.append(next(adapt(replace(scene, dirichlet=moved), 0.5)).record["pair_forces"])
+        forces.append(next(adapt(replace(scene, dirichlet=moved), 0.5)).record.pair_forces)
     assert np.abs(np.subtract(*forces)).max() < 1e-7
 
 
@@ -358,12 +358,12 @@ def test_penalty_too_soft_for_the_tolerance():
     with pytest.raises(SolveError, match="too soft for the tolerance") as failure:
         for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 1.0)):
             steps.append(step.record)
-    assert len(steps) == 2 and failure.value.record is steps[-1] and not steps[-1]["reached"]
-    compliance = 0.0025 / steps[-1]["force"] - 1  # springs in a row share the energy as they share the approach
+    assert len(steps) == 2 and failure.value.record is steps[-1] and not steps[-1].reached
+    compliance = 0.0025 / steps[-1].force - 1  # springs in a row share the energy as they share the approach
     share = 2 * compliance / (1 - 0.3**2)  # of the energy of a punch, whose approach is p A^(1/2) / E*
-    assert abs(steps[-1]["penalty_share"] / share - 1) < 1e-6 and share > 0.1**2
+    assert abs(steps[-1].penalty_share / share - 1) < 1e-6 and share > 0.1**2
     *_, last = (step.record for step in adapt(scene, 0.1, enforcement=Enforcement("penalty", 100.0)))
-    assert last["reached"] and 0 < last["penalty_share"] < 0.1**2
+    assert last.reached and 0 < last.penalty_share < 0.1**2
 
 
 def test_penalty_too_soft_beside_other_loads():
@@ -375,12 +375,12 @@ def test_penalty_too_soft_beside_other_loads():
     surfaces = mesh.surfaces | {"side": np.stack([outer, np.full(len(outer), RIGHT)], axis=1).astype(np.int32)}
     scene = replace(scene, mesh=replace(mesh, surfaces=surfaces), tractions=(Pressure("side", 1e-3),))
     *_, last = adapt(scene, 0.1)
-    assert last.record["reached"] and abs(last.record["force"] / 5e-6 - 1) < 1e-5
+    assert last.record.reached and abs(last.record.force / 5e-6 - 1) < 1e-5
     with pytest.raises(SolveError, match="too soft for the tolerance"):
         list(adapt(scene, 0.1, enforcement=Enforcement("penalty", 10.0)))
     scene = replace(scene, tractions=(Pressure("side", 1e-2),))
     *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 1.0))
-    assert abs(last.record["force"] / 5e-6 - 1) < 5e-5
+    assert abs(last.record.force / 5e-6 - 1) < 5e-5
 
 
 def test_penalty_of_a_thin_layer():
@@ -388,7 +388,7 @@ def test_penalty_of_a_thin_layer():
     scene = stack((Material(1.0, 0.0),) * 2, height=0.05, cells=(2, 2, 1))
     *_, last = adapt(scene, 0.1, max_steps=2, enforcement=Enforcement("penalty", 1e3))
     exact = 0.01 / (2 * 0.05)
-    assert abs(last.record["penalty_share"] / (exact / last.record["force"] - 1) - 1) < 1e-6
+    assert abs(last.record.penalty_share / (exact / last.record.force - 1) - 1) < 1e-6
 
 
 def test_solver_error_is_no_estimate():
@@ -402,8 +402,8 @@ def test_body_held_by_contact_alone(method):
     """A sphere that rests on another one is solved for; the contact force is the load, from the first step on."""
     for step in adapt(loaded_hertz(2e-4), 0.25, enforcement=Enforcement(method)):
         area = step.scene.symmetry * WORLD.allreduce(face_area(step, "top"))
-        assert abs(step.record["force"] / (2e-4 * area) - 1) < 1e-6
-    assert step.record["active_pairs"] > 3
+        assert abs(step.record.force / (2e-4 * area) - 1) < 1e-6
+    assert step.record.active_pairs > 3
 
 
 def face_area(step, surface):
@@ -428,8 +428,8 @@ def test_gap_that_a_load_closes():
     conditions = tuple(Dirichlet("bottom", z=-1.0) if c.where == "bottom" else c for c in scene.dirichlet)
     *_, far = adapt(replace(scene, dirichlet=conditions), 0.3, max_steps=3)
     *_, near = adapt(scene, 0.3, max_steps=3)
-    assert abs(far.record["force"] / near.record["force"] - 1) < 1e-6
-    assert far.record["active_pairs"] == near.record["active_pairs"] >= 3
+    assert abs(far.record.force / near.record.force - 1) < 1e-6
+    assert far.record.active_pairs == near.record.active_pairs >= 3
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -443,7 +443,7 @@ def test_initial_overlap(method):
         points[upper, 2] -= overlap
         moved = RootMesh(points, mesh.cells, mesh.bodies, mesh.body, mesh.surfaces, mesh.vertices)
         *_, step = adapt(pressed(moved, approach), 0.3, max_steps=2, enforcement=Enforcement(method))
-        return step.record["force"]
+        return step.record.force
 
     assert abs(force(0.0, 0.01) / force(0.01, 0.0) - 1) < 1e-6
 
@@ -549,9 +549,9 @@ def test_bodies_come_to_rest():
     loaded = pressed(two_boxes())
     still = replace(loaded, dirichlet=tuple(Dirichlet(c.where, 0.0, 0.0, 0.0) for c in loaded.dirichlet))
     first = next(adapt(loaded, 0.5))
-    assert first.record["active_pairs"] and not first.record["reached"]
+    assert first.record.active_pairs and not first.record.reached
     record = next(adapt(still, 0.5, beginning=Beginning.after(first, np.zeros(len(first.forest), dtype=bool)))).record
-    assert record["estimate"] == 0 and record["active_pairs"] == 0 and record["max_penetration"] < 1e-15
+    assert record.estimate == 0 and record.active_pairs == 0 and record.max_penetration < 1e-15
 
 
 def test_too_many_updates():
@@ -564,7 +564,7 @@ def test_too_many_updates():
 
 def iterations(records):
     """Of PCG and of the status together, over all steps."""
-    return sum(sum(record["krylov_iterations"]) + record["contact_iterations"] for record in records)
+    return sum(sum(record.krylov_iterations) + record.contact_iterations for record in records)
 
 
 #: Scenes that contact's cost is compared on, and the numbers of ranks that they are for, if not by their names.
@@ -632,8 +632,8 @@ def test_iterations_do_not_depend_on_the_penalty(make):
             exact = last
         else:
             soft = 0.2 / enforcement.factor + 1e-7  # of the force, less than of a pressure
-            assert abs(last["force"] / exact["force"] - 1) < soft, enforcement
-            assert abs(last["max_pressure"] / exact["max_pressure"] - 1) < 10 * soft, enforcement
+            assert abs(last.force / exact.force - 1) < soft, enforcement
+            assert abs(last.max_pressure / exact.max_pressure - 1) < 10 * soft, enforcement
     assert max(count) <= 1.2 * min(count), count
 
 
@@ -645,7 +645,7 @@ def test_directions_of_any_length(direction):
     """Nor of any kind of number; squares of their components would be 0 and infinite here."""
     scene = stack()
     scaled = tuple(replace(pair, direction=direction) for pair in scene.contact)
-    one, other = (next(adapt(s, 0.3)).record["pair_forces"] for s in (scene, replace(scene, contact=scaled)))
+    one, other = (next(adapt(s, 0.3)).record.pair_forces for s in (scene, replace(scene, contact=scaled)))
     assert np.allclose(one, other, rtol=1e-9, atol=0) and min(one) > 0
 
 
@@ -656,5 +656,5 @@ def test_forces_act_along_the_normals(degrees):
     *_, across = adapt(oblique(degrees, (0.0, 0.0, 2.0)), 0.25)
     normal = [np.sin(np.radians(-degrees)), 0.0, np.cos(np.radians(degrees))]
     everywhere(np.abs(across.pairs.normal - normal).max(initial=0) < 1e-12, "another normal")
-    assert abs(across.record["max_pressure"] / step.record["max_pressure"] - 1) < 1e-6
-    assert abs(across.record["force"] / (step.record["force"] * normal[2]) - 1) < 1e-6
+    assert abs(across.record.max_pressure / step.record.max_pressure - 1) < 1e-6
+    assert abs(across.record.force / (step.record.force * normal[2]) - 1) < 1e-6

@@ -39,7 +39,7 @@ def test_a_stiff_body_takes_a_soft_one_along(ratio, moved):
 def test_a_body_that_contact_holds(moved):
     """A force moves it towards the contact, by about what it takes, whatever the number of ranks."""
     step = next(iter(adapt(punch(force=1e-3), 0.3)))
-    three = *moved[:2], step.contact.displacement
+    three = *moved[:2], step.solution.displacement
     high = [WORLD.allreduce(float(np.abs(u).max(initial=0.0)), op=MPI.MAX) for u in three]
     assert high[0] == 0 < high[1] < 100 * high[2]
     next(iter(adapt(punch(force=1e-3), 0.3, MPI.COMM_SELF)))

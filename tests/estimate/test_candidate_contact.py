@@ -1,6 +1,5 @@
 """Open places that strains may close: what counts as moved by strains, and what as a place."""
 
-
 import numpy as np
 import pytest
 from conftest import WORLD
@@ -73,7 +72,7 @@ def gathered(values):
 
 def places_of(step):
     """The open places of the only contact pair: (k, n) weights on all ranks, and the pairs around closed contact."""
-    pairs, contact = step.pairs, step.contact
+    pairs, contact = step.pairs, step.solution
     spots = Spots(step.forest, pairs, contact.active)
     places = Places(pairs, contact.force, spots.pair, spots.number)
     around = places.around(pairs, np.full(spots.number, True))
@@ -89,17 +88,17 @@ def test_rigid_motions_are_no_strains(load):
         next(iter(adapt(punch(gap=gap, block=Material(1.0, 0.3), punch=STIFF, **values), 0.2)))
         for gap, values in ((0.0, load | ({"displacement": 0.01} if "displacement" in load else {})), (1.0, load))
     )
-    here, there = (moved_by_strains(step.scene, step.pairs, step.contact) for step in (near, far))
+    here, there = (moved_by_strains(step.scene, step.pairs, step.solution) for step in (near, far))
     here, there = (np.sort(gathered(moved)) for moved in (here, there))
     assert np.allclose(here, there, atol=1e-7) and 1e-4 < np.abs(there).max() < 0.02
-    assert gathered(far.contact.penetration + far.pairs.gap).min() > 0.95
+    assert gathered(far.solution.penetration + far.pairs.gap).min() > 0.95
 
 
 def test_strains_that_bend_a_clamped_body_stay():
     """A beam is moved by all that it bends; a block that turns on its foot by no more than its faces are not flat."""
     bent, turned = (next(iter(adapt(beam(1.5, near=1e-3, afar=afar), 0.3))) for afar in (0.0, 0.5))
-    here, there = (moved_by_strains(step.scene, step.pairs, step.contact) for step in (bent, turned))
-    whole, all_of_it = (gathered(step.contact.penetration + step.pairs.gap) for step in (bent, turned))
+    here, there = (moved_by_strains(step.scene, step.pairs, step.solution) for step in (bent, turned))
+    whole, all_of_it = (gathered(step.solution.penetration + step.pairs.gap) for step in (bent, turned))
     assert np.array_equal(gathered(here), whole)
     assert np.abs(np.sort(gathered(there)) - np.sort(whole)).max() < 0.05 * whole.max() < 0.01 * all_of_it.max()
 
@@ -111,8 +110,8 @@ def test_places():
         weights, _ = places_of(step)
         assert len(weights) == number and np.allclose(weights.sum(axis=1), 1)
         assert (weights >= 0).all() and ((weights > 0).sum(axis=0) <= 1).all()
-        assert not weights[:, gathered(step.contact.active)].any()
-        left, gap = gathered(-step.contact.penetration), gathered(step.pairs.gap)
+        assert not weights[:, gathered(step.solution.active)].any()
+        left, gap = gathered(-step.solution.penetration), gathered(step.pairs.gap)
         for weight in weights:
             assert 0 < left[weight > 0].min() and left[weight > 0].max() < gap.max() / 3
         beside = gathered(step.pairs.position)[:, 1] > 2
@@ -123,7 +122,7 @@ def test_what_is_around_contact_is_no_place():
     """Round bodies have gaps next to closed contact that are as small as strains move them, on any mesh."""
     *_, step = adapt(punch(), 0.15)
     weights, around = places_of(step)
-    closed = gathered(step.contact.active)
+    closed = gathered(step.solution.active)
     assert len(weights) == 0 and around[closed].all() and closed.sum() < around.sum() < len(around)
 
 
@@ -132,7 +131,7 @@ def test_unlike_strips_are_places_of_their_own():
     step = next(iter(adapt(strips((0.02, 0.2)), 0.3)))
     weights, _ = places_of(step)
     y = gathered(step.pairs.position)[:, 1]
-    assert not gathered(step.contact.active).any()
+    assert not gathered(step.solution.active).any()
     assert {bool(y[weight > 0].min() > 1.5) for weight in weights} == {False, True}
     assert all(np.ptp(y[weight > 0]) <= 1 for weight in weights)
 
@@ -140,8 +139,8 @@ def test_unlike_strips_are_places_of_their_own():
 def test_what_closed_contact_stops_is_no_rigid_motion():
     """The beam's bending brings the rider to the stop, whose area is four times that of its seat."""
     step = next(iter(adapt(rider(), 0.3)))
-    pairs, moved = step.pairs, moved_by_strains(step.scene, step.pairs, step.contact)
-    over, whole = gathered(pairs.contact) == 1, gathered(step.contact.penetration + pairs.gap)
+    pairs, moved = step.pairs, moved_by_strains(step.scene, step.pairs, step.solution)
+    over, whole = gathered(pairs.contact) == 1, gathered(step.solution.penetration + pairs.gap)
     assert np.allclose(gathered(moved)[over], whole[over], rtol=0.1) and whole[over].min() > 5e-3
 
 
@@ -158,4 +157,4 @@ def test_a_mesh_that_locks_tells_nothing(touch, monkeypatch):
         and goal.moved < 0.2 * goal.value
         and goal.total < 0.25 * goal.value
     )
-    assert record["pair_leaves"][0] > 0 and record["pair_errors"][0] >= 1 and not record["reached"]
+    assert record.pair_leaves[0] > 0 and record.pair_errors[0] >= 1 and not record.reached

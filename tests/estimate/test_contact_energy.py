@@ -14,8 +14,8 @@ def test_thin_plates_store_less_than_a_half_space():
     step = next(iter(adapt(plates(), 0.3)))
     force = DEPTH / (2 * THICKNESS) * WIDTH**2
     assert step.estimate.energy_norm**2 > 5 * PULL**2 > 100 * force * DEPTH
-    assert abs(stored(step, step.contact.force)[0] / (force * DEPTH) - 1) < 1e-6
-    assert stored(step, 0.0 * step.contact.force)[0] == 0
+    assert abs(stored(step, step.solution.force)[0] / (force * DEPTH) - 1) < 1e-6
+    assert stored(step, 0.0 * step.solution.force)[0] == 0
 
 
 def test_stretched_plates_store_no_more():
@@ -23,13 +23,13 @@ def test_stretched_plates_store_no_more():
     step = next(iter(adapt(plates(stretched=0.1), 0.3)))
     force = DEPTH / (2 * THICKNESS) * WIDTH**2
     assert step.estimate.energy_norm**2 > 1000 * force * DEPTH
-    assert 0.99 < stored(step, step.contact.force)[0] / (force * DEPTH) < 1.51
+    assert 0.99 < stored(step, step.solution.force)[0] / (force * DEPTH) < 1.51
 
 
 def test_the_stress_that_a_contact_can_cause():
     """It is no less than that of its pressures on a half-space (Boussinesq), and next to nothing beside it."""
     *_, step = adapt(punch(), 0.15)
-    pairs, force = step.pairs, step.contact.force
+    pairs, force = step.pairs, step.solution.force
     places = Places(pairs, force, pairs.contact, 1)
     everywhere(len(places.group) < 2 * 17**2, "too many places")
     gather = step.forest.comm.allgather
@@ -65,17 +65,17 @@ def test_bodies_that_begin_apart():
         list(adapt(punch(gap=gap, displacement=gap + 0.01, block=stiff, punch=soft), 0.2))[-1].record
         for gap in (0.0, 1.0)
     )
-    assert far["dofs"] == near["dofs"] and abs(far["force"] / near["force"] - 1) < 1e-6
-    assert abs(far["pair_errors"][0] / near["pair_errors"][0] - 1) < 1e-4
+    assert far.dofs == near.dofs and abs(far.force / near.force - 1) < 1e-6
+    assert abs(far.pair_errors[0] / near.pair_errors[0] - 1) < 1e-4
 
 
 def test_a_half_space():
     """A punch on a large block stores about what one on a half-space does; parts of the contact store parts of it."""
     *_, step = adapt(punch(), 0.2)
-    force, pairs = step.contact.force, step.pairs
+    force, pairs = step.solution.force, step.pairs
     total, approach = pairs.pressing(force, pairs.contact, 1)
     whole = stored(step, force)
     assert abs(whole[0] / (total * approach)[0] - 1) < 0.2
-    inner = pairs.position[:, 0] < step.record["contact_radius"] / 2
+    inner = pairs.position[:, 0] < step.record.contact_radius / 2
     assert 0.1 * whole[0] < stored(step, np.where(inner, force, 0.0))[0] < whole[0]
     assert WORLD.allreduce(float(whole[0])) == WORLD.size * whole[0]

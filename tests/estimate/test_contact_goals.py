@@ -60,7 +60,7 @@ def test_dual_solutions(asked, method):
     (goal, dual, moved), *_ = asked[-1:]
     loads = WORLD.allreduce(float((load(step.scene, step.forest, step.elasticity) * dual).sum()))
     # A penalty's overlaps take their part; those of the augmented Lagrangian are gone, but not in z.
-    assert abs(goal.value / step.record["force"] - 1) < 1e-12
+    assert abs(goal.value / step.record.force - 1) < 1e-12
     assert abs((loads - moved) / goal.value - 1) < {"exact": 1e-6}.get(method, 0.02)
 
 
@@ -68,7 +68,7 @@ def test_gaps(asked):
     """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
     *_, step = adapt(beam(1.2), 0.3)
     (goal, _, moved), *_ = asked[-1:]
-    left = -step.contact.penetration
+    left = -step.solution.penetration
     changed = step.pairs.gap - left
     ends = [WORLD.allgather(values) for values in (left, changed)]
     left, changed = (np.concatenate(values) for values in ends)
@@ -78,11 +78,11 @@ def test_gaps(asked):
 def test_what_contact_alone_loads_needs_no_dual_solution(asked):
     """The energy that its force stores bounds the error of that; uniform stresses have none."""
     *_, step = adapt(plates(pressed=True), 0.3)
-    assert step.record["reached"] and max(step.record["pair_errors"]) < 1e-5
+    assert step.record.reached and max(step.record.pair_errors) < 1e-5
     first, *_, last = (step.record for step in adapt(punch(), 0.12))
-    assert first["pair_errors"] == [None]  # before the whole is resolved
-    error = abs(last["force"] / 7.676e-4 - 1)  # 7.676e-4 N: on a mesh of 705,000 unknowns
-    assert last["reached"] and last["pair_leaves"] == [0] and error < last["pair_errors"][0] < 0.12
+    assert first.pair_errors == [None]  # before the whole is resolved
+    error = abs(last.force / 7.676e-4 - 1)  # 7.676e-4 N: on a mesh of 705,000 unknowns
+    assert last.reached and last.pair_leaves == [0] and error < last.pair_errors[0] < 0.12
     assert not asked
 
 
@@ -112,11 +112,11 @@ def test_forces_of_beams(name):
     make, tolerance, force = BEAMS[name]
     records = [step.record for step in adapt(make(), tolerance)]
     last = records[-1]
-    assert last["reached"] and last["pair_leaves"] == [0] and abs(last["force"] / force - 1) < tolerance
-    assert any(record["estimate"] < tolerance and record["pair_leaves"][0] for record in records)
-    known = [r for r in records if r["force"] and r["pair_errors"][0] is not None]
+    assert last.reached and last.pair_leaves == [0] and abs(last.force / force - 1) < tolerance
+    assert any(record.estimate < tolerance and record.pair_leaves[0] for record in records)
+    known = [r for r in records if r.force and r.pair_errors[0] is not None]
     for record in known:
-        assert record["pair_errors"][0] > 0.8 * abs(force / record["force"] - 1), record["step"]
+        assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1), record.step
 
 
 @pytest.mark.slow
@@ -124,28 +124,28 @@ def test_contact_with_a_block_that_sinks():
     """A coarse mesh sinks too little; the whole is resolved long before the force is known."""
     steps = [step.record for step in adapt(sinking(5e-3), 0.4)]
     force = 6.5e-5  # uniformly fine: 5.2e-5 at 15,000 unknowns, 6.1e-5 at 110,000
-    resolved = next(step for step in steps if step["pair_errors"][0] is not None)
-    assert resolved["pair_leaves"][0] > 0 and resolved["pair_errors"][0] > abs(force / resolved["force"] - 1)
-    assert steps[-1]["reached"] and abs(steps[-1]["force"] / force - 1) < 0.4
+    resolved = next(step for step in steps if step.pair_errors[0] is not None)
+    assert resolved.pair_leaves[0] > 0 and resolved.pair_errors[0] > abs(force / resolved.force - 1)
+    assert steps[-1].reached and abs(steps[-1].force / force - 1) < 0.4
 
 
 def test_a_gap_that_is_known():
     """It needs nothing, however little force there is; nor does one that would close with next to none."""
     for closing in (1.2, 1.01):
         steps = [step.record for step in adapt(beam(closing), 0.3)]
-        assert steps[-1]["reached"] and steps[-1]["force"] == 0
-        assert all(step["pair_leaves"] == [0] and step["unseen_contact"] == 0 for step in steps)
-        assert (steps[-1]["pair_errors"][0] < 0.25) == (closing == 1.2)
+        assert steps[-1].reached and steps[-1].force == 0
+        assert all(step.pair_leaves == [0] and step.unseen_contact == 0 for step in steps)
+        assert (steps[-1].pair_errors[0] < 0.25) == (closing == 1.2)
         assert ["it may close" in line for line in doubts(steps[-1])] == [True] * (closing == 1.01)
 
 
 def test_a_new_beginning():
     """What is not resolved is so for whoever goes on with its forest too."""
     for step in adapt(beam(0.9, near=1e-3, tension=3e-3), 0.4):
-        if step.record["pair_leaves"] != [0]:
+        if step.record.pair_leaves != [0]:
             break
     again = next(iter(adapt(step.scene, 0.4, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int)))))
-    assert not again.record["reached"] and again.record["pair_leaves"] == step.record["pair_leaves"]
+    assert not again.record.reached and again.record.pair_leaves == step.record.pair_leaves
 
 
 @pytest.mark.slow
@@ -153,13 +153,13 @@ def test_restart(tmp_path):
     """What forces need is known after a restart, and with another tolerance found anew."""
     folder, scene = WORLD.bcast(tmp_path), beam(0.9)
     through = list(adapt(scene, 0.2, max_steps=4))
-    assert through[2].record["pair_leaves"][0] > 0
+    assert through[2].record.pair_leaves[0] > 0
     list(adapt(scene, 0.2, max_steps=3, checkpoint=folder))
     *_, again = adapt(scene, 0.2, max_steps=4, restart=Checkpoint(folder, scene, WORLD))
     assert np.array_equal(leaves(again.forest), leaves(through[3].forest))
-    assert abs(again.record["pair_errors"][0] - through[3].record["pair_errors"][0]) < 1e-6
+    assert abs(again.record.pair_errors[0] - through[3].record.pair_errors[0]) < 1e-6
     *_, closer = adapt(scene, 0.1, max_steps=4, restart=Checkpoint(folder, scene, WORLD))
-    assert closer.record["pair_errors"][0] < again.record["pair_errors"][0]
+    assert closer.record.pair_errors[0] < again.record.pair_errors[0]
 
 
 @pytest.mark.whole_run(2, 3)
@@ -167,11 +167,11 @@ def test_any_number_of_ranks():
     """What dual solutions ask for is the same; at a looser tolerance than theirs some leaves were not."""
     scene = beam(0.85, tension=3e-3, touch=2e-6)
     alone, together = ([step.record for step in adapt(scene, 0.3, comm)] for comm in (MPI.COMM_SELF, WORLD))
-    assert [one["pair_leaves"] for one in alone] == [one["pair_leaves"] for one in together]
-    assert [one["dofs"] for one in alone] == [one["dofs"] for one in together] and together[1]["pair_leaves"] != [0]
+    assert [one.pair_leaves for one in alone] == [one.pair_leaves for one in together]
+    assert [one.dofs for one in alone] == [one.dofs for one in together] and together[1].pair_leaves != [0]
     for one, other in zip(alone[1:], together[1:]):
-        assert abs(other["pair_errors"][0] / one["pair_errors"][0] - 1) < 1e-4
-        assert abs(other["force"] / one["force"] - 1) < 1e-5
+        assert abs(other.pair_errors[0] / one.pair_errors[0] - 1) < 1e-4
+        assert abs(other.force / one.force - 1) < 1e-5
 
 
 def test_marking():
@@ -196,29 +196,29 @@ def test_a_light_plate_beside_a_heavier_load(load):
     scene, tolerance = (on_a_base(heavy=20 * LIGHT), 0.1) if load == "heavy" else (on_a_base(pressure=0.5), 0.3)
     records = [step.record for step in adapt(scene, tolerance)]
     first, last = records[0], records[-1]
-    assert abs(first["pair_forces"][0] / FORCE - 1) > tolerance
-    assert load == "heavy" or any(record["pair_leaves"][0] > 0 for record in records)
-    assert last["reached"] and last["pair_leaves"][0] == 0
-    assert abs(last["pair_forces"][0] / FORCE - 1) < tolerance
+    assert abs(first.pair_forces[0] / FORCE - 1) > tolerance
+    assert load == "heavy" or any(record.pair_leaves[0] > 0 for record in records)
+    assert last.reached and last.pair_leaves[0] == 0
+    assert abs(last.pair_forces[0] / FORCE - 1) < tolerance
 
 
 @pytest.mark.slow
 def test_a_very_light_plate():
     """Lighter than e^2 of the heaviest, it may be as wrong as that is; its error says so."""
     *_, last = (step.record for step in adapt(on_a_base(heavy=500 * LIGHT), 0.1))
-    light, heavy = last["pair_forces"]
-    assert last["reached"] and FORCE < 0.1**2 * heavy and 2 * FORCE < light < FORCE + 0.1**2 * heavy
-    assert 0.4 * (1 - FORCE / light) < last["pair_errors"][0] < 1 and last["pair_errors"][1] < 0.1
+    light, heavy = last.pair_forces
+    assert last.reached and FORCE < 0.1**2 * heavy and 2 * FORCE < light < FORCE + 0.1**2 * heavy
+    assert 0.4 * (1 - FORCE / light) < last.pair_errors[0] < 1 and last.pair_errors[1] < 0.1
     (line,) = doubts(last)
-    assert line.startswith(f"contact pair 0: its force is known to {last['pair_errors'][0]:.0%} of it only")
+    assert line.startswith(f"contact pair 0: its force is known to {last.pair_errors[0]:.0%} of it only")
 
 
 def test_forces_beside_a_weight():
     """A weight loads bodies 200 times as much as contact: leaves are refined for its force alone."""
     steps = [step.record for step in adapt(films(order=1, weight=4.0), 0.2)]
-    assert any(step["pair_leaves"][0] > 0 for step in steps)
-    assert steps[-1]["reached"] and steps[-1]["pair_errors"][0] < 0.2
-    assert abs(steps[-1]["force"] / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
+    assert any(step.pair_leaves[0] > 0 for step in steps)
+    assert steps[-1].reached and steps[-1].pair_errors[0] < 0.2
+    assert abs(steps[-1].force / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
 
 
 @pytest.mark.slow
@@ -226,7 +226,7 @@ def test_forces_beside_a_weight():
 def test_waves_beside_a_pressure(tolerance, wave, force):
     """They are not flat, though what they take is little of what a pressure stores next to them, along the normal."""
     *_, last = (step.record for step in adapt(films(wave, pressure=0.1), tolerance))
-    assert last["reached"] and abs(last["force"] / force - 1) < tolerance**2
+    assert last.reached and abs(last.force / force - 1) < tolerance**2
 
 
 @pytest.mark.parametrize("stretched", [0.0, 0.1])

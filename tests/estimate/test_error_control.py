@@ -165,14 +165,14 @@ def test_a_run_of_the_mode_energy():
     assert len(steps) > 2
     for step, finer in zip(steps, steps[1:]):
         record, error, forest = step.record, step.estimate, step.forest
-        assert not record["reached"] and record["ratio"] > 1
-        above = error.error > tolerance * error.energy_norm / np.sqrt(record["cells"])
+        assert not record.reached and record.ratio > 1
+        above = error.error > tolerance * error.energy_norm / np.sqrt(record.cells)
         marked = np.zeros(len(forest), dtype=bool)
         marked[step.leaf_mesh.leaf] = above
         assert np.array_equal(leaves(finer.forest), leaves(forest.refined(marked)[0]))
     last = steps[-1].record
-    assert last["reached"] and last["ratio"] <= 1 and last["control"] == "energy"
-    assert last["assumed_effectivity"] == 1 and last["pair_errors"] == [None] and last["unseen_contact"] is None
+    assert last.reached and last.ratio <= 1 and last.control == "energy"
+    assert last.assumed_effectivity == 1 and last.pair_errors == [None] and last.unseen_contact is None
 
 
 def test_the_mode_energy_may_stop_on_the_first_mesh():
@@ -180,7 +180,7 @@ def test_the_mode_energy_may_stop_on_the_first_mesh():
     scene = indentation(coarse=2)
     (only,) = adapt(scene, 0.9, control=ENERGY)
     first, *_, last = adapt(scene, 0.9)
-    assert only.record["reached"] and not first.record["reached"] and last.record["reached"]
+    assert only.record.reached and not first.record.reached and last.record.reached
 
 
 def test_a_run_goes_on_with_its_own_control(tmp_path):

@@ -27,13 +27,13 @@ HIDDEN = {"cells": 5, "displacement": 0.003}
 def test_a_pole_between_nodes():
     """No node is in contact at first; the facet that overlaps is named and refined, and the run goes on."""
     first, *_, last = (step.record for step in adapt(bump(**HIDDEN), 0.3))
-    assert first["force"] == first["ratio"] == 0 and not first["reached"]
-    assert first["unseen_contact"] > 0 and last["unseen_contact"] == 0
+    assert first.force == first.ratio == 0 and not first.reached
+    assert first.unseen_contact > 0 and last.unseen_contact == 0
     alone = [step.record for step in adapt(bump(**HIDDEN), 0.3, MPI.COMM_SELF)][-1]
-    assert last["reached"] and last["force"] > 0 and abs(last["force"] / alone["force"] - 1) < 1e-7
+    assert last.reached and last.force > 0 and abs(last.force / alone.force - 1) < 1e-7
     # Seen or not at first, the contact is the same: with a node at the pole.
     *_, seen = adapt(bump(**(HIDDEN | {"cells": 6})), 0.3)
-    assert abs(last["force"] / seen.record["force"] - 1) < 2 * 0.3**2
+    assert abs(last.force / seen.record.force - 1) < 2 * 0.3**2
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_a_touch_between_nodes(cells, pole, depth, radius):
     """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
     *_, last = adapt(bump(cells, pole, depth, radius), 0.25)
     hertz = 4 / 3 * 0.5 / (1 - 0.3**2) * radius**0.5 * depth**1.5
-    assert last.record["reached"] and abs(last.record["force"] / hertz - 1) < 0.25**2
+    assert last.record.reached and abs(last.record.force / hertz - 1) < 0.25**2
 
 
 def test_what_is_unseen_is_refined_alone():
@@ -56,15 +56,15 @@ def test_what_is_unseen_is_refined_alone():
             ]
         )
     )
-    assert step.record["unseen_contact"] == len(centre) >= 1 and len(marked) <= len(centre)
+    assert step.record.unseen_contact == len(centre) >= 1 and len(marked) <= len(centre)
     everywhere(np.abs(centre[:, :2]).max() < 0.2, "another leaf")
 
 
 def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
     *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, max_steps=2)
-    assert step.record["active_pairs"] > 0 and step.record["unseen_contact"] > 0
-    named = inter_node_contact.unseen_contact(step.forest, step.pairs, step.contact, 1e6, *of_spots(step))
+    assert step.record.active_pairs > 0 and step.record.unseen_contact > 0
+    named = inter_node_contact.unseen_contact(step.forest, step.pairs, step.solution, 1e6, *of_spots(step))
     assert WORLD.allreduce(int(named.sum())) == 0
 
 
@@ -104,9 +104,9 @@ def test_a_light_contact_beside_a_heavy_one(depths, moduli, one_pair):
     """What is little of the whole energy is resolved as contact all the same, also as a spot of one contact pair."""
     scene = bumps(depths, moduli)
     *_, last = adapt(in_one(scene) if one_pair else scene, 0.2)
-    light = last.contact.force[last.pairs.position[:, 0] > 5].sum()
+    light = last.solution.force[last.pairs.position[:, 0] > 5].sum()
     hertz = moduli[1] * 4 / 3 * 0.5 / (1 - 0.3**2) * 4**0.5 * depths[1] ** 1.5
-    assert last.record["reached"] and abs(WORLD.allreduce(light) / hertz - 1) < 0.2
+    assert last.record.reached and abs(WORLD.allreduce(light) / hertz - 1) < 0.2
 
 
 def beside_an_edge(swapped):
@@ -144,22 +144,22 @@ def beside_an_edge(swapped):
 def test_contact_around_the_edge_from_closed_pairs_of_others():
     """Closed pairs of one contact hide nothing of another that shares their vertices, whichever surface is first."""
     first, second = ([step.record for step in adapt(beside_an_edge(swapped), 0.3)] for swapped in (False, True))
-    seen = [one["pair_forces"][1] > 0 for one in first].index(True)
-    assert [one["cells"] for one in first[: seen + 1]] == [one["cells"] for one in second[: seen + 1]]
-    assert abs(first[seen]["pair_forces"][1] / second[seen]["pair_forces"][1] - 1) < 1e-6
+    seen = [one.pair_forces[1] > 0 for one in first].index(True)
+    assert [one.cells for one in first[: seen + 1]] == [one.cells for one in second[: seen + 1]]
+    assert abs(first[seen].pair_forces[1] / second[seen].pair_forces[1] - 1) < 1e-6
     for last in (first[-1], second[-1]):  # their normals, and with these some leaves, are not quite the same
-        assert last["reached"] and abs(last["pair_forces"][0] / 3e-5 - 1) < 1e-3
-        assert abs(last["pair_forces"][1] / 7.47e-5 - 1) < 0.05  # at a tolerance of 0.1
+        assert last.reached and abs(last.pair_forces[0] / 3e-5 - 1) < 1e-3
+        assert abs(last.pair_forces[1] / 7.47e-5 - 1) < 0.05  # at a tolerance of 0.1
 
 
 def test_overlaps_count_though_nothing_presses():
     """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
     *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
-    idle = replace(step.contact, force=0.0 * step.contact.force)
+    idle = replace(step.solution, force=0.0 * step.solution.force)
     named = inter_node_contact.unseen_contact(
-        step.forest, step.pairs, idle, 0.3, *of_spots(replace(step, contact=idle))
+        step.forest, step.pairs, idle, 0.3, *of_spots(replace(step, solution=idle))
     )
-    assert step.record["active_pairs"] > 0 and WORLD.allreduce(int(named.sum())) > 0
+    assert step.record.active_pairs > 0 and WORLD.allreduce(int(named.sum())) > 0
 
 
 def test_facets_with_more_than_their_share():
@@ -167,7 +167,7 @@ def test_facets_with_more_than_their_share():
     *_, step = adapt(punch(), 0.16)
 
     def named(tolerance):
-        marked = inter_node_contact.unseen_contact(step.forest, step.pairs, step.contact, tolerance, *of_spots(step))
+        marked = inter_node_contact.unseen_contact(step.forest, step.pairs, step.solution, tolerance, *of_spots(step))
         return WORLD.allreduce(int(marked.sum()))
 
     tolerance = 1.0
@@ -193,7 +193,7 @@ def test_an_order_that_swings_between_its_nodes():
     pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
     scene = Scene("swinging", boxes.mesh(surfaces, place=place), materials, held, (pair,))
     (step,) = adapt(scene, 0.4, MPI.COMM_SELF, max_steps=1)
-    assert step.record["force"] == 0 and step.record["unseen_contact"] == 1
+    assert step.record.force == 0 and step.record.unseen_contact == 1
 
 
 @pytest.mark.parametrize("facet", range(4))
@@ -204,15 +204,15 @@ def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
     scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
     monkeypatch.setattr(inter_node_contact._Facets, "overlap", lambda facets: np.arange(len(facets._here)) == facet)
     (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
-    assert step.record["force"] == 0 and len(scene.mesh.surfaces["outer"]) == 4
-    assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record["unseen_contact"] == 1
+    assert step.record.force == 0 and len(scene.mesh.surfaces["outer"]) == 4
+    assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record.unseen_contact == 1
 
 
 @pytest.mark.parametrize("displacement", [0.0, -0.01])
 def test_bodies_that_come_close_are_not_in_contact(displacement):
     """Without an overlap nothing is marked, however close the pole is."""
     step = next(iter(adapt(bump(5, displacement=displacement), 0.3, max_steps=1)))
-    assert step.record["unseen_contact"] == 0 and not step.contact_error.refine.any()
+    assert step.record.unseen_contact == 0 and not step.contact_error.refine.any()
 
 
 def test_restart(tmp_path):
@@ -222,21 +222,21 @@ def test_restart(tmp_path):
     list(adapt(scene, 0.3, max_steps=1, checkpoint=folder))
     before = Checkpoint(folder, scene, WORLD)
     state = before.load()
-    assert WORLD.allreduce(int((state.refine > 0).sum())) == through[0].record["unseen_contact"] > 0
+    assert WORLD.allreduce(int((state.refine > 0).sum())) == through[0].record.unseen_contact > 0
     found = leaf_code(state.forest.cell, state.forest.anchor)[state.refine > 0]
     expected = leaf_code(through[0].forest.cell, through[0].forest.anchor)[through[0].contact_error.refine > 0]
     found, expected = (np.sort(np.concatenate(WORLD.allgather(codes))) for codes in (found, expected))
     assert np.array_equal(found, expected)
     (again,) = adapt(scene, 0.3, max_steps=2, restart=before)
     assert np.array_equal(leaves(again.forest), leaves(through[1].forest))
-    assert abs(again.record["force"] / through[1].record["force"] - 1) < 1e-7
+    assert abs(again.record.force / through[1].record.force - 1) < 1e-7
 
 
 @pytest.mark.parametrize("bodies", [5, 6, 8])
 def test_ring(bodies):
     """Blocks around an axis, whose contact planes meet at odd angles, press each other alike."""
     *_, step = adapt(ring(bodies), 0.1)
-    forces = np.array(step.record["pair_forces"])
+    forces = np.array(step.record.pair_forces)
     assert len(forces) == bodies and forces.min() > 0
     assert np.ptp(forces) < 1e-6 * forces.mean()
 
@@ -256,9 +256,9 @@ def test_a_corner_of_a_contact_cut_out(method):
     tight = {"gap_tolerance": 1e-8} if method == "augmented-lagrangian" else {}
     options = {"enforcement": Enforcement(method, **tight), "solver": Solver(tolerance=1e-10)}
     one, two = (next(adapt(s, 0.1, max_steps=1, **options)) for s in (scene, cut))
-    pressure = one.record["force"]  # of a square metre
-    everywhere(np.abs(two.contact.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
-    assert np.abs(np.array(two.record["pair_forces"]) / pressure - [0.25, 0.75]).max() < 1e-6
+    pressure = one.record.force  # of a square metre
+    everywhere(np.abs(two.solution.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
+    assert np.abs(np.array(two.record.pair_forces) / pressure - [0.25, 0.75]).max() < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -274,11 +274,11 @@ def test_contact_cut_in_two(stiffness, enforcement):
         adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1), enforcement=enforcement)
         for s in (scene, halves)
     )
-    assert one.record["cells"] == two.record["cells"] and min(two.record["pair_forces"]) > 0
-    assert two.record["active_pairs"] > one.record["active_pairs"], "no node is in both"
+    assert one.record.cells == two.record.cells and min(two.record.pair_forces) > 0
+    assert two.record.active_pairs > one.record.active_pairs, "no node is in both"
     for name in ("force", "max_pressure", "contact_radius"):
-        assert abs(two.record[name] / one.record[name] - 1) < 1e-6, name
-    assert abs(sum(two.record["pair_forces"]) / two.record["force"] - 1) < 1e-12
+        assert abs(getattr(two.record, name) / getattr(one.record, name) - 1) < 1e-6, name
+    assert abs(sum(two.record.pair_forces) / two.record.force - 1) < 1e-12
 
 
 def wave(order=6, gap=0.012, height=0.03):
@@ -303,9 +303,9 @@ def wave(order=6, gap=0.012, height=0.03):
 def test_waves_between_quarters():
     """Cells of order 6 may touch where neither nodes nor quarters of their facets do."""
     first, *_, last = (step.record for step in adapt(wave(), 0.4, max_steps=4))
-    assert first["force"] == 0 and first["unseen_contact"] > 0 and last["force"] > 0
+    assert first.force == 0 and first.unseen_contact > 0 and last.force > 0
     low = next(adapt(wave(height=0.001), 0.4, max_steps=1)).record
-    assert low["force"] == low["unseen_contact"] == 0
+    assert low.force == low.unseen_contact == 0
 
 
 @pytest.mark.slow
@@ -314,6 +314,6 @@ def test_waves_that_seem_flat(phase):
     """All nodes touch at once and the stress is uniform; what is between them is found, as on a finer mesh."""
     scene = waves(phase)
     first, *_, last = (step.record for step in adapt(scene, 0.3))
-    assert first["estimate"] < 0.3 and first["unseen_contact"] > 0 and last["reached"] and not last["unseen_contact"]
+    assert first.estimate < 0.3 and first.unseen_contact > 0 and last.reached and not last.unseen_contact
     *_, fine = (step.record for step in adapt(scene, 0.3, beginning=Beginning.uniform(scene, 2)))
-    assert abs(last["force"] / fine["force"] - 1) < 0.3**2 < abs(first["force"] / fine["force"] - 1)
+    assert abs(last.force / fine.force - 1) < 0.3**2 < abs(first.force / fine.force - 1)

@@ -61,7 +61,7 @@ def test_options_of_a_dict_and_of_the_command_line():
 )
 def test_record_names_what_was_used(solver, used):
     """Not what the program would have taken, where options have put another preconditioner in its place."""
-    assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record["preconditioner"] == used
+    assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record.preconditioner == used
 
 
 @pytest.mark.slow

@@ -62,28 +62,28 @@ def test_without_contact(calls):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)
     record = step.record
-    assert record["contact_iterations"] == 1 and len(record["krylov_iterations"]) == 1 and step.pairs is None
-    assert record["force"] == record["max_pressure"] == record["active_pairs"] == 0
+    assert record.contact_iterations == 1 and len(record.krylov_iterations) == 1 and step.pairs is None
+    assert record.force == record.max_pressure == record.active_pairs == 0
     assert set(calls.count.values()) == {0}
     *_, step = adapt(patch(cells=(1, 1, 2)), 0.1)
-    assert step.record["force"] > 0 and min(calls.count.values()) > 0
+    assert step.record.force > 0 and min(calls.count.values()) > 0
 
 
 @pytest.mark.parametrize("order", [1, 3, 6])
 def test_affine_cells_have_order_one(order):
     """Whatever the order of the root mesh, affine leaves have eight nodes; round ones have more."""
     step = next(iter(adapt(indentation(order=order, coarse=2), 0.5)))
-    assert step.record["geometry_order"] == 1 and nodes_of_cells(step.leaf_mesh).shape[1] == 8
+    assert step.record.geometry_order == 1 and nodes_of_cells(step.leaf_mesh).shape[1] == 8
     if order > 1:
         step = next(iter(adapt(hertz(order=order, coarse=2, displacement=0.05), 0.01, max_steps=1)))
-        assert step.record["geometry_order"] > 1 and nodes_of_cells(step.leaf_mesh).shape[1] > 8
+        assert step.record.geometry_order > 1 and nodes_of_cells(step.leaf_mesh).shape[1] > 8
 
 
 def test_one_rank_is_not_partitioned(calls, monkeypatch):
     """On one rank no super-elements are built, no leaf is sent; on more they are."""
     for name in ("Units", "_moved"):
         calls.of(fx_contact.forest.partition, name)
-    steps = [step.record["cells"] for step in adapt(indentation(coarse=2), 0.3)]
+    steps = [step.record.cells for step in adapt(indentation(coarse=2), 0.3)]
     assert len(steps) > 1
     everywhere((min(calls.count.values()) > 0) == (WORLD.size > 1), f"{calls.count} on {WORLD.size} ranks")
     everywhere(max(calls.count.values()) == 0 or WORLD.size > 1, f"{calls.count} on one rank")
@@ -95,10 +95,10 @@ def test_nothing_marked(calls):
         calls.of(Forest, name)
     (step,) = adapt(patch(cells=(2, 2, 4)), 0.1, max_steps=1)
     record = step.record
-    assert record["max_level"] == 0 and record["hanging_nodes"] == 0
-    assert record["memory_bytes"]["refine"] == record["memory_bytes"]["output"] == 0, "a stage was entered"
+    assert record.max_level == 0 and record.hanging_nodes == 0
+    assert record.memory_bytes["refine"] == record.memory_bytes["output"] == 0, "a stage was entered"
     assert set(calls.count.values()) == {0}
-    levels = [(step.record["max_level"], step.record["hanging_nodes"]) for step in adapt(patch(cells=(2, 2, 4)), 0.1)]
+    levels = [(step.record.max_level, step.record.hanging_nodes) for step in adapt(patch(cells=(2, 2, 4)), 0.1)]
     assert levels == [(0, 0), (1, 0)] and min(calls.count.values()) > 0
 
 
@@ -111,7 +111,7 @@ from fx_contact import adapt
 from fx_contact.scenes import indentation
 *_, step = adapt(indentation(coarse=2), 0.4)
 optional = "gmsh", "matplotlib", "pyvista", "vtkmodules", "tqdm", "h5py", "adios4dolfinx", "adios2", "IPython", "numba"
-print(step.record["step"], *(name for name in optional if name in sys.modules), sep=",")
+print(step.record.step, *(name for name in optional if name in sys.modules), sep=",")
 """
         done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

@@ -86,7 +86,7 @@ def test_immersed(as_function):
     value = (lambda x: np.full(x.shape[1], 0.01)) if as_function else 0.01
     scene = scene_of(box(), tractions=tuple(Pressure(f"upper {axis} high", value) for axis in "xyz"))
     (step,) = adapt(scene, 0.1, max_steps=1)
-    assert step.record["estimate"] < 1e-6 and step.record["contact_iterations"] == 1
+    assert step.record.estimate < 1e-6 and step.record.contact_iterations == 1
     strain = -0.01 * (1 - 2 * STEEL.poisson) / STEEL.young
     exact = strain * vertex_positions(step.forest)[step.forest.vertices.cells]
     everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-6 * abs(strain), "not uniform")
@@ -112,7 +112,7 @@ def test_displacement_as_a_function():
     forest = grown(roots(scene), 2)
     (step,) = adapt(scene, 0.1, max_steps=1, beginning=Beginning(forest, np.zeros((len(forest), 8, 3))))
     exact = vertex_positions(step.forest)[step.forest.vertices.cells] @ gradient.T
-    assert step.record["hanging_nodes"] > 0 and step.record["estimate"] < 1e-6
+    assert step.record.hanging_nodes > 0 and step.record.estimate < 1e-6
     everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-9, "not linear")
 
 
@@ -219,5 +219,5 @@ def test_twins():
     first = next(iter(adapt(scene, 0.5, max_steps=1))).record
     for twin, factor in ((scaled(scene, 1e-3, 1e6), 1.0), (turned(scene, np.roll(np.eye(3), 1, axis=0)), 1.0)):
         record = next(iter(adapt(twin, 0.5, max_steps=1))).record
-        assert first["force"] > 0 and abs(record["force"] / first["force"] / factor - 1) < 1e-6
-        assert abs(record["estimate"] / first["estimate"] - 1) < 1e-6
+        assert first.force > 0 and abs(record.force / first.force / factor - 1) < 1e-6
+        assert abs(record.estimate / first.estimate - 1) < 1e-6

@@ -54,12 +54,12 @@ def test_contact_surface_opens(tmp_path):
     assert grid.n_cells == facets and set(grid.celltypes) == {70}
     assert set(grid.point_data) == {"displacement", "pressure", "closed", "gap"}
     assert set(grid.cell_data) == {"body", "level", "rank", "indicator"}
-    assert set(grid["rank"]) <= set(range(WORLD.size)) and grid["level"].max() == step.record["max_level"]
+    assert set(grid["rank"]) <= set(range(WORLD.size)) and grid["level"].max() == step.record.max_level
     body = np.repeat(grid["body"], 16)
     centre = np.where(body[:, None] == list(step.scene.mesh.bodies).index("lower"), [0, 0, -1.0], [0, 0, 1.0])
     assert np.abs(np.linalg.norm(grid.points - centre, axis=1) - 1).max() < 1e-5, "points off the spheres"
-    assert np.isclose(grid["pressure"].max(), step.record["max_pressure"])
-    exact = Hertz.of_equal_spheres(1.0, MATERIAL, step.record["force"])
+    assert np.isclose(grid["pressure"].max(), step.record.max_pressure)
+    exact = Hertz.of_equal_spheres(1.0, MATERIAL, step.record.force)
     inside = np.linalg.norm(grid.points[:, :2], axis=1) < 0.6 * exact.contact_radius
     assert inside.any() and np.allclose(grid["closed"][inside], 1)
     assert np.allclose(grid["gap"][inside], 0, atol=1e-9)
@@ -95,7 +95,7 @@ def test_both_sides_have_the_same_pressure():
     force = np.array([(pressure.mean(axis=1) * area)[at_cells["body"] == b].sum() for b in (0, 1)])
     force = WORLD.allreduce(force, op=MPI.SUM) * step.scene.symmetry
     assert np.isclose(*force, rtol=1e-4)
-    assert np.isclose(force[0], step.record["force"], rtol=0.05)  # facet means, not the exact quadrature
+    assert np.isclose(force[0], step.record.force, rtol=0.05)  # facet means, not the exact quadrature
 
 
 def test_straight_facets(tmp_path):

@@ -1,5 +1,7 @@
 """Hertz contact of two half-spheres: the same run on any number of ranks, and the reference values."""
 
+import json
+
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
@@ -9,6 +11,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from fx_contact import Material, Solver, adapt
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact import contact_solver
 from fx_contact.contact.initial_guess import RigidMotions
 from fx_contact.estimate.recovery import Recovery
@@ -22,9 +25,9 @@ from fx_contact.scenes import hertz
 
 pytestmark = pytest.mark.whole_run
 
-KEYS = """scene, step, ranks, cells, dofs, hanging_nodes, max_level, geometry_order, active_pairs, contact_iterations,
-krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces, contact_radius,
-pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
+KEYS = """scene, step, ranks, cells, dofs, degree, hanging_nodes, max_level, geometry_order, active_pairs,
+contact_iterations, krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces,
+contact_radius, pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
 cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share"""
 
 
@@ -37,13 +40,14 @@ def summary(step):
     """What must not depend on the number of ranks, and what may to round-off and the Krylov tolerance."""
     record = step.record
     exact = {
-        name: record[name]
+        name: getattr(record, name)
         for name in ("step", "cells", "dofs", "hanging_nodes", "max_level", "geometry_order", "active_pairs")
     }
     close = {
-        name: record[name] for name in ("force", "estimate", "contact_radius", "max_pressure", "max_penetration")
+        name: getattr(record, name)
+        for name in ("force", "estimate", "contact_radius", "max_pressure", "max_penetration")
     }
-    active = step.forest.comm.allgather(step.pairs.position[step.contact.active])
+    active = step.forest.comm.allgather(step.pairs.position[step.solution.active])
     active = np.concatenate(active)
     return exact, close, leaves(step.forest), active[np.lexsort(np.round(active, 9).T)], record
 
@@ -68,11 +72,11 @@ def test_same_run_in_serial(scene):
                 abs(value - alone[1][name]) <= 1e-7 * alone[1][name] + 1e-15,
                 f"{name} {value} in parallel, {alone[1][name]} in serial",
             )
-        assert here[4]["partition"]["split_pairs"] == 0
-        assert here[4]["partition"]["imbalance"] < 1.1
-        assert here[4]["ranks"] == WORLD.size
+        assert here[4].partition.split_pairs == 0
+        assert here[4].partition.imbalance < 1.1
+        assert here[4].ranks == WORLD.size
     if WORLD.size > 1:
-        assert parallel[-1][4]["partition"]["cut_facets"] > 0
+        assert parallel[-1][4].partition.cut_facets > 0
 
 
 @pytest.mark.slow
@@ -80,7 +84,7 @@ def test_same_run_in_serial(scene):
 def test_default_krylov_tolerance(scene):
     """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
     forces = [
-        np.array([step.record["force"] for step in adapt(scene, 0.08, solver=solver)])
+        np.array([step.record.force for step in adapt(scene, 0.08, solver=solver)])
         for solver in (Solver(), Solver(tolerance=1e-13))
     ]
     assert len(forces[0]) > 3
@@ -88,12 +92,14 @@ def test_default_krylov_tolerance(scene):
 
 
 def test_record(scene):
-    """A step's record has the keys and types of the contract, the same on all ranks."""
+    """A step's record has the keys and types of the contract, the same on all ranks, and comes back from JSON."""
     step = next(iter(adapt(scene, 0.16, max_steps=1)))
     record = step.record
-    assert set(record) == {key.strip() for key in KEYS.split(",")}
-    assert set(record["partition"]) == {"kind", "imbalance", "cut_facets", "split_pairs"}
-    assert set(record["versions"]) == {"dolfinx", "petsc", "hypre", "numpy"}
+    entries = json.loads(json.dumps(record.as_json()))
+    assert StepRecord.from_json(entries | {"entry of another version": 1}) == record
+    assert set(entries) == {key.strip() for key in KEYS.split(",")}
+    assert set(entries["partition"]) == {"kind", "imbalance", "cut_facets", "split_pairs"}
+    assert set(record.versions) == {"dolfinx", "petsc", "hypre", "numpy"}
     assert (
         {
             "partition",
@@ -108,18 +114,16 @@ def test_record(scene):
             "output",
             "total",
         }
-        <= set(record["seconds"])
+        <= set(record.seconds)
         == {*STAGES, "total"}
     )
-    assert isinstance(record["krylov_iterations"], list) and record["scene"] == "hertz"
-    assert record["ratio"] == record["estimate"] / record["tolerance"]
-    assert set(record["memory_bytes"]) == set(STAGES) and set(record["cpu_seconds"]) == {*STAGES, "total"}
+    assert isinstance(record.krylov_iterations, list) and record.scene == "hertz"
+    assert record.ratio == record.estimate / record.tolerance
+    assert set(record.memory_bytes) == set(STAGES) and set(record.cpu_seconds) == {*STAGES, "total"}
     # The least of three: what else the machine does must not count.
-    costs = [record["cpu_seconds"]] + [
-        next(iter(adapt(scene, 0.16, max_steps=1))).record["cpu_seconds"] for _ in "12"
-    ]
+    costs = [record.cpu_seconds] + [next(iter(adapt(scene, 0.16, max_steps=1))).record.cpu_seconds for _ in "12"]
     assert min(cost["other"] / cost["total"] for cost in costs) < 0.05, "time that no stage explains"
-    assert max(record["memory_bytes"].values()) <= record["peak_memory_bytes"]
+    assert max(record.memory_bytes.values()) <= record.peak_memory_bytes
     everywhere(record == WORLD.bcast(record), "the ranks have different records")
 
 
@@ -127,16 +131,16 @@ def test_reference_values(scene):
     """HERTZ-A at 8 % with the default settings: force within 0.5 %, largest pressure and radius within 3 %."""
     *_, step = adapt(scene, 0.08)
     record = step.record
-    assert record["ratio"] <= 1
+    assert record.ratio <= 1
     # Reference: axisymmetric P2, exact non-penetration.
-    assert abs(record["force"] / 5.37755e-4 - 1) < 0.005
-    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.03
-    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.03
-    assert record["max_penetration"] < 1e-12 * 0.01, "the default leaves no penetration"
-    assert record["partition"]["split_pairs"] == 0
+    assert abs(record.force / 5.37755e-4 - 1) < 0.005
+    assert abs(record.max_pressure / 0.0499817 - 1) < 0.03
+    assert abs(record.contact_radius / 0.0716222 - 1) < 0.03
+    assert record.max_penetration < 1e-12 * 0.01, "the default leaves no penetration"
+    assert record.partition.split_pairs == 0
     shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
     again = Recovery(step.elasticity, shear_free, step.stages).estimate()
-    assert abs(again.relative / record["estimate"] - 1) < 1e-12
+    assert abs(again.relative / record.estimate - 1) < 1e-12
 
 
 @pytest.mark.slow
@@ -145,18 +149,18 @@ def test_reference_values_at_4_percent(scene):
     """HERTZ-A at 4 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
     *_, step = adapt(scene, 0.04)
     record = step.record
-    assert record["ratio"] <= 1
-    assert abs(record["force"] / 5.37755e-4 - 1) < 0.002
-    assert abs(record["max_pressure"] / 0.0499817 - 1) < 0.015
-    assert abs(record["contact_radius"] / 0.0716222 - 1) < 0.02
+    assert record.ratio <= 1
+    assert abs(record.force / 5.37755e-4 - 1) < 0.002
+    assert abs(record.max_pressure / 0.0499817 - 1) < 0.015
+    assert abs(record.contact_radius / 0.0716222 - 1) < 0.02
 
 
 @pytest.mark.parametrize("displacement", [0.0, -0.01])
 def test_bodies_that_do_not_touch(displacement):
     """Without load there is no force, no error, and but for the second mesh nothing is refined for round-off."""
     for step in adapt(hertz(displacement=displacement, order=2, coarse=2), 0.1):
-        assert step.record["force"] == 0 and step.record["estimate"] == 0 and step.record["ratio"] == 0
-    assert step.record["step"] == 1
+        assert step.record.force == 0 and step.record.estimate == 0 and step.record.ratio == 0
+    assert step.record.step == 1
 
 
 def test_failure_while_steps_are_collected(monkeypatch):
@@ -168,14 +172,14 @@ def test_failure_while_steps_are_collected(monkeypatch):
         for step in adapt(
             hertz(order=2, coarse=2), 0.16, solver=Solver(max_krylov=45, options={"pc_type": "jacobi"})
         ):
-            done.append((step.record, WORLD.allreduce(np.abs(step.contact.displacement).max(initial=0.0), MPI.MAX)))
+            done.append((step.record, WORLD.allreduce(np.abs(step.solution.displacement).max(initial=0.0), MPI.MAX)))
             yield step
 
     with pytest.raises(SolveError, match="PCG") as failure:
         list(counted())
     assert done, "the first step failed"
     error, (record, largest) = failure.value, done[-1]
-    assert error.record is record and error.forest.size_global > record["cells"]
+    assert error.record is record and error.forest.size_global > record.cells
     assert WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) == largest
 
 
@@ -203,10 +207,10 @@ def test_fallback(monkeypatch, request, name, most, options):
         list(adapt(scene, 0.25, solver=solver))[-1].record
         for solver in (Solver(), Solver(max_krylov=most, options=options))
     )
-    assert right["preconditioner"] == "boomeramg" and last["preconditioner"] == name
-    assert last["krylov_iterations"][0] > most and last["contact_iterations"] > 1, "no pair changes after the failure"
-    assert last["active_pairs"] == right["active_pairs"]
-    assert abs(last["force"] / right["force"] - 1) < 1e-6
+    assert right.preconditioner == "boomeramg" and last.preconditioner == name
+    assert last.krylov_iterations[0] > most and last.contact_iterations > 1, "no pair changes after the failure"
+    assert last.active_pairs == right.active_pairs
+    assert abs(last.force / right.force - 1) < 1e-6
 
 
 @pytest.mark.parametrize("free, what", [(2e6, "the system of .* unknowns"), (1e6, "a forest of .* leaves")])
@@ -265,8 +269,8 @@ def test_preconditioner_does_not_matter(solver):
     scene = hertz(order=2, coarse=2)
     *_, one = adapt(scene, 0.25)
     *_, other = adapt(scene, 0.25, solver=solver)
-    assert one.record["cells"] == other.record["cells"]
-    assert abs(other.record["force"] / one.record["force"] - 1) < 1e-7
+    assert one.record.cells == other.record.cells
+    assert abs(other.record.force / one.record.force - 1) < 1e-7
 
 
 @pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
@@ -276,9 +280,9 @@ def test_units_do_not_matter(radius, young):
     *_, one = adapt(hertz(**settings), 0.25)
     scaled = hertz(radius, 0.01 * radius, Material(young, 0.3), **settings)
     *_, other = adapt(scaled, 0.25)
-    assert one.record["cells"] == other.record["cells"]
-    assert abs(other.record["force"] / (one.record["force"] * young * radius**2) - 1) < 1e-7
-    assert abs(other.record["estimate"] / one.record["estimate"] - 1) < 1e-6
+    assert one.record.cells == other.record.cells
+    assert abs(other.record.force / (one.record.force * young * radius**2) - 1) < 1e-7
+    assert abs(other.record.estimate / one.record.estimate - 1) < 1e-6
 
 
 def test_root_mesh_is_a_ball():
@@ -301,6 +305,6 @@ def test_full_and_quarter_model():
         scene = hertz(displacement=0.2, order=2, coarse=3, symmetry=kind)
         records.append(next(iter(adapt(scene, 0.1, max_steps=1))).record)
     quarter, full = records
-    assert full["cells"] == 4 * quarter["cells"] and full["active_pairs"] > quarter["active_pairs"] > 3
+    assert full.cells == 4 * quarter.cells and full.active_pairs > quarter.active_pairs > 3
     for name in ("force", "max_pressure", "contact_radius", "estimate"):
-        assert abs(full[name] / quarter[name] - 1) < 1e-6, name
+        assert abs(getattr(full, name) / getattr(quarter, name) - 1) < 1e-6, name

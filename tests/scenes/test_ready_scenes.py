@@ -33,10 +33,10 @@ def test_stack_is_in_uniform_compression(materials, gap):
     pairs = len(materials) - 1
     record = last(stack(materials, displacement=0.01 + pairs * gap, gap=gap, side=2.0, height=0.7))
     exact = 4 * 0.01 / sum(0.7 / m.young for m in materials)
-    assert len(record["pair_forces"]) == pairs and abs(sum(record["pair_forces"]) / record["force"] - 1) < 1e-12
-    for force in record["pair_forces"]:
+    assert len(record.pair_forces) == pairs and abs(sum(record.pair_forces) / record.force - 1) < 1e-12
+    for force in record.pair_forces:
         assert -0.02 < force / exact - 1 <= 1e-7
-    assert record["estimate"] < 1e-6 and record["active_pairs"] == 25 * pairs
+    assert record.estimate < 1e-6 and record.active_pairs == 25 * pairs
 
 
 def test_weights_add_up_downward():
@@ -45,19 +45,19 @@ def test_weights_add_up_downward():
     weights = tuple(
         BodyForce(body, (0.0, 0.0, -weight)) for body, weight in zip(scene.mesh.bodies, (1e-3, 2e-3, 3e-3, 4e-3))
     )
-    forces = np.array(last(replace(scene, body_forces=weights))["pair_forces"])
+    forces = np.array(last(replace(scene, body_forces=weights)).pair_forces)
     expected = 0.001 + np.array([9e-3, 7e-3, 4e-3])  # of blocks of 1 m^3 [N]
     assert np.abs(forces / expected - 1).max() < 1e-6
 
 
 def test_stack_under_pressure():
     """Blocks that contact alone holds pass the load on."""
-    assert abs(last(stack((SOFT, STIFF), pressure=0.01))["force"] / 0.01 - 1) < 1e-7
+    assert abs(last(stack((SOFT, STIFF), pressure=0.01)).force / 0.01 - 1) < 1e-7
 
 
 def test_stack_that_does_not_touch():
     """A gap wider than the displacement leaves no force, and a block between two others without hold."""
-    assert last(stack((SOFT, STIFF), displacement=0.1, gap=0.2))["force"] == 0
+    assert last(stack((SOFT, STIFF), displacement=0.1, gap=0.2)).force == 0
     with pytest.raises(SolveError, match="block 1"):
         last(stack(displacement=0.1, gap=0.2))
 
@@ -66,17 +66,17 @@ def test_punch_is_hertz():
     """Pressed in little the punch is a sphere on a half-space: force to 3 %, pressure through the force to 5 %."""
     record = last(punch(displacement=1e-3, order=4), 0.15)
     modulus = SOFT.plane_strain_modulus / 2
-    assert abs(record["force"] / (4 / 3 * modulus * 1e-3**1.5) - 1) < 0.03
-    highest = (6 * record["force"] * modulus**2 / np.pi**3) ** (1 / 3)
-    assert abs(record["max_pressure"] / highest - 1) < 0.05
+    assert abs(record.force / (4 / 3 * modulus * 1e-3**1.5) - 1) < 0.03
+    highest = (6 * record.force * modulus**2 / np.pi**3) ** (1 / 3)
+    assert abs(record.max_pressure / highest - 1) < 0.05
 
 
 def test_punch_by_force():
     """Force and displacement are two ways to the same state."""
     pressed = last(punch())
-    held = last(punch(force=pressed["force"]))
-    assert abs(held["force"] / pressed["force"] - 1) < 1e-7
-    assert abs(held["contact_radius"] / pressed["contact_radius"] - 1) < 0.05
+    held = last(punch(force=pressed.force))
+    assert abs(held.force / pressed.force - 1) < 1e-7
+    assert abs(held.contact_radius / pressed.contact_radius - 1) < 0.05
 
 
 @pytest.mark.parametrize(
@@ -86,9 +86,9 @@ def test_spheres_are_hertz(radii):
     """Pressed in little, spheres of any radii have Hertz's pressure and radius through the force, to 5 % and 3 %."""
     record = last(spheres(radii, displacement=1e-3, upper=STIFF, order=4), 0.15)
     modulus = 1 / (1 / SOFT.plane_strain_modulus + 1 / STIFF.plane_strain_modulus)
-    exact = Hertz(1 / sum(1 / r for r in radii), modulus, record["force"])
-    assert abs(record["max_pressure"] / exact.max_pressure - 1) < 0.05
-    assert abs(record["contact_radius"] / exact.contact_radius - 1) < 0.03
+    exact = Hertz(1 / sum(1 / r for r in radii), modulus, record.force)
+    assert abs(record.max_pressure / exact.max_pressure - 1) < 0.05
+    assert abs(record.contact_radius / exact.contact_radius - 1) < 0.03
     assert abs(exact.approach / 1e-3 - 1) < 0.1
 
 
@@ -97,10 +97,10 @@ def test_cylinders_are_hertz():
     scene = cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF)
     record = last(scene, 0.15)
     modulus = 1 / (1 / SOFT.plane_strain_modulus + 1 / STIFF.plane_strain_modulus)
-    exact = HertzLine(2 / 3, modulus, record["force"] / 0.125)
-    assert abs(record["max_pressure"] / exact.max_pressure - 1) < 0.05
+    exact = HertzLine(2 / 3, modulus, record.force / 0.125)
+    assert abs(record.max_pressure / exact.max_pressure - 1) < 0.05
     again = last(cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF, length=0.0625), 0.15)
-    assert abs(2 * again["force"] / record["force"] - 1) < 0.02
+    assert abs(2 * again.force / record.force - 1) < 0.02
 
 
 def test_shrink_fit_is_lame():
@@ -108,15 +108,15 @@ def test_shrink_fit_is_lame():
     scene = shrink_fit(interference=1e-3, inner=STIFF, outer=SOFT)
     record = last(scene, 0.1)
     exact = ShrinkFit((0.5, 1.0, 1.5), 1e-3, STIFF, SOFT).pressure
-    assert abs(record["force"] / (exact * 2 * np.pi * 2 * 0.25) - 1) < 0.01
-    assert abs(record["max_pressure"] / exact - 1) < 0.03
+    assert abs(record.force / (exact * 2 * np.pi * 2 * 0.25) - 1) < 0.01
+    assert abs(record.max_pressure / exact - 1) < 0.03
 
 
 def test_patch():
     """Uniform pressure between columns of different materials."""
     record = last(patch())
     exact = 0.01 / (1 + 1 / 3)
-    assert abs(record["force"] / exact - 1) < 1e-7 and abs(record["max_pressure"] / exact - 1) < 1e-6
+    assert abs(record.force / exact - 1) < 1e-7 and abs(record.max_pressure / exact - 1) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -136,11 +136,11 @@ def test_twins(scene, twin, factor):
     """Twins have the same cells, error and contact force, whatever holds or loads the bodies."""
     one = last(scene(), 0.3)
     other = last(twin(scene()), 0.3)
-    assert one["cells"] == other["cells"] and one["force"] > 0
+    assert one.cells == other.cells and one.force > 0
     # Tributary areas are those of the first surface: exchanged, a curved one differs from a flat one by its slope.
     close = 1e-4 if twin is swapped else 1e-6
-    assert abs(other["force"] / one["force"] / factor - 1) < close
-    assert abs(other["estimate"] - one["estimate"]) < close
+    assert abs(other.force / one.force / factor - 1) < close
+    assert abs(other.estimate - one.estimate) < close
 
 
 def test_turned_out_of_the_axes():
@@ -198,7 +198,7 @@ def test_not_round_enough(make, order):
 
 def test_roundness_decides_the_force():
     """What is refused would be wrong: the computed force is off by about half of what the surfaces are."""
-    force = last(hertz(order=3, displacement=1e-4), 0.15)["force"]
+    force = last(hertz(order=3, displacement=1e-4), 0.15).force
     exact = 4 / 3 * SOFT.plane_strain_modulus / 2 * np.sqrt(0.5) * 1e-6
     assert 0.005 < force / exact - 1 < 0.02
 

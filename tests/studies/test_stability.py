@@ -62,7 +62,7 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
     *_, step = adapt(stack([SOFT, SOFT]), 0.2, comm=stability.MPI.COMM_SELF)
     state = stability.State(step, "exact")
     for estimate, seen, tolerance, square in ((0.1, 1.0, 0.2, 0.015), (0.1, 0.5, 0.25, 0.06), (0.1, 0.5, 0.2, 0.04)):
-        state.record.update(estimate=estimate, assumed_effectivity=seen, tolerance=tolerance)
+        state.record = replace(step.record, estimate=estimate, assumed_effectivity=seen, tolerance=tolerance)
         for off, holds in ((0.99 * square, True), (1.01 * square, False)):
             known = Exact(force=state.interfaces()[0] / (1 + off), approach=0.01)
             (check,) = state.against_exact(known)
@@ -97,7 +97,7 @@ def test_the_judge_sees_a_spoilt_solution(spoil, check):
     penalty = Enforcement("penalty")  # whose overlap is a spoilt solution's if no pair is closed
     *_, step = adapt(stack([SOFT, Material(3.0, 0.1)]), 0.2, comm=stability.MPI.COMM_SELF, enforcement=penalty)
     assert all(c.holds for c in stability.State(step, "penalty").checks())
-    state = stability.State(replace(step, contact=spoil(step.contact)), "penalty")
+    state = stability.State(replace(step, solution=spoil(step.solution)), "penalty")
     assert check in [c.name for c in state.checks() if not c.holds]
 
 

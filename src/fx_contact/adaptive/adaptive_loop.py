@@ -278,14 +278,15 @@ def _loop(last, settings, comm, max_steps, partition_kind, beginning, writer, re
         # The last step of a run that goes on again: what its refinement changed has been observed.
         history, again = replace(history, refined=False) if again else history, False
         step = solve_step(settings, number, forest, prolongation, start, along, stages, quality, history)
-        last.record, last.displacement = step.record, step.contact.displacement
+        last.record, last.displacement = step.record, step.solution.displacement
         records.append(step.record)
         if writer is not None:
             with stages("output"):
                 writer.save(step, records)
-            step.record.update(stages.costs(comm))
+            step = replace(step, record=replace(step.record, **stages.costs(comm)))
+            last.record = records[-1] = step.record
         yield step
-        if step.record["reached"] or number >= max_steps - 1:
+        if step.record.reached or number >= max_steps - 1:
             return
         _check_penalty(step, settings)
         stages = _stages(progress, number + 1)
@@ -300,12 +301,12 @@ def _check_penalty(step, settings):
     Raises:
         SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
     """
-    record, tolerance = step.record, settings.tolerance
+    tolerance = settings.tolerance
     if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
         raise SolveError(
-            f"the penalty is too soft for the tolerance: overlaps take {record['penalty_share']:.2%} of the energy of "
-            f"contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger factor (or, "
-            "with the augmented Lagrangian, a smaller gap_tolerance), or the enforcement 'exact', the default"
+            f"the penalty is too soft for the tolerance: overlaps take {step.record.penalty_share:.2%} of the energy "
+            f"of contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger "
+            "factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default enforcement 'exact'"
         )
 
 

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.row_file import RowFile, write_rows
 from fx_contact.adaptive.step import DEGREE
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
 from fx_contact.fem.space import Space
@@ -70,7 +71,7 @@ class CheckpointWriter:
 
         Args:
             step: Step.
-            records: list of dict, of all steps up to this one.
+            records: list of StepRecord, of all steps up to this one.
 
         Raises:
             OutputError: the checkpoint cannot be written, or another run has written one; what was there still is.
@@ -79,7 +80,7 @@ class CheckpointWriter:
         indicator = np.empty(len(forest))
         indicator[step.leaf_mesh.leaf] = error.error
         leaf, node = prolongation.space.example.T
-        values = np.concatenate([prolongation.prolong(step.contact.displacement), step.along[leaf, node]], axis=1)
+        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.along[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         write_rows(
@@ -90,7 +91,7 @@ class CheckpointWriter:
                 "problem": self._problem,
                 "options": self._options,
                 "degree": prolongation.space.degree,
-                "records": records,
+                "records": [record.as_json() for record in records],
                 "estimate": [error.error_global, error.energy_norm, error.cells],
                 "history": asdict(step.history),
             },
@@ -168,7 +169,7 @@ class Checkpoint:
         path: of the file.
         comm: as given.
         run: id of the run that has written it.
-        records: list of dict, of all steps so far.
+        records: list of StepRecord, of all steps so far.
 
     Raises:
         SceneError: folder or scene differ between ranks, or the scene is none.
@@ -186,7 +187,11 @@ class Checkpoint:
         self._file = RowFile(self.path, comm)
         content = self._file.content
         self._compare(content["problem"], asked)
-        self.run, self.records = content["run"], content["records"]
+        self.run = content["run"]
+        try:
+            self.records = [StepRecord.from_json(entries) for entries in content["records"]]
+        except TypeError:
+            raise CheckpointError(f"{str(self.path)!r} is of another version of fx_contact: begin anew") from None
 
     def check(self, problem, options):
         """See that a run can go on from here.

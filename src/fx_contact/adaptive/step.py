@@ -7,6 +7,7 @@ from numbers import Integral
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.enforcement import Enforcement
@@ -125,14 +126,14 @@ class Step:
     """The state after one adaptive step.
 
     Attributes:
-        record: dict, the contract of `steps.jsonl`.
+        record: StepRecord.
         scene: Scene.
         forest: Forest.
         leaf_mesh: LeafMesh.
         elasticity: Elasticity; its `u` is the displacement.
         pairs: NodePairs or None.
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
-        contact: ContactSolution.
+        solution: ContactSolution.
         estimate: Estimate.
         history: RefinementHistory, with what this step has shown.
         contact_error: ContactError.
@@ -140,14 +141,14 @@ class Step:
         along: (n, (p+1)^3, k) float64 at the nodes of the leaves, further fields that go along.
     """
 
-    record: dict
+    record: StepRecord
     scene: object
     forest: Forest
     leaf_mesh: object
     elasticity: Elasticity
     pairs: object
     start: np.ndarray
-    contact: object
+    solution: object
     estimate: object
     history: object
     contact_error: ContactError
@@ -163,7 +164,7 @@ class Step:
     def nodal_displacement(self):
         """Displacement at the nodes of this rank's leaves: (n, (p+1)^3, 3) [m].  Collective."""
         prolongation = self.elasticity.prolongation
-        return prolongation.prolong(self.contact.displacement)[prolongation.space.cells]
+        return prolongation.prolong(self.solution.displacement)[prolongation.space.cells]
 
 
 def check_step(step, contact=False):
@@ -195,7 +196,7 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
         start: (owned, 3) float64, first guess of the displacement [m].
         along: (n, (p+1)^3, k) float64, fields that go along.
         stages: Stages, with the times so far.
-        quality: dict, `partition` of the record.
+        quality: PartitionSummary.
         history: RefinementHistory of the run so far.
 
     Returns:
@@ -244,34 +245,35 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
                 )
             max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     fine = control.sought(error, tolerance, history) is None and not of_contact.leaves
-    record = {
-        "scene": scene.name,
-        "step": number,
-        "ranks": comm.size,
-        "cells": forest.size_global,
-        "dofs": 3 * prolongation.index_map.size_global,
-        "hanging_nodes": prolongation.hanging_global,
-        "max_level": max_level,
-        "geometry_order": order,
-        "enforcement": settings.enforcement.method,
-        "control": control.mode,
+    record = StepRecord(
+        scene=scene.name,
+        step=number,
+        ranks=comm.size,
+        cells=forest.size_global,
+        dofs=3 * prolongation.index_map.size_global,
+        degree=prolongation.space.degree,
+        hanging_nodes=prolongation.hanging_global,
+        max_level=max_level,
+        geometry_order=order,
+        enforcement=settings.enforcement.method,
+        control=control.mode,
         **results,
-        "contact_iterations": contact.contact_iterations,
-        "krylov_iterations": contact.krylov_iterations,
-        "preconditioner": contact.preconditioner,
-        "estimate": error.relative,
-        "assumed_effectivity": control.effectivity(history),
-        "tolerance": tolerance,
-        "ratio": error.relative / tolerance,
-        "pair_errors": of_contact.of_pairs,
-        "pair_leaves": of_contact.leaves_of_pairs,
-        "unseen_contact": of_contact.unseen,
-        "penalty_share": of_contact.penalty_share,
-        "reached": bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2),
-        "partition": quality,
+        contact_iterations=contact.contact_iterations,
+        krylov_iterations=contact.krylov_iterations,
+        preconditioner=contact.preconditioner,
+        estimate=error.relative,
+        assumed_effectivity=control.effectivity(history),
+        tolerance=tolerance,
+        ratio=error.relative / tolerance,
+        pair_errors=of_contact.of_pairs,
+        pair_leaves=of_contact.leaves_of_pairs,
+        unseen_contact=of_contact.unseen,
+        penalty_share=of_contact.penalty_share,
+        reached=bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2),
+        partition=quality,
         **stages.costs(comm),
-        "versions": library_versions(),
-    }
+        versions=library_versions(),
+    )
     return Step(
         record, scene, forest, cells, elasticity, pairs, start, contact, error, history, of_contact, stages, along
     )

@@ -50,6 +50,21 @@ class Quality:
     pieces_mean: float
 
 
+@dataclass(frozen=True)
+class PartitionSummary:
+    """Measures of the partition of a run, as each step's record has them.
+
+    Attributes:
+        kind: a key of `partition.KINDS`.
+        imbalance, cut_facets, split_pairs: as in `Quality`.
+    """
+
+    kind: str
+    imbalance: float
+    cut_facets: int
+    split_pairs: int
+
+
 def brief(forest, kind):
     """The measures that go into the record of every step, for the parts that the ranks are.
 
@@ -60,17 +75,17 @@ def brief(forest, kind):
         kind: name of the partition, passed on.
 
     Returns:
-        dict with kind, imbalance, cut_facets and split_pairs, as in `Quality`.
+        PartitionSummary.
     """
     comm = forest.comm
     part = np.full(len(forest), comm.rank)
     alone = comm.size == 1
-    return {
-        "kind": kind,
-        "imbalance": _imbalance(comm, part, np.ones(len(part)), comm.size),
-        "cut_facets": 0 if alone else create_leaf_graph(forest).cut(part),
-        "split_pairs": 0 if alone else _facing(forest).cut(part),
-    }
+    return PartitionSummary(
+        kind,
+        imbalance=_imbalance(comm, part, np.ones(len(part)), comm.size),
+        cut_facets=0 if alone else create_leaf_graph(forest).cut(part),
+        split_pairs=0 if alone else _facing(forest).cut(part),
+    )
 
 
 class Judge:

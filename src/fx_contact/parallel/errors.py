@@ -9,7 +9,7 @@ class FxContactError(Exception):
     """Base of all errors raised by fx_contact.
 
     Attributes, set where a run fails after it has begun (else None), so that nothing is lost:
-        record: dict of the last step that was solved.
+        record: StepRecord of the last step that was solved.
         forest: Forest of that step, or the one after it where that was being solved.
         displacement: (owned, 3) float64, the last step's displacement on that forest's conforming vertices [m].
     """

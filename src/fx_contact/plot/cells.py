@@ -61,9 +61,9 @@ def contact_size(step):
     Args:
         step: Step with contact.
     """
-    shown = step.contact.active if step.record["active_pairs"] else np.ones(len(step.pairs), dtype=bool)
+    shown = step.solution.active if step.record.active_pairs else np.ones(len(step.pairs), dtype=bool)
     size = float(np.sqrt(step.pairs.area[shown].max(initial=0.0)))
-    return max(step.record["contact_radius"], step.forest.comm.allreduce(size, op=MPI.MAX))
+    return max(step.record.contact_radius, step.forest.comm.allreduce(size, op=MPI.MAX))
 
 
 def draw_partition(step, path, colour="rank"):

@@ -4,6 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, shown
@@ -36,8 +37,8 @@ def draw_pressure(step, path, exact=None):
     arm = pairs.position - step.scene.contact_centre
     along = np.einsum("ni,ni->n", arm, pairs.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
-    near = radius <= 1.6 * step.record["contact_radius"]
-    rows = np.stack([radius, step.contact.force / pairs.area], axis=1)[near]
+    near = radius <= 1.6 * step.record.contact_radius
+    rows = np.stack([radius, step.solution.force / pairs.area], axis=1)[near]
     rows = comm.gather(rows, root=0)
     return draw_on_first(comm, path, lambda path: _draw_pressure(np.concatenate(rows), step.record, path, exact))
 
@@ -47,13 +48,13 @@ def _draw_pressure(rows, record, path, exact):
     with axes_for(path) as axes:
         axes.plot(rows[:, 0] / scale, rows[:, 1], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
         if exact:
-            r = np.linspace(0, 1.6 * record["contact_radius"], 400)
+            r = np.linspace(0, 1.6 * record.contact_radius, 400)
             axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g} N")
         axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
         axes.set_ylabel("contact pressure [Pa]")
         axes.set_ylim(bottom=0)
         axes.set_xlim(left=0)
-        axes.set_title(f"{record['dofs']:,} dofs, estimated error {100 * record['estimate']:.1f} %", fontsize=11)
+        axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)
         axes.legend(frameon=False)
 
 
@@ -63,7 +64,7 @@ def draw_convergence(records, path, comm=MPI.COMM_WORLD):
     Collective on comm; rank 0 draws.
 
     Args:
-        records: dicts of the steps of a run, as in `steps.jsonl`.
+        records: list of StepRecord, of the steps of a run.
         path: of the PNG.
         comm: MPI communicator.
 
@@ -83,21 +84,20 @@ def draw_convergence(records, path, comm=MPI.COMM_WORLD):
 
 def _check_records(records):
     """Raises SceneError unless there are records of steps.  Local."""
-    needed = {"dofs", "estimate", "tolerance"}
-    if not isinstance(records, (list, tuple)) or not all(isinstance(r, dict) and needed <= r.keys() for r in records):
+    if not isinstance(records, (list, tuple)) or not all(isinstance(r, StepRecord) for r in records):
         raise SceneError(f"the records of a run must be a list of those of its steps, got {shown(records)}")
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
 
 
 def _draw_convergence(records, path):
-    dofs, error = np.array([(r["dofs"], 100 * r["estimate"]) for r in records]).T
-    true = np.array([(r["dofs"], 100 * r["true_error"]["relative"]) for r in records if "true_error" in r])
+    dofs, error = np.array([(r.dofs, 100 * r.estimate) for r in records]).T
+    true = np.array([(r.dofs, 100 * r.true_error.relative) for r in records if r.true_error])
     with axes_for(path) as axes:
         axes.loglog(dofs, error, "o-", color="#0072B2", label="estimated")
         if len(true):
             axes.loglog(*true.T, "s", color="#D55E00", label="true")
-        axes.axhline(100 * records[-1]["tolerance"], color="#555555", ls=":", label="tolerance")
+        axes.axhline(100 * records[-1].tolerance, color="#555555", ls=":", label="tolerance")
         smooth = error[-1] * (dofs / dofs[-1]) ** (-1 / 3)
         axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label="uniform cells, smooth solution: dofs$^{-1/3}$")
         axes.set_xlabel("unknowns")

@@ -110,7 +110,7 @@ def contact_errors(step, reference):
     with together(step.forest.comm):
         if not isinstance(reference, ContactReference):
             raise SceneError(f"the reference must be a ContactReference, got {shown(reference)}")
-    result = {name: step.record[name] / getattr(reference, name) - 1 for name in FIGURES}
+    result = {name: getattr(step.record, name) / getattr(reference, name) - 1 for name in FIGURES}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
     if len(reference.axis):
@@ -121,7 +121,7 @@ def contact_errors(step, reference):
 def _pressure_error(step, reference):
     pairs = step.pairs
     known = reference.pressure(np.linalg.norm((pairs.position - step.scene.contact_centre)[:, :2], axis=1))
-    off = step.contact.force / pairs.area - known
+    off = step.solution.force / pairs.area - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
     return np.sqrt(sums[0] / sums[1])
 

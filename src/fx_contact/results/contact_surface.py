@@ -90,7 +90,7 @@ def contact_facets(step):
 
 def _nodal_values(step):
     """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact: (m, 6)."""
-    pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
+    pairs, contact, prolongation = step.pairs, step.solution, step.elasticity.prolongation
     area = pairs.area
     rows = np.stack([contact.force, contact.active * area, -contact.penetration * area, area], axis=1)
     said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))

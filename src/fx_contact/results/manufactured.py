@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact.adaptive.step_record import Record
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
@@ -76,19 +77,51 @@ def bump(x):
     return [direction * height for direction in _DIRECTION]
 
 
+@dataclass(frozen=True)
+class ManufacturedRecord(Record):
+    """The figures of one step; those of a StepRecord by the same name, and errors that are known here.
+
+    Attributes:
+        true_error: error relative to the solution in the energy norm [-].
+        l2_error: the same in the L2 norm [-].
+        effectivity: estimate over true error [-].
+    """
+
+    scene: str
+    step: int
+    ranks: int
+    cells: int
+    dofs: int
+    degree: int
+    hanging_nodes: int
+    max_level: int
+    geometry_order: int
+    krylov_iterations: list[int]
+    estimate: float
+    tolerance: float
+    ratio: float
+    true_error: float
+    l2_error: float
+    effectivity: float
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    memory_bytes: dict[str, float]
+    peak_memory_bytes: int
+    versions: dict[str, str]
+
+
 @dataclass(frozen=True, eq=False)
 class ManufacturedStep:
     """The state after one step.
 
     Attributes:
-        record: dict with `cells`, `dofs`, `hanging_nodes`, `max_level`, `estimate`, `true_error` and `l2_error`
-            (relative to the solution's norms), `effectivity`, and the costs of `Stages`.
+        record: ManufacturedRecord.
         forest: Forest.
         elasticity: Elasticity; its `u` is the displacement.
         estimate: Estimate.
     """
 
-    record: dict
+    record: ManufacturedRecord
     forest: Forest
     elasticity: Elasticity
     estimate: object
@@ -130,7 +163,7 @@ def adapt_manufactured(
             forest, _ = repartition(forest, None, "contact-sfc")
         step = _solve(number, forest, geometry_order or order, tolerance, stages)
         yield step
-        if step.record["estimate"] <= tolerance or number == max_steps - 1:
+        if step.record.estimate <= tolerance or number == max_steps - 1:
             return
         times = np.ones(len(forest), dtype=np.int8)
         if not uniform:
@@ -160,25 +193,26 @@ def _solve(number, forest, order, tolerance, stages):
         guess = Recovery(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages).estimate()
     costs = stages.costs(forest.comm)
     true = field_error(elasticity, ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh))))
-    record = {
-        "scene": "manufactured",
-        "step": number,
-        "ranks": forest.comm.size,
-        "cells": forest.size_global,
-        "dofs": 3 * prolongation.index_map.size_global,
-        "hanging_nodes": prolongation.hanging_global,
-        "max_level": forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
-        "geometry_order": order,
-        "krylov_iterations": solution.krylov_iterations,
-        "estimate": guess.relative,
-        "tolerance": tolerance,
-        "ratio": guess.relative / tolerance,
-        "true_error": true.energy,
-        "l2_error": true.l2,
-        "effectivity": guess.relative / true.energy,
+    record = ManufacturedRecord(
+        scene="manufactured",
+        step=number,
+        ranks=forest.comm.size,
+        cells=forest.size_global,
+        dofs=3 * prolongation.index_map.size_global,
+        degree=prolongation.space.degree,
+        hanging_nodes=prolongation.hanging_global,
+        max_level=forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
+        geometry_order=order,
+        krylov_iterations=solution.krylov_iterations,
+        estimate=guess.relative,
+        tolerance=tolerance,
+        ratio=guess.relative / tolerance,
+        true_error=true.energy,
+        l2_error=true.l2,
+        effectivity=guess.relative / true.energy,
         **costs,
-        "versions": library_versions(),
-    }
+        versions=library_versions(),
+    )
     return ManufacturedStep(record, forest, elasticity, guess)
 
 

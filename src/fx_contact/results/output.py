@@ -10,6 +10,7 @@ from dolfinx import fem
 from dolfinx.io import VTXWriter
 
 from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step_record import Record
 from fx_contact.estimate.recovery import VOIGT
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, SceneError
@@ -25,15 +26,18 @@ _HEAD_BYTES = 2**15
 
 
 class RecordWriter:
-    """Step records, one JSON object a line, each on disk as soon as it is written.
+    """Writes `steps.jsonl`: a step record a line, each on disk as soon as it is written.
 
     Collective on comm.
 
     Args:
         folder: for the results; made if it is not there.
         comm: MPI communicator.
-        finished: records of the steps before a restart.  With them the lines of `steps.jsonl` stay, but for a last one
-            that is not complete, and those that are missing are added; without, the file is begun anew.
+        finished: list of StepRecord, of the steps before a restart.  With them the complete lines of the file stay,
+            and missing ones are added; without, the file is begun anew.
+
+    Attributes:
+        path: of the file.
 
     Raises:
         SceneError: comm is no communicator, or finished no list of records.
@@ -43,89 +47,75 @@ class RecordWriter:
     def __init__(self, folder, comm, finished=()):
         check_comm(comm)
         self.path = shared_path(comm, "the output folder", folder, OutputError) / "steps.jsonl"
-        self._comm, self._last = comm, 0
+        self._comm, self._step, self._start = comm, None, 0  # the last step written, and where its line starts
         with together(comm):
             if comm.rank == 0:
                 self._try(lambda: self._begin(finished))
 
     def write(self, record):
-        """Append one record.
+        """Append a record, or replace the last one written if it is of the same step.
 
         Collective on comm.
 
         Args:
-            record: dict that JSON can hold.
+            record: StepRecord.
 
         Raises:
-            SceneError: JSON cannot hold the record.
+            SceneError: it is none, or JSON cannot hold it.
             OutputError: the file cannot be written.
         """
         with together(self._comm):
             if self._comm.rank == 0:
-                self._try(lambda: self._append(_line(record)))
-
-    def amend(self, record):
-        """Replace the last record, when later work on the same step has changed it.
-
-        Collective on comm.
-
-        Args:
-            record: dict that JSON can hold.
-
-        Raises:
-            SceneError: JSON cannot hold the record.
-            OutputError: the file cannot be written.
-        """
-        with together(self._comm):
-            if self._comm.rank == 0:
-                self._try(lambda: self._append(_line(record), self._last))
+                self._try(lambda: self._write(record))
 
     def _begin(self, finished):
-        if not isinstance(finished, (list, tuple)) or not all(map(_is_record, finished)):
+        if not isinstance(finished, (list, tuple)) or not all(isinstance(record, Record) for record in finished):
             raise SceneError(f"finished must be a list of the records of steps, got {shown(finished)}")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
             raise OutputError(f"{str(self.path)!r} is no file: remove it, or name another output folder")
         before = self.path.read_bytes() if finished and self.path.exists() else b""
         lines = before[: before.rfind(b"\n") + 1]
-        there = [record for record in map(_record_of, lines.splitlines()) if record is not None]
-        self._check_same_run(there, {record["step"]: json.loads(_line(record)) for record in finished})
+        there = {entries["step"]: entries for entries in map(_entries, lines.splitlines()) if entries is not None}
+        self._check_same_run(there, {record.step: json.loads(_line(record)) for record in finished})
         if not lines:
             self.path.write_bytes(b"")
         elif lines != before:
             os.truncate(self.path, len(lines))
-        steps = {record["step"] for record in there}
         for record in finished:
-            if record["step"] not in steps:
-                self._append(_line(record))
+            if record.step not in there:
+                self._write(record)
 
     def _check_same_run(self, there, finished):
         """See that the records of the file are of finished steps, whatever they cost, and on how many ranks.
 
         Args:
-            there: list of dict, records in the file.
-            finished: step -> record.
+            there, finished: step -> entries of its record, in the file and in the run that goes on.
 
         Raises:
             OutputError: they are of another run, whose records would be mixed with those of this one.
         """
-        for record in there:
-            known = finished.get(record["step"])
+        for step, entries in there.items():
+            known = finished.get(step)
             if known is None:
                 told = "which the run that goes on has not done yet"
-            elif unlike := [name for name in _TELLING if not _agree(record.get(name), known.get(name))]:
+            elif unlike := [name for name in _TELLING if not _agree(entries.get(name), known.get(name))]:
                 name = unlike[0]
-                told = f"{name} is {shown(record.get(name))} there, {shown(known[name])} in the run that goes on"
+                told = f"{name} is {shown(entries.get(name))} there, {shown(known[name])} in the run that goes on"
             else:
                 continue
             raise OutputError(
-                f"{str(self.path)!r} has records of another run: of step {record['step']}, {told}; they stay as they "
+                f"{str(self.path)!r} has records of another run: of step {step}, {told}; they stay as they "
                 "are: name the output folder of the run that goes on, or a new one"
             )
 
-    def _append(self, line, position=None):
-        with self.path.open("r+") as file:
-            self._last = file.seek(0, 2) if position is None else file.seek(position)
+    def _write(self, record):
+        line = _line(record).encode()
+        with self.path.open("rb+") as file:
+            end = file.seek(0, os.SEEK_END)
+            if record.step != self._step:
+                self._step, self._start = record.step, end
+            file.seek(self._start)
             file.write(line)
             file.truncate()
 
@@ -148,25 +138,20 @@ def _agree(one, other):
 def _line(record):
     """A record as a line of `steps.jsonl`.  Raises SceneError if it is none."""
     try:
-        if isinstance(record, dict):
-            return json.dumps(record) + "\n"
+        if isinstance(record, Record):
+            return json.dumps(record.as_json()) + "\n"
     except (TypeError, ValueError, RecursionError):
         pass
-    raise SceneError(f"a record must be a dict that JSON can hold, got {shown(record)}")
+    raise SceneError(f"a record must be that of a step, with entries that JSON can hold, got {shown(record)}")
 
 
-def _record_of(line):
-    """The record in a line of `steps.jsonl`, None if there is none."""
+def _entries(line):
+    """The entries of a line of `steps.jsonl`, None if it is not that of a step."""
     try:
-        record = json.loads(line)
+        entries = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    return record if _is_record(record) else None
-
-
-def _is_record(value):
-    """Whether a value is the record of a step."""
-    return isinstance(value, dict) and isinstance(value.get("step"), int)
+    return entries if isinstance(entries, dict) and isinstance(entries.get("step"), int) else None
 
 
 def write_fields(step, folder):
@@ -222,7 +207,7 @@ def _write(step, path, fields):
                     f"cannot write {str(path)!r}: {error.strerror}; name another output folder"
                 ) from None
     with VTXWriter(comm, path, fields, engine="BP4") as writer:
-        writer.write(float(step.record["step"]))
+        writer.write(float(step.record.step))
 
 
 def _bytes(mesh, fields):

@@ -1,41 +1,18 @@
 """The true error of a step, against a solution on a forest refined from its own."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fx_contact.adaptive.adaptive_loop import Beginning, adapt
 from fx_contact.adaptive.step import check_step, check_tolerance
+from fx_contact.adaptive.step_record import TrueError
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
 from fx_contact.results.accuracy import energy_distance
-
-
-@dataclass(frozen=True)
-class TrueError:
-    """What an over-refined solution says about a step.
-
-    Attributes:
-        distance: norm of u_h - u_fine over that of u_fine, both on the finer mesh [-].
-        fine_estimate: estimated error of u_fine [-].
-        fine_dofs: unknowns of u_fine.
-    """
-
-    distance: float
-    fine_estimate: float
-    fine_dofs: int
-
-    @property
-    def relative(self):
-        """True relative energy error of the step [-].
-
-        The finer solution is closest to the exact one among all on its mesh, so that the squares add up (Galerkin
-        orthogonality; contact and penalty disturb it by less than the estimate's own error).
-        """
-        return float(np.hypot(self.distance, self.fine_estimate))
 
 
 def true_error(step, tolerance, scene=None):
@@ -66,7 +43,9 @@ def true_error(step, tolerance, scene=None):
     for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):
         pass
     distance = energy_distance(fine.elasticity, fine.forest, fine.along)
-    return TrueError(distance, fine.record["estimate"], fine.record["dofs"])
+    # Squares add up by Galerkin orthogonality; contact and penalty disturb it by less than the estimate's own error.
+    relative = float(np.hypot(distance, fine.record.estimate))
+    return TrueError(distance, fine.record.estimate, fine.record.dofs, relative)
 
 
 def _on(forest, scene):

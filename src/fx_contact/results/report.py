@@ -5,18 +5,18 @@ from fx_contact.parallel.timing import STAGES
 
 #: Columns of the progress table: heading, width, and how to print a record's value.
 _COLUMNS = (
-    ("step", 4, lambda r: str(r["step"])),
-    ("cells", 9, lambda r: f"{r['cells']:,}"),
-    ("dofs", 10, lambda r: f"{r['dofs']:,}"),
-    ("level", 5, lambda r: str(r["max_level"])),
-    ("order", 5, lambda r: str(r["geometry_order"])),
-    ("active", 7, lambda r: f"{r['active_pairs']:,}"),
-    ("contact", 7, lambda r: str(r["contact_iterations"])),
-    ("krylov", 6, lambda r: str(sum(r["krylov_iterations"]))),
-    ("error %", 7, lambda r: f"{100 * r['estimate']:.2f}"),
-    ("seen", 4, lambda r: f"{r['assumed_effectivity']:.2f}"),
-    ("force", 11, lambda r: f"{r['force']:.5e}"),
-    ("seconds", 7, lambda r: f"{r['seconds']['total']:.2f}"),
+    ("step", 4, lambda r: str(r.step)),
+    ("cells", 9, lambda r: f"{r.cells:,}"),
+    ("dofs", 10, lambda r: f"{r.dofs:,}"),
+    ("level", 5, lambda r: str(r.max_level)),
+    ("order", 5, lambda r: str(r.geometry_order)),
+    ("active", 7, lambda r: f"{r.active_pairs:,}"),
+    ("contact", 7, lambda r: str(r.contact_iterations)),
+    ("krylov", 6, lambda r: str(sum(r.krylov_iterations))),
+    ("error %", 7, lambda r: f"{100 * r.estimate:.2f}"),
+    ("seen", 4, lambda r: f"{r.assumed_effectivity:.2f}"),
+    ("force", 11, lambda r: f"{r.force:.5e}"),
+    ("seconds", 7, lambda r: f"{r.seconds['total']:.2f}"),
 )
 
 
@@ -29,7 +29,7 @@ def table_row(record):
     """One line for one step record.
 
     Args:
-        record: dict, as in `steps.jsonl`.
+        record: StepRecord.
     """
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
 
@@ -38,11 +38,11 @@ def doubts(record):
     """Lines on contact pairs whose force the tolerance leaves open, as they are so light beside others.
 
     Args:
-        record: dict, as in `steps.jsonl`, of the last step.
+        record: StepRecord of the last step.
     """
     lines = []
-    for index, (force, error) in enumerate(zip(record["pair_forces"], record["pair_errors"])):
-        if force and (error or 0) > record["tolerance"]:
+    for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors)):
+        if force and (error or 0) > record.tolerance:
             lines.append(
                 f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it, or what may "
                 "close elsewhere, is lighter than the square of the tolerance times the largest"
