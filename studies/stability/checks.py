@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.contact.node_pairs import resultants
+from fx_contact.contact.constraint_rows import resultants
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.fem.external_forces import load

@@ -42,7 +42,8 @@ from fx_contact import (  # noqa: E402
 )
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
 from fx_contact.contact.active_set import ActiveSet  # noqa: E402
-from fx_contact.contact.enforcement import METHODS, Jump  # noqa: E402
+from fx_contact.contact.constraint_rows import Jump  # noqa: E402
+from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.contact.node_pairs import create_node_pairs  # noqa: E402
 from fx_contact.contact.projection import Projection  # noqa: E402
 from fx_contact.fem.dirichlet import prescribed_displacements  # noqa: E402
@@ -483,16 +484,14 @@ def trial_force(matrix, gap, active):
 
 
 def lone_set(size, most):
-    """An ActiveSet of pairs that need no mesh, all open but the first."""
-    index_map = SimpleNamespace(local_to_global=lambda i: i.astype(np.int64), size_global=2 * size)
-    pairs = SimpleNamespace(
-        prolongation=SimpleNamespace(comm=MPI.COMM_SELF, index_map=index_map),
+    """An ActiveSet of rows that need no mesh, all open but the first."""
+    rows = SimpleNamespace(
+        prolongation=SimpleNamespace(comm=MPI.COMM_SELF),
         penetration=lambda u: -np.arange(size, dtype=float),
         bounded_stiffness=np.ones(size),
-        first=np.arange(size),
-        second=size + np.arange(size),
+        key=np.arange(size),
     )
-    return ActiveSet(pairs, None, np.zeros((size, 3)), most)
+    return ActiveSet(rows, None, np.zeros((size, 3)), most)
 
 
 def test_active_set_ends():

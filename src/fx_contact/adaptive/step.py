@@ -8,11 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.contact.constraint_rows import resultants
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidMotions
-from fx_contact.contact.node_pairs import create_node_pairs, resultants
+from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.equilibrium import check_balance

@@ -1,82 +1,82 @@
-"""Which pairs are closed: the active set, its first guess and its updates.
+"""Which rows are closed: the active set, its first guess and its updates.
 
-All pairs with the wrong status change at once (the primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
-SIAM J. Optim. 13(3), 2002).  That may cycle.  Where a set comes back, single pairs change, the lowest number first,
-until fewer pairs are wrong than ever before: the contact problem is a complementarity problem with a positive definite
-matrix, for which this rule ends (K. G. Murty, Math. Program. 7, 1974), and so does the whole (L. F. Portugal,
-J. J. Judice, L. N. Vicente, Math. Comput. 63, 1994).
+All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
+SIAM J. Optim. 13(3), 2002).  That may cycle.  When a set comes back, single rows change, the lowest key first, until
+fewer rows are wrong than ever before.  Contact is a linear complementarity problem with a positive definite matrix, for
+which this rule ends (K. G. Murty, Math. Program. 7, 1974), and so does the whole (L. F. Portugal, J. J. Judice,
+L. N. Vicente, Math. Comput. 63, 1994).
 """
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.node_pairs import loose_bodies
+from fx_contact.contact.constraint_rows import loose_bodies
 from fx_contact.parallel.errors import SolveError
 
 
 class ActiveSet:
-    """The closed pairs, from a first guess of the displacement on.
+    """The closed rows, from a first guess of the displacement on.
 
     Collective on the prolongation's comm.
 
     Args:
-        pairs: NodePairs.
+        rows: ConstraintRows.
         scene: Scene, to see which bodies an active set leaves loose; None: not looked at.
         u: (owned, 3) float64, first guess of the displacement [m].
         most: most updates.
 
     Attributes:
-        active: (n,) bool, closed pairs.
+        active: (n,) bool, closed rows.
         updates: number of active sets tried.
     """
 
-    #: Widths of the band of closest pairs that close to hold a loose body, relative to the range of the gaps.
+    #: Bands of rows closest to touching that close to hold a loose body, relative to the range of the gaps: from
+    #: rounding to all of them, in factors of 4.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
-    #: Overlaps and gaps up to this part of the largest displacement are rounding.
+    #: Penetrations and gaps up to this part of the largest displacement are rounding: 1e4 times that of a double.
     _TOUCHING = 1e-12
 
-    def __init__(self, pairs, scene, u, most):
-        self._pairs, self._scene, self._most = pairs, scene, most
-        self._comm = pairs.prolongation.comm
+    def __init__(self, rows, scene, u, most):
+        self._rows, self._scene, self._most = rows, scene, most
+        self._comm = rows.prolongation.comm
         self.updates, self._loose = 1, []
-        penetration = pairs.penetration(u)
+        penetration = rows.penetration(u)
         deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
-        overlaps = penetration > 0 if deepest > rounding else penetration >= deepest - rounding
-        self.active = self._held(overlaps, penetration)
+        closed = penetration > 0 if deepest > rounding else penetration >= deepest - rounding
+        self.active = self._held(closed, penetration)
         self.forget()
 
     def forget(self):
-        """Sets that came before may come again."""
-        self._seen, self._fewest, self._single = {self._fingerprint(self.active)}, np.inf, False
-        self._overlap_without = False  # of any force
+        """Let sets that were tried before be tried again.  Local."""
+        self._tried, self._fewest, self._single = [self.active], np.inf, False
+        self._penetrate_when_open = False
 
     def wanted(self, trial, noise):
-        """The status that each pair should have.
+        """The status that each row should have.
 
-        Collective.  Within the linear solver's error a pair keeps its status; if no pair is pressed harder than that,
-        the bodies at most touch without force, and all are open, unless they have overlapped by more then.  Where that
-        leaves a body loose the pairs closest to touching stay or become closed; `check_held` says whether that was the
-        end of it.
+        Collective.  A row keeps its status if its trial force is below the error of the linear solver.  If all are,
+        the bodies touch without force, and all rows open, unless they have penetrated by more when all were open.
+        Where a body is left loose, the rows closest to touching are closed; `check_held` tells whether they press.
 
         Args:
-            trial: (n,) float64, force of closed pairs, and of open ones the force that a penalty would exert [N].
+            trial: (n,) float64, force of closed rows, and k (B u - D) of open ones [N].
             noise: error of the displacement in the energy norm [J^(1/2)].
 
         Returns:
             (n,) bool.
         """
-        pressure = trial / np.sqrt(self._pairs.bounded_stiffness)
+        pressure = trial / np.sqrt(self._rows.bounded_stiffness)  # [J^(1/2)], as the noise
         hardest = self._max(pressure)
-        self._overlap_without |= hardest > noise and not self.differs(np.zeros_like(self.active))
-        press = hardest > noise or self._overlap_without
+        self._penetrate_when_open |= hardest > noise and not self.differs(np.zeros_like(self.active))
+        press = hardest > noise or self._penetrate_when_open
         wanted = pressure > (np.where(self.active, -noise, noise) if press else hardest)
-        return self._held(wanted, trial / self._pairs.bounded_stiffness)
+        return self._held(wanted, trial / self._rows.bounded_stiffness)
 
     def check_held(self):
-        """See that the pairs that hold the bodies press.  Local.
+        """See that the rows that hold the bodies press.  Local.
 
         Raises:
-            SolveError: the last status wanted needed pairs that pull, to hold a body.
+            SolveError: the last status wanted needs rows that pull, to hold a body.
         """
         if self._loose:
             raise SolveError(
@@ -85,15 +85,17 @@ class ActiveSet:
             )
 
     def differs(self, other):
-        """Number of pairs on all ranks whose status differs.  Collective."""
+        """Number of rows on all ranks whose status differs.  Collective."""
         return self._comm.allreduce(int((self.active != other).sum()))
 
     def cycles(self, wanted):
-        """Whether all changes at once would lead back to a set that was tried.  Collective."""
-        return self._fingerprint(wanted) in self._seen
+        """Whether a set, (n,) bool, was tried before.  Collective."""
+        same = np.array([np.array_equal(wanted, tried) for tried in self._tried], dtype=np.int8)
+        self._comm.Allreduce(MPI.IN_PLACE, same, op=MPI.MIN)
+        return bool(same.any())
 
     def update(self, wanted):
-        """Change all pairs that want it, or one if all at once would lead in a circle.
+        """Change all rows that are wrong, or one of them if all at once would lead back to a set that was tried.
 
         Collective.
 
@@ -101,7 +103,7 @@ class ActiveSet:
             wanted: (n,) bool, not the present set.
 
         Raises:
-            SolveError: there were too many updates, or nothing holds a body but pairs that pull.
+            SolveError: there were too many updates, or nothing holds a body but rows that pull.
         """
         if self.cycles(wanted):
             self.check_held()
@@ -116,15 +118,15 @@ class ActiveSet:
             self._fewest, self._single = wrong, False
         self._single = self._single or self.cycles(wanted)
         if self._single:
-            number = self._numbers()
-            lowest = int(number[self.active != wanted].min(initial=np.iinfo(np.int64).max))
+            key = self._rows.key
+            lowest = int(key[self.active != wanted].min(initial=np.iinfo(np.int64).max))
             lowest = self._comm.allreduce(lowest, op=MPI.MIN)
-            wanted = np.where(number == lowest, wanted, self.active)
+            wanted = np.where(key == lowest, wanted, self.active)
         self.active = wanted
-        self._seen.add(self._fingerprint(wanted))
+        self._tried.append(wanted)
 
     def _held(self, active, penetration):
-        """An active set, and the pairs closest to touching that it needs to hold all bodies."""
+        """An active set, with the rows closest to touching that it needs to hold all bodies."""
         self._loose = self._loose_bodies(active)
         if self._loose:
             top, bottom = self._max(penetration), -self._max(-penetration)
@@ -135,28 +137,7 @@ class ActiveSet:
         return active
 
     def _loose_bodies(self, active):
-        return [] if self._scene is None else loose_bodies(self._scene, self._pairs, active)
+        return [] if self._scene is None else loose_bodies(self._scene, self._rows, active)
 
     def _max(self, values):
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
-
-    def _ends(self, which):
-        """Global numbers of the two vertices of some pairs: two (n,) int64."""
-        imap = self._pairs.prolongation.index_map
-        columns = self._pairs.first[which], self._pairs.second[which]
-        return [imap.local_to_global(column.astype(np.int32)) for column in columns]
-
-    def _numbers(self):
-        """A number for each pair: (n,) int64."""
-        first, second = self._ends(slice(None))
-        return first * self._pairs.prolongation.index_map.size_global + second
-
-    def _fingerprint(self, active):
-        """A number that tells active sets apart, the same on all ranks."""
-        first, second = (column.astype(np.uint64) for column in self._ends(active))
-        with np.errstate(over="ignore"):
-            mixed = (first << np.uint64(32)) + second + np.uint64(1)
-            mixed = mixed * np.uint64(0x9E3779B97F4A7C15)
-            mixed = (mixed ^ mixed >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
-            mine = int((mixed ^ mixed >> np.uint64(32)).sum() & np.uint64((1 << 48) - 1))
-        return self._comm.allreduce(mine)

@@ -21,7 +21,7 @@ class ContactProblem:
         load: (owned, 3) float64, L [N].
         prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
         energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.
-        pairs: NodePairs; None without contact.
+        rows: ConstraintRows, B and D; None without contact.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
         motions: RigidMotions of unloaded bodies, which are first moved as a whole; None: they stay.
     """
@@ -30,7 +30,7 @@ class ContactProblem:
     load: np.ndarray
     prescribed: np.ndarray
     energy_norm: Callable[[np.ndarray], float]
-    pairs: object = None
+    rows: object = None
     scene: object = None
     motions: object = None
 
@@ -41,7 +41,7 @@ class SolveOptions:
 
     Attributes:
         solver: Solver.
-        enforcement: Enforcement, with which the pairs were made.
+        enforcement: Enforcement, with which the rows were made.
     """
 
     solver: Solver

@@ -6,10 +6,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.active_set import ActiveSet
+from fx_contact.contact.constraint_rows import Jump
 from fx_contact.contact.contact_problem import Environment
 from fx_contact.contact.contact_system import ContactSystem
-from fx_contact.contact.enforcement import Jump, PenaltyTerm
 from fx_contact.contact.initial_guess import relax
+from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.linalg.conjugate_gradients import ROUNDING, ConjugateGradients
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
@@ -21,9 +22,9 @@ class ContactSolution:
 
     Attributes:
         displacement: (owned, 3) float64, conforming [m].
-        active: (n,) bool, status of this rank's node pairs.
-        force: (n,) float64, contact force of each pair, compression positive [N]; 0 where conditions hold both
-            vertices across the contact: they carry it.
+        active: (n,) bool, status of this rank's rows.
+        force: (n,) float64, contact force of each row, compression positive [N]; 0 where conditions hold all
+            its vertices: they carry it.
         penetration: (n,) float64, B u - D, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
@@ -74,10 +75,10 @@ def solve_system(problem, start, options, environment):
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
             the contact opens, or conditions press vertices into each other.
     """
-    pairs, stages, matrix = problem.pairs, environment.stages, problem.matrix.mat
+    rows, stages, matrix = problem.rows, environment.stages, problem.matrix.mat
     u = np.where(np.isnan(problem.prescribed), start, problem.prescribed)
     with stages("system"):
-        jump = None if pairs is None else Jump(pairs, problem.prescribed)
+        jump = None if rows is None else Jump(rows, problem.prescribed)
         if jump is not None:
             PenaltyTerm(jump).reserve(matrix)
         matrix.assemble()
@@ -93,7 +94,7 @@ def solve_system(problem, start, options, environment):
         with stages("system"):
             system = cg = ContactSystem(problem, base, jump, status.active, options, environment)
         u, trial, count = _settle(system, status, u, options)
-        active, penetration, noise = status.active, pairs.penetration(u), system.noise
+        active, penetration, noise = status.active, rows.penetration(u), system.noise
         force = np.where(active & jump.movable, trial, 0.0)
     rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
     solution = ContactSolution(
@@ -119,11 +120,11 @@ def _first_guess(problem, base, jump, u, options, carried):
     Args:
         carried: whether u comes from another mesh: then both are relaxed.
     """
-    pairs, matrix = problem.pairs, problem.matrix.mat
-    status = ActiveSet(pairs, problem.scene, u, options.solver.max_contact)
-    bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+    rows, matrix = problem.rows, problem.matrix.mat
+    status = ActiveSet(rows, problem.scene, u, options.solver.max_contact)
+    bounded = PenaltyTerm(jump, rows.bounded_stiffness)
     if problem.motions is not None:
-        stiffness = status.active * pairs.bounded_stiffness
+        stiffness = status.active * rows.bounded_stiffness
         u = problem.motions.move(matrix, base, jump, stiffness, u, np.isnan(problem.prescribed))
     bounded.change(matrix, np.zeros_like(status.active), status.active)
     if carried:

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.enforcement import PenaltyTerm
+from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.contact.projection import Projection
 from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.parallel.errors import SolveError
@@ -34,11 +34,11 @@ class ContactSystem:
         self._base, self._jump, self._active, self._stages = base, jump, active, environment.stages
         self._solver, self._enforcement = options.solver, options.enforcement
         self._energy_norm = problem.energy_norm
-        pairs = jump.pairs
-        self._comm = pairs.prolongation.comm
+        rows = jump.rows
+        self._comm = rows.prolongation.comm
         self._nearest = Projection(jump)
         exact = self._enforcement.method == "exact"
-        self._holdable = np.ones_like(active) if exact else pairs.stiffness > pairs.bounded_stiffness
+        self._holdable = np.ones_like(active) if exact else rows.stiffness > rows.bounded_stiffness
         self._bounded, self._term, self._held = self._enforced(jump)
         self._forces = np.zeros(len(active))  # of the augmented Lagrangian
         self._known, self._is_set_up = active, False  # the active set in the matrix
@@ -91,11 +91,11 @@ class ContactSystem:
 
     def _enforced(self, jump):
         """The springs in the matrix, those of the enforcement, and the projection that holds pairs, or None."""
-        pairs = jump.pairs
-        bounded = PenaltyTerm(jump, pairs.bounded_stiffness)
+        rows = jump.rows
+        bounded = PenaltyTerm(jump, rows.bounded_stiffness)
         if self._enforcement.method == "exact":
             return bounded, bounded, Projection(jump)
-        held = Projection(jump, pairs.stiffness) if self._any(self._holdable) else None
+        held = Projection(jump, rows.stiffness) if self._any(self._holdable) else None
         return bounded, PenaltyTerm(jump), held
 
     def dual(self, overlap, force):
@@ -140,12 +140,12 @@ class ContactSystem:
             SolveError: they do, by more than rounding.
         """
         rounding = self._rounding(trial, u)
-        pairs, u = self._jump.pairs, self._nearest.onto_closed(u)
-        overlap = np.where(self._active, pairs.penetration(u), 0.0)
+        rows, u = self._jump.rows, self._nearest.onto_closed(u)
+        overlap = np.where(self._active, rows.penetration(u), 0.0)
         if self._largest(np.minimum(overlap, 0.0)) > rounding:
             return
         worst = int(overlap.argmax()) if len(overlap) else 0
-        mine = (float(overlap[worst]), pairs.position[worst].tolist()) if len(overlap) else (0.0, [])
+        mine = (float(overlap[worst]), rows.position[worst].tolist()) if len(overlap) else (0.0, [])
         deepest, place = max(self._comm.allgather(mine))
         if deepest > rounding:
             raise SolveError(
@@ -180,7 +180,7 @@ class ContactSystem:
             return trial
         residual = self._cg.residual(self._system(self._bounded), u)
         held = trial + self._held.apply_transpose(residual)
-        penetration = self._jump.pairs.penetration(self._nearest.onto_closed(u))
+        penetration = self._jump.rows.penetration(self._nearest.onto_closed(u))
         closed = self._held.closed & (penetration >= -self._rounding(held, u))
         return np.where(closed, held, trial)
 
@@ -208,13 +208,13 @@ class ContactSystem:
         """
         if self._enforcement.method != "augmented-lagrangian":
             return False
-        pairs = self._jump.pairs
-        penetration = pairs.penetration(u)
-        beyond_noise = np.abs(penetration) * np.sqrt(pairs.stiffness) > self.noise
+        rows = self._jump.rows
+        penetration = rows.penetration(u)
+        beyond_noise = np.abs(penetration) * np.sqrt(rows.stiffness) > self.noise
         force = self._pressing(trial)
-        count = self._comm.allreduce(int(pairs.contact.max(initial=-1)) + 1, op=MPI.MAX)
-        _, approach = pairs.pressing(force, pairs.contact, count)
-        approach = np.minimum(approach, self._approach(force, u))[pairs.contact]
+        count = self._comm.allreduce(int(rows.contact.max(initial=-1)) + 1, op=MPI.MAX)
+        _, approach = rows.pressing(force, rows.contact, count)
+        approach = np.minimum(approach, self._approach(force, u))[rows.contact]
         penetrating = self._active & self._jump.movable & beyond_noise
         if not self._any(penetrating & (np.abs(penetration) > self._enforcement.gap_tolerance * approach)):
             return False

@@ -4,7 +4,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.contact.enforcement import Springs
+from fx_contact.contact.penalty_term import Springs
 from fx_contact.linalg.petsc_objects import PetscObjects
 
 #: Rigid motions that the matrix resists by no more than this part of its diagonal: what rounding leaves of none.
@@ -50,7 +50,7 @@ class RigidMotions:
         Returns:
             (owned, 3) float64 [m].
         """
-        pairs, bodies = jump.pairs, len(self._scene.mesh.bodies)
+        rows, bodies = jump.rows, len(self._scene.mesh.bodies)
         modes = self._modes * free
         with PetscObjects() as objects:
             x, y = map(objects.add, matrix.createVecs())
@@ -71,9 +71,9 @@ class RigidMotions:
 
         gram = np.zeros((bodies, 6, bodies, 6))
         gram[np.arange(bodies), :, np.arange(bodies)] = stiff
-        across = sum(
-            self._scene.rigid_motions(pairs.position, side, row) for side, row in zip(pairs.bodies.T, jump.rows)
-        )
+        row, body = jump.blocks.row, rows.bodies[jump.blocks.row, jump.blocks.side]
+        across = np.zeros((len(rows), 6 * bodies))
+        np.add.at(across, row, self._scene.rigid_motions(rows.position[row], body, jump.blocks.values))
         gram = gram.reshape(6 * bodies, -1) + (across.T * stiffness) @ across
         diagonal = diagonal.ravel() + stiffness @ across**2
         sums = np.concatenate([gram, force.reshape(1, -1), diagonal[None]])

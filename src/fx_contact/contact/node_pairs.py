@@ -7,11 +7,13 @@ pairs only and the total area is kept.  A pair lives on the rank that owns both 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.enforcement import HELD, SOFTEST, STIFF, STIFFEST
+from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
+from fx_contact.contact.enforcement import SOFTEST, STIFFEST
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
@@ -22,105 +24,22 @@ _SMOOTH = 0.966
 
 
 @dataclass(frozen=True, eq=False)
-class NodePairs:
-    """The contact pairs of conforming vertices that this rank holds, each pair on one rank.
+class NodePairs(ConstraintRows):
+    """Rows of pairs of conforming vertices that face each other: B u = n . (u_first - u_second).
 
     Attributes:
-        prolongation: Prolongation whose conforming vertices are paired.
-        first, second: (n,) int64, positions in its index map.
-        normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
-        gap: (n,) float64, initial distance D along it on the true curved geometry [m].
-        area: (n,) float64, tributary area [m^2].
-        stiffness: (n,) float64, k_N, or that of the springs in the matrix of exact contact [N/m].
-        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
-        position: (n, 3) float64, undeformed position on the first surface [m].
-        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
-        contact: (n,) int32, which of the scene's contact pairs it belongs to.
-        symmetry: int, copies of the modelled part that make the whole.
+        second: (n,) int64, the vertex that faces `first`, position in the prolongation's index map.
     """
 
-    prolongation: object
-    first: np.ndarray
     second: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
-    area: np.ndarray
-    stiffness: np.ndarray
-    modulus: np.ndarray
-    position: np.ndarray
-    bodies: np.ndarray
-    contact: np.ndarray
-    symmetry: int
 
-    def __len__(self):
-        return len(self.first)
-
-    @property
-    def relative_stiffness(self):
-        """(n,) float64, c of k_N = c E* A^(1/2), A its area: about the factor of the penalty [-].  Local."""
-        return self.stiffness * (1 / self.modulus).sum(axis=1) / np.sqrt(self.area)
-
-    @property
-    def bounded_stiffness(self):
-        """(n,) float64, k_N in the matrix: that of the factor `HELD` where it is stiffer than `STIFF` [N/m].  Local."""
-        relative = self.relative_stiffness
-        return self.stiffness * np.where(relative > STIFF, HELD / relative, 1.0)
-
-    def jump(self, u):
-        """B u at each pair, how far its vertices move towards each other.
-
-        Collective.
-
-        Args:
-            u: (owned, 3) float64, conforming displacement [m].
-
-        Returns:
-            (n,) float64 [m].
-        """
-        u = self.prolongation.ghosted(u)
-        return np.einsum("ni,ni->n", self.normal, u[self.first] - u[self.second])
-
-    def penetration(self, u):
-        """B u - D at each pair, positive where the bodies overlap.  Collective; as `jump`."""
-        return self.jump(u) - self.gap
-
-    def pressing(self, force, group, count):
-        """How hard groups of pairs press, and about how far that brings their bodies closer.
-
-        Collective.
-
-        Args:
-            force: (n,) float64, compression positive [N].
-            group: (n,) int, the group of each pair that presses, as `contact`.
-            count: number of groups on all ranks.
-
-        Returns:
-            two (count,) float64: F of the modelled part [N], and F / (E* A^(1/2)) of the whole, A the area under
-            pressure, as of a punch on a half-space [m].
-        """
-        presses = force > 0
-        columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
-        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
-        self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-        total, area, compliance = sums
-        approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
-        return total, np.sqrt(self.symmetry) * approach
-
-    def at_first(self, values):
-        """Sums over all pairs that have the same first vertex, of whichever contact pair and rank.
-
-        Collective.
-
-        Args:
-            values: (n, k) float64.
-
-        Returns:
-            (n, k) float64.
-        """
-        imap = self.prolongation.index_map
-        sums = np.zeros((imap.size_local + imap.num_ghosts, values.shape[1]))
-        np.add.at(sums, self.first, values)
-        return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
+    @cached_property
+    def blocks(self):
+        """Blocks, two a pair.  Local."""
+        n = len(self)
+        vertex = np.stack([self.first, self.second], axis=1).ravel()
+        values = np.stack([self.normal, -self.normal], axis=1).reshape(-1, 3)
+        return Blocks(np.repeat(np.arange(n), 2), vertex, np.tile([0, 1], n), values)
 
 
 def create_node_pairs(scene, forest, prolongation, enforcement):
@@ -141,8 +60,8 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
         SceneError: a node_stiffness that leaves overlaps which are rounding, or is nothing beside the bodies.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
-    *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
-    pairs = NodePairs(prolongation, *columns, scene.symmetry)
+    first, second, *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
+    pairs = NodePairs(prolongation, first, *columns, scene.symmetry, second)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
@@ -170,50 +89,6 @@ def _sharing(pairs, across, apart, node_stiffness):
     gap = np.einsum("ni,ni->n", normal, apart)
     stiffness = stiffness if node_stiffness is None else node_stiffness
     return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
-
-
-def resultants(scene, pairs, force):
-    """What forces of node pairs add to the force of their contact pair: along its direction, else all of them.
-
-    Local.
-
-    Args:
-        scene: Scene.
-        pairs: NodePairs.
-        force: (n,) float64, along the normals [N].
-
-    Returns:
-        (n,) float64 [N].
-    """
-    result = force.copy()
-    for index, direction in enumerate(pair.unit_direction for pair in scene.contact):
-        if direction is not None:
-            ours = pairs.contact == index
-            result[ours] *= pairs.normal[ours] @ direction
-    return result
-
-
-def loose_bodies(scene, pairs, active):
-    """Bodies that neither the displacement conditions nor the active pairs hold.
-
-    Collective.
-
-    Args:
-        scene: Scene.
-        pairs: NodePairs.
-        active: (n,) bool.
-
-    Returns:
-        list of str, names of the bodies; the same on all ranks.
-    """
-    if not len(scene.free_motions):
-        return []
-    first, second = (
-        scene.motion(pairs.position[active], pairs.bodies[active, i], pairs.normal[active]) for i in (0, 1)
-    )
-    resistance = (first - second).T @ (first - second)
-    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, resistance)
-    return scene.unresisted(resistance)
 
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):

@@ -1,10 +1,12 @@
 """Closed pairs that are held: the projection onto displacements that leave them as they are."""
 
+from dataclasses import replace
+
 import numpy as np
 from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 
-from fx_contact.contact.enforcement import PairRows
+from fx_contact.contact.constraint_rows import Products
 
 
 class Projection:
@@ -28,19 +30,19 @@ class Projection:
     _SINGULAR = 1e-14
 
     def __init__(self, jump, stiffness=None):
-        pairs = jump.pairs
-        self._jump, self._comm = jump, pairs.prolongation.comm
+        rows, blocks = jump.rows, jump.blocks
+        self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
-        weighted = [row / modulus[:, None] for row, modulus in zip(jump.rows, pairs.modulus.T)]
-        self._weighted = PairRows(pairs, weighted)
-        self._diagonal = sum((row * scaled).sum(axis=1) for row, scaled in zip(jump.rows, weighted))
-        count = vector(pairs.prolongation.index_map, 1)
-        np.add.at(count.array, np.concatenate([pairs.first, pairs.second]), 1.0)
+        weighted = blocks.values / rows.modulus[blocks.row, blocks.side][:, None]
+        self._weighted = Products(rows, replace(blocks, values=weighted))
+        self._diagonal = blocks.sums((blocks.values * weighted).sum(axis=1), len(rows))
+        count = vector(rows.prolongation.index_map, 1)
+        np.add.at(count.array, blocks.vertex, 1.0)
         count.scatter_reverse(InsertMode.add)
-        most = float(count.array[: pairs.prolongation.owned].max(initial=0.0))
+        most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
-        self._share = pairs.area / pairs.at_first(pairs.area[:, None])[:, 0] if self._shared else 1.0
-        self.close(np.zeros(len(pairs), dtype=bool))
+        self._share = rows.area / rows.at_first(rows.area[:, None])[:, 0] if self._shared else 1.0
+        self.close(np.zeros(len(rows), dtype=bool))
 
     def close(self, active):
         """From now on project for other closed pairs.  Local.
@@ -124,7 +126,7 @@ class Projection:
         return solution
 
     def _gram_product(self, values):
-        u = np.zeros((self._jump.pairs.prolongation.owned, 3))
+        u = np.zeros((self._jump.rows.prolongation.owned, 3))
         self._weighted.add_transposed(values, u)
         return np.where(self.closed, self._jump.matrix.times(u), 0.0)
 

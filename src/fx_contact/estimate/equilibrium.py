@@ -32,11 +32,7 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
     prolongation, free = elasticity.prolongation, np.isnan(prescribed)
     residual, pressed = elasticity.internal_forces() - load, 0.0
     if pairs is not None:
-        imap = prolongation.index_map
-        push, said = contact.force[:, None] * pairs.normal, np.zeros((imap.size_local + imap.num_ghosts, 3))
-        np.add.at(said, pairs.first, push)
-        np.add.at(said, pairs.second, -push)
-        residual += prolongation.summed(said)
+        residual += pairs.transposed(contact.force)
         pressed = contact.force.sum()
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
     sums = np.zeros((len(scene.mesh.bodies) + 1, 3))

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
 
 from fx_contact.fem.compilation import compiled
-from fx_contact.linalg.matrix import create_matrix
+from fx_contact.linalg.matrix import add_blocks, create_matrix
 
 #: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
 QUADRATURE_DEGREE = 3
@@ -230,7 +230,7 @@ class Elasticity:
             form = self._form(part)
             stiffness, rows, interpolation = self._product_parts(form)
             to_rows = kron(self.prolongation.matrix[self.node_of_block][rows], identity(3), format="bsr")
-            self._insert(matrix, to_rows.T @ (stiffness @ interpolation), number)
+            add_blocks(matrix, to_rows.T @ (stiffness @ interpolation), number)
 
     def _add_mean_volume(self, matrix, number):
         """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
@@ -242,7 +242,7 @@ class Elasticity:
         for part in self._chunks(self._soft):
             change, rows, interpolation = self._product_parts(self._compiled(terms, cells=part))
             change = kron(identity(len(rows)), np.ones((1, 3)), format="csr") @ (change @ interpolation).tocsr()
-            self._insert(matrix, change.T @ diags(modulus[rows]) @ change, number)
+            add_blocks(matrix, change.T @ diags(modulus[rows]) @ change, number)
 
     def _chunks(self, cells):
         """Parts of this rank's cells, as many on all ranks."""
@@ -263,12 +263,3 @@ class Elasticity:
         interpolation = self.prolongation.matrix[self.node_of_block]
         interpolation.resize(columns, interpolation.shape[1])
         return matrix, rows, kron(interpolation, identity(3), format="bsr")
-
-    def _insert(self, matrix, product, number):
-        """Add a product (3 n, 3 n) on this rank's conforming unknowns to the matrix."""
-        product = product.tobsr((3, 3))
-        rows = np.flatnonzero(np.diff(product.indptr))
-        indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
-        matrix.setValuesBlockedIJV(
-            indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
-        )

@@ -93,6 +93,22 @@ def create_matrix(prolongation, cells, pairs):
     return BlockMatrix(prolongation.comm, mat, lengths)
 
 
+def add_blocks(mat, product, number):
+    """Add a product on this rank's unknowns to a matrix, zeros too.  Local.
+
+    Args:
+        mat: PETSc Mat in blocks of 3.
+        product: (3 n, 3 n) scipy sparse float64.
+        number: (n,) int32, global number of each block.
+    """
+    product = product.tobsr((3, 3))
+    rows = np.flatnonzero(np.diff(product.indptr))
+    indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
+    mat.setValuesBlockedIJV(
+        indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+    )
+
+
 def clear_hypre_errors():
     """Let hypre forget that it failed: its error flag stays, and every later call would fail in its name.  Local."""
     clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
@@ -111,8 +127,7 @@ def _row_lengths(prolongation, cells, pairs):
     touches = nodes @ prolongation.matrix.astype(bool)
     graph = touches.T @ touches
     if pairs is not None:
-        facing = csr_matrix((np.ones(len(pairs), dtype=bool), (pairs.first, pairs.second)), shape=(size, size))
-        graph = graph + facing + facing.T
+        graph = graph + pairs.couplings()
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]

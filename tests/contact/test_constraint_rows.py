@@ -1,0 +1,64 @@
+"""What solves with contact needs rows of B alone: those of node pairs, and others with more vertices."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import pytest
+from conftest import everywhere
+from model_problems import DISTRIBUTIONS, discrete, pressed, roots, solved, two_boxes
+
+from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
+from fx_contact.contact.enforcement import METHODS, Enforcement
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.fem.dirichlet import prescribed_displacements
+
+
+@dataclass(frozen=True, eq=False)
+class MixedRows(ConstraintRows):
+    """0.9 of each node pair's row and 0.1 of the next one's: the same constraints in other words, where all are met."""
+
+    blocks: Blocks = None
+
+    @classmethod
+    def of(cls, pairs):
+        """The rows of one rank's node pairs, mixed."""
+        n, one = len(pairs), pairs.blocks
+        following = np.roll(np.arange(n), -1)
+        row = np.concatenate([one.row, np.argsort(following)[one.row]])
+        values = np.concatenate([0.9 * one.values, 0.1 * one.values])
+        order = np.argsort(row, kind="stable")
+        blocks = Blocks(row[order], np.tile(one.vertex, 2)[order], np.tile(one.side, 2)[order], values[order])
+        own = {field.name: getattr(pairs, field.name) for field in fields(ConstraintRows)}
+        return replace(cls(**own), blocks=blocks, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_rows_of_four_vertices(distribution, method):
+    """Mixed rows let the bodies move as the rows of node pairs do, and their forces act alike."""
+    scene = pressed(two_boxes(margin=1))
+    forest = DISTRIBUTIONS[distribution](roots(scene))
+    elasticity, enforcement = discrete(scene, forest), Enforcement(method, gap_tolerance=1e-6)
+    prolongation = elasticity.prolongation
+    pairs = create_node_pairs(scene, forest, prolongation, enforcement)
+    rows, prescribed = MixedRows.of(pairs), prescribed_displacements(scene, forest, prolongation)
+    one, other = (solved(elasticity, some, prescribed, enforcement) for some in (pairs, rows))
+    everywhere(one.active.all() and other.active.all(), "a row that is open")
+    everywhere(not len(pairs) or np.ptp(one.force / other.force) > 0.01, "rows that are not mixed")
+    slack = 1e-10 if method == "exact" else 1e-5
+    everywhere(np.abs(one.displacement - other.displacement).max(initial=0) < slack * 0.02, "other displacements")
+    forces = pairs.transposed(one.force), rows.transposed(other.force)
+    everywhere(np.allclose(*forces, rtol=0, atol=slack), "other forces")
+
+
+def test_jump_of_translations():
+    """B of a translation is exactly 0, however far it goes, and of the first body alone it is n . t."""
+    scene = pressed(two_boxes(bend=0.3))
+    forest = roots(scene)
+    pairs = create_node_pairs(scene, forest, discrete(scene, forest).prolongation, Enforcement())
+    far = np.broadcast_to([1e9, -3e8, 7e8], (pairs.prolongation.owned, 3))
+    everywhere((pairs.jump(far) == 0).all(), "a jump of a translation")
+    first = np.zeros_like(far)
+    own = pairs.first[pairs.first < pairs.prolongation.owned]
+    first[own] = far[own]
+    everywhere(np.allclose(pairs.jump(first), pairs.normal @ far[0] if len(far) else 0.0), "another jump")
