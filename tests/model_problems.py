@@ -443,3 +443,22 @@ def stored(step, force, group=None, count=None):
     groups = (step.pairs.contact, len(step.scene.contact)) if group is None else (group, count)
     places = Places(step.pairs, force, *groups)
     return stored_by_forces(step.forest, step.elasticity, poisson, step.estimate, places)
+
+
+def find_leaves(forest, cell, anchor):
+    """Positions of leaves among this rank's leaves, -1 where they are not.  Local.
+
+    Args:
+        forest: Forest.
+        cell, anchor: (m,) int32, (m, 3) int32.
+
+    Returns:
+        (m,) int64.
+    """
+    code = leaf_code(forest.cell, forest.anchor)
+    order = np.argsort(code)
+    if not len(code):
+        return np.full(len(cell), -1, dtype=np.int64)
+    wanted = leaf_code(cell, anchor)
+    slot = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
+    return np.where(code[order[slot]] == wanted, order[slot], -1)

@@ -7,6 +7,7 @@ from model_problems import (
     DISTRIBUTIONS,
     chosen,
     corner_scene,
+    find_leaves,
     gathered,
     grown,
     leaves,
@@ -22,7 +23,6 @@ from mpi4py import MPI
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.forest import find_leaves
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code

@@ -6,6 +6,7 @@ from conftest import WORLD, everywhere
 from model_problems import (
     chosen,
     corner_scene,
+    find_leaves,
     gathered,
     grown,
     leaves,
@@ -23,7 +24,6 @@ from fx_contact import Solver, adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest import interface_smoothing
-from fx_contact.forest.forest import find_leaves
 from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import IMBALANCE, KINDS, along_curve, assign, repartition
 from fx_contact.forest.partition_quality import BYTES, Judge, brief

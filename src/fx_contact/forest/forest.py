@@ -14,7 +14,6 @@ from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import Directory, Exchange
 from fx_contact.problem import hexahedron, lattice
-from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
 
 
@@ -368,22 +367,3 @@ class LatticePoints:
         slot = np.searchsorted(self._sorted, keys)
         slot[slot == len(self._sorted)] = 0
         return np.where(self._sorted[slot] == keys, self._rank[slot], -1)
-
-
-def find_leaves(forest, cell, anchor):
-    """Positions of leaves among this rank's leaves, -1 where they are not.  Local.
-
-    Args:
-        forest: Forest.
-        cell, anchor: (m,) int32, (m, 3) int32.
-
-    Returns:
-        (m,) int64.
-    """
-    code = leaf_code(forest.cell, forest.anchor)
-    order = np.argsort(code)
-    if not len(code):
-        return np.full(len(cell), -1, dtype=np.int64)
-    wanted = leaf_code(cell, anchor)
-    slot = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
-    return np.where(code[order[slot]] == wanted, order[slot], -1)

@@ -1,30 +1,33 @@
 """The reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
 
-Nodes are in tensor order, x fastest, as dolfinx orders the corners of a hexahedron: corner v has the coordinates
-(v & 1, v >> 1 & 1, v >> 2 & 1).  All functions here are local.
+Corners, edges and faces are numbered as in dolfinx (Basix): corners in tensor order, x fastest.  So are the nodes of
+higher order.  The Lagrange functions are not Basix's, for these must be exact at the nodes: cells that share a node have
+it at the same place to the last bit.  All functions here are local.
 """
 
 from functools import cache
 from itertools import product
 
+import basix
 import numpy as np
 
-CORNERS = np.array([(v & 1, v >> 1 & 1, v >> 2 & 1) for v in range(8)], dtype=np.int64)
+_, _edges, _faces, _ = basix.topology(basix.CellType.hexahedron)
 
-#: Local faces in the order of dolfinx (Basix): normal axis, side (0 low, 1 high), the four corners, first axis fastest.
-FACE_AXIS = np.array([2, 1, 0, 0, 1, 2])
-FACE_SIDE = np.array([0, 0, 0, 1, 1, 1])
+#: Coordinates of the corners: corner v is at (v & 1, v >> 1 & 1, v >> 2 & 1).
+CORNERS = basix.geometry(basix.CellType.hexahedron).astype(np.int64)
+
+#: Local faces: normal axis, side (0 low, 1 high), the four corners, first tangent fastest.
+FACE_CORNERS = np.array(_faces)
+FACE_AXIS = np.ptp(CORNERS[FACE_CORNERS], axis=1).argmin(axis=1)
+FACE_SIDE = CORNERS[FACE_CORNERS[:, 0], FACE_AXIS]
 FACE_TANGENTS = np.array([[b for b in range(3) if b != axis] for axis in FACE_AXIS])
-FACE_CORNERS = np.array([np.flatnonzero(CORNERS[:, axis] == side) for axis, side in zip(FACE_AXIS, FACE_SIDE)])
 
 #: +1 where the first tangent times the second points out of the cell, else -1.
 FACE_ORIENTATION = np.where(FACE_AXIS == 1, -1, 1) * np.where(FACE_SIDE == 1, 1, -1)
 
 #: Local edges: running axis and the two corners, low end first.
-EDGE_AXIS = np.repeat([0, 1, 2], 4)
-EDGE_CORNERS = np.array(
-    [[v, v + (1 << axis)] for axis in range(3) for v in range(8) if not v >> axis & 1], dtype=np.int64
-)
+EDGE_CORNERS = np.array(_edges)
+EDGE_AXIS = np.ptp(CORNERS[EDGE_CORNERS], axis=1).argmax(axis=1)
 
 #: Local edges of each face, at (second tangent low, second high, first low, first high).
 FACE_EDGES = np.array(
