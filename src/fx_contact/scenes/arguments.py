@@ -5,17 +5,12 @@ import math
 import numpy as np
 
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_count, check_name, check_number, shown
+from fx_contact.parallel.validation import check_count, check_number, shown
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import MAX_ORDER, SMALLEST
 
 #: Most root cells along a block: the root mesh is on every rank, it is for the leaves to be many.
 _MOST = 50
-
-
-def check_symmetry(symmetry):
-    """Raises SceneError unless symmetry is "quarter" or "full".  Local."""
-    check_name("symmetry", symmetry, ("quarter", "full"))
 
 
 def check_mesh_size(order, coarse):

@@ -9,6 +9,34 @@ from fx_contact.problem.root_mesh import RootMesh
 DOWN, FRONT, LEFT, RIGHT, BACK, UP = range(6)
 
 
+def facing_columns(order, cells, depth, end):
+    """Two columns 0.5 x depth x 1 along z whose ends meet in the plane z = 0.
+
+    Local.
+
+    Args:
+        order: of the cell maps.
+        cells: of each column along x, y, z.
+        depth: along y [-].
+        end: what the meeting ends are called.
+
+    Returns:
+        Boxes with bodies "lower" and "upper"; dict of the surfaces "bottom", "top", "lower END", "upper END", "x = 0"
+        and "y = 0".
+    """
+    boxes = Boxes(order)
+    boxes.add("lower", (0.0, 0.0, -1.0), (0.5, depth, 0.0), cells)
+    boxes.add("upper", (0.0, 0.0, 0.0), (0.5, depth, 1.0), cells)
+    return boxes, {
+        "bottom": boxes.facets(DOWN, -1.0),
+        "top": boxes.facets(UP, 1.0),
+        f"lower {end}": boxes.facets(UP, 0.0, "lower"),
+        f"upper {end}": boxes.facets(DOWN, 0.0, "upper"),
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+    }
+
+
 class Boxes:
     """Boxes of equal cells, each a body of its own, named by where they are before anything is bent.
 

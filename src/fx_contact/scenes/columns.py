@@ -41,38 +41,16 @@ def stack(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    check_list("materials", materials)
-    for material in materials:
-        check_material("the material of a block", material)
-    if len(materials) < 2:
-        raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
-    for name, value in (("side", side), ("height", height)):
-        check_length(name, value)
+    _check_blocks(materials, side, height, cells)
+    check_mesh_size(order, coarse=1)
     for name, value in (
         ("displacement", displacement),
         ("gap", gap),
         ("pressure", 0.0 if pressure is None else pressure),
     ):
         check_number(name, value)
-    check_mesh_size(order, coarse=1)
-    check_cells(cells, len(materials))
     names = [f"block {number}" for number in range(len(materials))]
-    boxes = Boxes(order)
-    for level, name in enumerate(names):
-        boxes.add(name, (0.0, 0.0, level), (0.5, 0.5, level + 1.0), cells)
-    surfaces = {
-        "bottom": boxes.facets(DOWN, 0.0, names[0]),
-        "top": boxes.facets(UP, len(names), names[-1]),
-        "x = 0": boxes.facets(LEFT, 0.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-    }
-    pairs = []
-    for level, (lower, upper) in enumerate(zip(names, names[1:]), start=1):
-        surfaces |= {
-            f"on {lower}": boxes.facets(UP, level, lower),
-            f"under {upper}": boxes.facets(DOWN, level, upper),
-        }
-        pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
+    boxes, surfaces, pairs = _unit_blocks(names, order, cells)
 
     def place(body, points):
         """From unit boxes to blocks of the size that is asked for, with the gaps between them."""
@@ -90,6 +68,37 @@ def stack(
         tractions=() if pressure is None else (Traction("top", (0.0, 0.0, -float(pressure))),),
         symmetry=4,
     )
+
+
+def _check_blocks(materials, side, height, cells):
+    """Raises SceneError or GeometryError for what is no stack of blocks.  Local."""
+    check_list("materials", materials)
+    for material in materials:
+        check_material("the material of a block", material)
+    if len(materials) < 2:
+        raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
+    for name, value in (("side", side), ("height", height)):
+        check_length(name, value)
+    check_cells(cells, len(materials))
+
+
+def _unit_blocks(names, order, cells):
+    """Boxes 0.5 x 0.5 x 1 one on another, their surfaces, and the contact pairs from below."""
+    boxes = Boxes(order)
+    for level, name in enumerate(names):
+        boxes.add(name, (0.0, 0.0, level), (0.5, 0.5, level + 1.0), cells)
+    surfaces = {
+        "bottom": boxes.facets(DOWN, 0.0, names[0]),
+        "top": boxes.facets(UP, len(names), names[-1]),
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+    }
+    pairs = []
+    for level, (lower, upper) in enumerate(zip(names, names[1:]), start=1):
+        surfaces[f"on {lower}"] = boxes.facets(UP, level, lower)
+        surfaces[f"under {upper}"] = boxes.facets(DOWN, level, upper)
+        pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
+    return boxes, surfaces, pairs
 
 
 def patch(

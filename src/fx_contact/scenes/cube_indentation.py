@@ -5,8 +5,9 @@ from fx_contact.parallel.validation import check_number
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_length, check_mesh_size
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
+from fx_contact.scenes.symmetry import check_symmetry, sideways
 
 
 def indentation(
@@ -46,23 +47,13 @@ def indentation(
         name="indentation",
         mesh=cube_on_block(order, coarse, symmetry, lambda body, points: side * points),
         materials={"block": block, "cube": cube},
-        dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement)), *sideways(symmetry)),
+        dirichlet=(
+            Dirichlet("bottom", z=0.0),
+            Dirichlet("top", z=-float(displacement)),
+            *sideways(symmetry, ("block", "cube")),
+        ),
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
-    )
-
-
-def sideways(symmetry):
-    """Conditions that stop sideways motion: symmetry planes, or by symmetry the axis and a vertical line of each body.
-
-    Where lines would do, single vertices would too, but hold so softly that PCG needs twice the iterations.
-    """
-    if symmetry == "quarter":
-        return Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)
-    return tuple(
-        condition
-        for body in ("block", "cube")
-        for condition in (Dirichlet(f"{body} axis", x=0.0, y=0.0), Dirichlet(f"{body} side", y=0.0))
     )
 
 

@@ -11,8 +11,9 @@ from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 from fx_contact.problem.hexahedron import CORNERS, FACE_CORNERS
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_mesh_size, check_symmetry
+from fx_contact.scenes.arguments import check_length, check_mesh_size
 from fx_contact.scenes.roundness import check_roundness
+from fx_contact.scenes.symmetry import check_symmetry, sideways
 
 
 def hertz(
@@ -68,18 +69,12 @@ def _scene(mesh, radius, displacement, material, symmetry):
         contact_radius = np.sqrt(radius / 2 * displacement)
         check_roundness(mesh, "upper pole", (0.0, 0.0, radius), radius, contact_radius, displacement / 2)
     half = displacement / 2
-    conditions = [Dirichlet("top", z=-half), Dirichlet("bottom", z=half)]
-    if symmetry == "quarter":
-        conditions += [Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)]
-    else:
-        for body in ("lower", "upper"):
-            # By symmetry; two vertices would do, but hold so softly that PCG needs twice the iterations.
-            conditions += [Dirichlet(f"{body} axis", x=0.0, y=0.0), Dirichlet(f"{body} radius", y=0.0)]
+    flat_faces = Dirichlet("top", z=-half), Dirichlet("bottom", z=half)
     return Scene(
         name="hertz",
         mesh=mesh,
         materials={"lower": material, "upper": material},
-        dirichlet=tuple(conditions),
+        dirichlet=(*flat_faces, *sideways(symmetry, ("lower", "upper"), "radius")),
         contact=(ContactPair("lower pole", "upper pole", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
     )
@@ -99,7 +94,6 @@ def _half_balls(true_radius, order, coarse, symmetry):
     import gmsh
 
     radius = _MODEL_RADIUS
-
     gmsh.clear()
     gmsh.model.add("hertz")
     surfaces = {}

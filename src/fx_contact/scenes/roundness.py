@@ -1,4 +1,4 @@
-"""Whether a root mesh is round enough for the contact that is asked for."""
+"""Round surfaces: their height over the tangent plane, and whether a root mesh follows them closely enough."""
 
 import numpy as np
 
@@ -7,6 +7,21 @@ from fx_contact.problem import hexahedron
 
 #: Share of the approach by which a surface may leave its sphere where it touches; the force is then off by half of it.
 ROUND_ENOUGH = 0.05
+
+
+def sagitta(distance2, curvature):
+    """Height of a sphere over its tangent plane: R - sqrt(R^2 - r^2), without cancellation.
+
+    Local.
+
+    Args:
+        distance2: r^2, (n,) float64, squared distances from the axis [m^2].
+        curvature: 1/R [1/m], 0 for a plane, negative for a hollow sphere.
+
+    Returns:
+        (n,) float64 [m], of the sign of the curvature.
+    """
+    return distance2 * curvature / (1 + np.sqrt(1 - distance2 * curvature**2))
 
 
 def check_roundness(mesh, surface, centre, radius, contact_radius, approach):

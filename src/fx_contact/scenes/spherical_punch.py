@@ -8,9 +8,10 @@ from fx_contact.problem.boundary_conditions import Dirichlet, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.results.analytic import Hertz
-from fx_contact.scenes.arguments import check_length, check_material, check_mesh_size, check_symmetry
-from fx_contact.scenes.cube_indentation import cube_on_block, sideways
-from fx_contact.scenes.roundness import check_roundness
+from fx_contact.scenes.arguments import check_length, check_material, check_mesh_size
+from fx_contact.scenes.cube_indentation import cube_on_block
+from fx_contact.scenes.roundness import check_roundness, sagitta
+from fx_contact.scenes.symmetry import check_symmetry, sideways
 
 
 def punch(
@@ -65,8 +66,7 @@ def punch(
         """From the boxes to the bodies: the lower face of the cube becomes part of a sphere."""
         points = side * points
         if body == "cube":
-            distance2 = (points[:, :2] ** 2).sum(axis=1)
-            rise = distance2 / (radius + np.sqrt(radius**2 - distance2))  # R - sqrt(R^2 - r^2) without cancellation
+            rise = sagitta((points[:, :2] ** 2).sum(axis=1), 1 / radius)
             points[:, 2] += gap + rise * (1 - points[:, 2] / side)
         return points
 
@@ -76,16 +76,13 @@ def punch(
     if approach > 0:
         contact_radius = np.sqrt(radius * approach)
         check_roundness(mesh, "base", (0.0, 0.0, gap + radius), radius, contact_radius, approach)
-    if force is None:
-        load = {"dirichlet": (Dirichlet("top", z=-float(displacement)),)}
-    else:
-        load = {"dirichlet": (), "tractions": (Traction("top", (0.0, 0.0, -float(force) / side**2)),)}
-    load["dirichlet"] += (Dirichlet("bottom", z=0.0), *sideways(symmetry))
+    held = Dirichlet("bottom", z=0.0), *sideways(symmetry, ("block", "cube"))
     return Scene(
         name="punch",
         mesh=mesh,
         materials={"block": block, "cube": punch},
+        dirichlet=held if force is not None else (Dirichlet("top", z=-float(displacement)), *held),
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
+        tractions=() if force is None else (Traction("top", (0.0, 0.0, -float(force) / side**2)),),
         symmetry=4 if symmetry == "quarter" else 1,
-        **load,
     )

@@ -8,7 +8,8 @@ from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, UP, Boxes
+from fx_contact.scenes.boxes import BACK, facing_columns
+from fx_contact.scenes.roundness import sagitta
 
 
 def cylinders(
@@ -52,26 +53,16 @@ def cylinders(
     if order == 1:
         raise SceneError("cylinders need a root mesh of order 2 at least to be round, got order 1")
     side = min(radii)
-    boxes = Boxes(order)
-    boxes.add("lower", (0.0, 0.0, -1.0), (0.5, 1.0, 0.0), (coarse, 1, 2 * coarse))
-    boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 1.0, 1.0), (coarse, 1, 2 * coarse))
+    boxes, surfaces = facing_columns(order, (coarse, 1, 2 * coarse), 1.0, "face")
+    surfaces["y = length"] = boxes.facets(BACK, 1.0)
 
     def place(body, points):
         """From the boxes to the cylinders: layers bend towards the contact, the flat faces stay flat."""
-        x, y, z = points.T
-        radius, sign = (radii[0], -1) if body == "lower" else (radii[1], 1)
-        rise = (side * x) ** 2 / (radius + np.sqrt(radius**2 - (side * x) ** 2))
-        return np.stack([side * x, length * y, side * z + sign * rise * (1 - np.abs(z))], axis=1)
+        curvature = -1 / radii[0] if body == "lower" else 1 / radii[1]
+        placed = points * [side, length, side]
+        placed[:, 2] += sagitta(placed[:, 0] ** 2, curvature) * (1 - np.abs(points[:, 2]))
+        return placed
 
-    surfaces = {
-        "bottom": boxes.facets(DOWN, -1.0),
-        "top": boxes.facets(UP, 1.0),
-        "lower face": boxes.facets(UP, 0.0, "lower"),
-        "upper face": boxes.facets(DOWN, 0.0, "upper"),
-        "x = 0": boxes.facets(LEFT, 0.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-        "y = length": boxes.facets(BACK, 1.0),
-    }
     planes = tuple(SymmetryPlane(name) for name in ("x = 0", "y = 0", "y = length"))
     return Scene(
         name="cylinders",

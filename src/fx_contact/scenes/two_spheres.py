@@ -8,8 +8,8 @@ from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
-from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
-from fx_contact.scenes.roundness import check_roundness
+from fx_contact.scenes.boxes import facing_columns
+from fx_contact.scenes.roundness import check_roundness, sagitta
 
 
 def spheres(
@@ -40,16 +40,7 @@ def spheres(
     Raises:
         SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
     """
-    check_list("radii", radii, 2)
-    for radius in radii:
-        if isinstance(radius, float) and np.isinf(radius):
-            continue
-        if check_number("radius", radius) == 0:
-            raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
-        check_length("radius", abs(radius))
-    curvature = 1 / np.array(radii, dtype=np.float64)
-    if curvature.sum() <= 0:
-        raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
+    curvature = _curvatures(radii)
     side = 1 / np.abs(curvature).max() if side is None else side
     check_length("side", side)
     check_number("displacement", displacement)
@@ -58,34 +49,16 @@ def spheres(
         raise SceneError(
             f"a column of side {side} m has no end of radius {1 / np.abs(curvature).max()} m: take a smaller side"
         )
-    boxes = Boxes(order)
-    boxes.add("lower", (0.0, 0.0, -1.0), (0.5, 0.5, 0.0), (coarse,) * 3)
-    boxes.add("upper", (0.0, 0.0, 0.0), (0.5, 0.5, 1.0), (coarse,) * 3)
+    boxes, surfaces = facing_columns(order, (coarse,) * 3, 0.5, "end")
 
     def place(body, points):
         """From the boxes to the bodies: layers bend towards the contact, the flat faces stay flat."""
-        height = points[:, 2].copy()
-        points, sign, bend = side * points, *((-1, curvature[0]) if body == "lower" else (1, curvature[1]))
-        distance2 = (points[:, :2] ** 2).sum(axis=1)
-        rise = distance2 * bend / (1 + np.sqrt(1 - distance2 * bend**2))  # R - sqrt(R^2 - r^2) without cancellation
-        points[:, 2] += sign * rise * (1 - np.abs(height))
-        return points
+        placed, bend = side * points, -curvature[0] if body == "lower" else curvature[1]
+        placed[:, 2] += sagitta((placed[:, :2] ** 2).sum(axis=1), bend) * (1 - np.abs(points[:, 2]))
+        return placed
 
-    surfaces = {
-        "bottom": boxes.facets(DOWN, -1.0),
-        "top": boxes.facets(UP, 1.0),
-        "lower end": boxes.facets(UP, 0.0, "lower"),
-        "upper end": boxes.facets(DOWN, 0.0, "upper"),
-        "x = 0": boxes.facets(LEFT, 0.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-    }
     mesh = boxes.mesh(surfaces, place=place)
-    if displacement > 0:
-        contact_radius = np.sqrt(displacement / curvature.sum())
-        for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
-            if bend:
-                share = displacement * abs(bend) / np.abs(curvature).sum()
-                check_roundness(mesh, end, (0.0, 0.0, sign / bend), abs(1 / bend), contact_radius, share)
+    _check_ends(mesh, curvature, displacement)
     return Scene(
         name="spheres",
         mesh=mesh,
@@ -99,3 +72,27 @@ def spheres(
         contact=(ContactPair("lower end", "upper end", direction=(0.0, 0.0, 1.0)),),
         symmetry=4,
     )
+
+
+def _curvatures(radii):
+    """1/R of both ends: (2,) float64 [1/m]; SceneError or GeometryError for what are no radii of such ends.  Local."""
+    check_list("radii", radii, 2)
+    for radius in radii:
+        if isinstance(radius, float) and np.isinf(radius):
+            continue
+        if check_number("radius", radius) == 0:
+            raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
+        check_length("radius", abs(radius))
+    curvature = 1 / np.array(radii, dtype=np.float64)
+    if curvature.sum() <= 0:
+        raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
+    return curvature
+
+
+def _check_ends(mesh, curvature, displacement):
+    """Both ends must be round enough for the contact of an approach [m]; Hertz: a^2 = R* delta.  Local."""
+    contact_radius = np.sqrt(max(displacement, 0.0) / curvature.sum())
+    for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
+        if bend:
+            share = displacement * abs(bend) / np.abs(curvature).sum()
+            check_roundness(mesh, end, (0.0, 0.0, sign / bend), abs(1 / bend), contact_radius, share)

@@ -1,0 +1,32 @@
+"""Quarter models and whole bodies: what stops sideways motion."""
+
+from fx_contact.parallel.validation import check_name
+from fx_contact.problem.boundary_conditions import Dirichlet
+
+
+def check_symmetry(symmetry):
+    """Raises SceneError unless symmetry is "quarter" or "full".  Local."""
+    check_name("symmetry", symmetry, ("quarter", "full"))
+
+
+def sideways(symmetry, bodies, line="side"):
+    """Conditions that stop motion along x and y: symmetry planes, or for whole bodies two lines on each.
+
+    Local.  Single vertices would do, but hold so softly that PCG needs twice the iterations.
+
+    Args:
+        symmetry: "quarter": the surfaces "x = 0" and "y = 0"; "full": the curves "BODY axis" and "BODY LINE", along
+            which the displacement is sideways zero by symmetry.
+        bodies: names.
+        line: name of the second curve, in the plane y = 0.
+
+    Returns:
+        tuple of Dirichlet.
+    """
+    if symmetry == "quarter":
+        return Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)
+    return tuple(
+        condition
+        for body in bodies
+        for condition in (Dirichlet(f"{body} axis", x=0.0, y=0.0), Dirichlet(f"{body} {line}", y=0.0))
+    )
