@@ -1,7 +1,8 @@
 """Surface and body forces of a scene on the conforming unknowns, integrated over the curved leaves with NumPy.
 
-Forces that are functions of position are taken at the integration points themselves: nothing is interpolated, and no
-kernel is compiled for them.
+Not with UFL: a user's force is a NumPy function of position.  Here it is taken at the integration points.  For UFL it
+would have to be interpolated first, since a quadrature space cannot live on facets, and each new form takes seconds to
+compile.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
 
 Corners, edges and faces are numbered as in dolfinx (Basix); corners and nodes of higher order are in tensor order, x
-fastest.  The Lagrange functions are not Basix's, for they must be exact at the nodes: cells that share a node have it at
-the same place to the last bit.  All functions here are local.
+fastest.  The Lagrange functions are not Basix's, for they must be exact at the nodes: cells that share a node have it
+at the same place to the last bit.  All functions here are local.
 """
 
 from functools import cache
