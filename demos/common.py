@@ -48,7 +48,7 @@ from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.estimate.error_control import MODES  # noqa: E402
 from fx_contact.forest.partition import KINDS  # noqa: E402
-from fx_contact.linalg.petsc_options import COMMON, unread_options  # noqa: E402
+from fx_contact.linalg.petsc_options import unread_options  # noqa: E402
 from fx_contact.linalg.solver_options import PRECONDITIONERS  # noqa: E402
 from fx_contact.parallel.errors import FxContactError, SceneError  # noqa: E402
 from fx_contact.parallel.validation import nearest  # noqa: E402
@@ -196,8 +196,7 @@ def _run(comm, arguments, make_scene, exact, best_scene, errors, beginning):
     show("\n".join([table_head(), *map(table_row, steps)]))
     for step in run:
         if unread := unread_options(comm, "fx_"):
-            near = nearest(unread[0], ["fx_" + name for name in COMMON])
-            raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_{near}")
+            raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_")
         if step.record.step == len(steps):  # else the last one again, for its fields
             records.write(step.record)
             steps.append(step.record)

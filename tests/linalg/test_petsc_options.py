@@ -95,6 +95,15 @@ def test_monitor(tmp_path):
 
 
 @pytest.mark.slow
+def test_monitor_goes_on_with_what_takes_over():
+    """Where PCG fails, the preconditioner that takes over is watched by the same options."""
+    failing = PROGRAM.replace(
+        '{"pc_type": "jacobi", "ksp_view": None}', '{"KSP_converged_reason": None}, max_krylov=3'
+    )
+    log = output(sys.executable, "-c", failing.replace("(1, 1, 2)", "(3, 3, 3)").replace("0.1", "1e-3, max_steps=1"))
+    assert "Linear fx_ solve did not converge" in log and "Linear fx_fallback_ solve converged" in log, log
+
+
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help")

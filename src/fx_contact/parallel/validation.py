@@ -75,12 +75,6 @@ def check_label(what, value):
         raise SceneError(f"{what} must be a name, got {shown(value)}")
 
 
-def check_sendable(what, value):
-    """Raises SceneError if a value is a text that libraries in C cannot be given."""
-    if isinstance(value, str) and any(c == "\0" or "\ud800" <= c <= "\udfff" for c in value):
-        raise SceneError(f"{what} has NUL or half a character in it, got {shown(value)}")
-
-
 def check_comm(comm):
     """Raises SceneError unless a value is a communicator of mpi4py that can be used."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
