@@ -15,9 +15,9 @@ from mpi4py import MPI
 
 from demos.common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from fx_contact import Enforcement, Solver, adapt
-from fx_contact.contact.constraint_rows import Jump
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.dirichlet import prescribed_displacements

@@ -27,7 +27,7 @@ class MixedRows(ConstraintRows):
         row = np.concatenate([one.row, np.argsort(following)[one.row]])
         values = np.concatenate([0.9 * one.values, 0.1 * one.values])
         order = np.argsort(row, kind="stable")
-        blocks = Blocks(row[order], np.tile(one.vertex, 2)[order], np.tile(one.side, 2)[order], values[order])
+        blocks = Blocks(row[order], np.tile(one.node, 2)[order], np.tile(one.side, 2)[order], values[order])
         own = {field.name: getattr(pairs, field.name) for field in fields(ConstraintRows)}
         return replace(cls(**own), blocks=blocks, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
 

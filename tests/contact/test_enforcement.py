@@ -42,8 +42,8 @@ from fx_contact import (  # noqa: E402
 )
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
 from fx_contact.contact.active_set import ActiveSet  # noqa: E402
-from fx_contact.contact.constraint_rows import Jump  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
+from fx_contact.contact.jump import Jump  # noqa: E402
 from fx_contact.contact.node_pairs import create_node_pairs  # noqa: E402
 from fx_contact.contact.projection import Projection  # noqa: E402
 from fx_contact.fem.dirichlet import prescribed_displacements  # noqa: E402

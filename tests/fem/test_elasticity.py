@@ -28,8 +28,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix, identity, kron
 
-from fx_contact.contact.constraint_rows import Jump
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.dirichlet import prescribed_displacements

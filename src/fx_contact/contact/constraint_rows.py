@@ -1,15 +1,13 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
-A row belongs to a vertex of the first contact surface, as a nodal multiplier does, and may have entries at any number
-of vertices of both.  Whatever solves with contact asks for rows alone; node pairs (`node_pairs`) are one kind of them.
+A row belongs to a node of the first contact surface, as a nodal multiplier does, and may have entries at any number of
+nodes of both surfaces.  The solver of contact asks for rows alone; `NodePairs` are one kind of them.
 """
 
 from abc import ABC, abstractmethod
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
@@ -22,13 +20,13 @@ class Blocks:
 
     Attributes:
         row: (b,) int64, local number of the row, ascending.
-        vertex: (b,) int64, position in the prolongation's index map.
-        side: (b,) int64, 0 where the vertex is on the first surface, 1 on the second.
+        node: (b,) int64, position in the prolongation's index map.
+        side: (b,) int64, 0 where the node is on the first surface, 1 on the second.
         values: (b, 3) float64 [-].
     """
 
     row: np.ndarray
-    vertex: np.ndarray
+    node: np.ndarray
     side: np.ndarray
     values: np.ndarray
 
@@ -43,7 +41,7 @@ class ConstraintRows(ABC):
 
     Attributes:
         prolongation: Prolongation, on whose conforming unknowns B acts.
-        first: (n,) int64, the vertex of each row on the first surface, position in the prolongation's index map.
+        first: (n,) int64, the node of each row on the first surface, position in the prolongation's index map.
         normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
         gap: (n,) float64, D, initial distance along the normal on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
@@ -78,8 +76,8 @@ class ConstraintRows(ABC):
     @property
     def key(self):
         """(n,) int64, number of each row, another for all rows of all ranks.  Local."""
-        vertex = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
-        return vertex << 32 | self.contact
+        node = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
+        return node << 32 | self.contact
 
     @property
     def relative_stiffness(self):
@@ -93,16 +91,16 @@ class ConstraintRows(ABC):
         return self.stiffness * np.where(relative > STIFF, HELD / relative, 1.0)
 
     def couplings(self):
-        """Which conforming vertices a row couples: (owned + ghosts, owned + ghosts) scipy CSR bool.  Local."""
+        """Which conforming nodes a row couples: (owned + ghosts, owned + ghosts) scipy CSR bool.  Local."""
         imap, blocks = self.prolongation.index_map, self.blocks
         shape = len(self), imap.size_local + imap.num_ghosts
-        touched = csr_matrix((np.ones(len(blocks.row), dtype=bool), (blocks.row, blocks.vertex)), shape=shape)
+        touched = csr_matrix((np.ones(len(blocks.row), dtype=bool), (blocks.row, blocks.node)), shape=shape)
         return touched.T @ touched
 
     def jump(self, u):
         """B u, how far the bodies move towards each other.
 
-        Collective.  What all vertices of a row move alike is taken off first: B of a translation is rounding.
+        Collective.  The displacement of `first` is taken off first, so that long ways of both bodies are no rounding.
 
         Args:
             u: (owned, 3) float64, conforming displacement [m].
@@ -112,7 +110,7 @@ class ConstraintRows(ABC):
         """
         u, blocks, n = self.prolongation.ghosted(u), self.blocks, len(self)
         common = u[self.first]
-        relative = np.einsum("bi,bi->b", blocks.values, u[blocks.vertex] - common[blocks.row])
+        relative = np.einsum("bi,bi->b", blocks.values, u[blocks.node] - common[blocks.row])
         of_common = np.stack([blocks.sums(column, n) for column in blocks.values.T], axis=1)
         return blocks.sums(relative, n) + np.einsum("ni,ni->n", of_common, common)
 
@@ -129,11 +127,11 @@ class ConstraintRows(ABC):
             force: (n,) float64 [N].
 
         Returns:
-            (owned, 3) float64, what opposes it at the conforming vertices [N].
+            (owned, 3) float64, forces on the conforming nodes that it balances [N].
         """
         imap, blocks = self.prolongation.index_map, self.blocks
         sums = np.zeros((imap.size_local + imap.num_ghosts, 3))
-        np.add.at(sums, blocks.vertex, force[blocks.row][:, None] * blocks.values)
+        np.add.at(sums, blocks.node, force[blocks.row][:, None] * blocks.values)
         return self.prolongation.summed(sums)
 
     def pressing(self, force, group, count):
@@ -159,7 +157,7 @@ class ConstraintRows(ABC):
         return total, np.sqrt(self.symmetry) * approach
 
     def at_first(self, values):
-        """Sums over all rows of the same first vertex, of whichever contact pair and rank.
+        """Sums over all rows with the same `first`, of whichever contact pair and rank.
 
         Collective.
 
@@ -173,100 +171,6 @@ class ConstraintRows(ABC):
         sums = np.zeros((imap.size_local + imap.num_ghosts, values.shape[1]))
         np.add.at(sums, self.first, values)
         return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
-
-
-class Products:
-    """Products with a matrix of rows and with its transpose.
-
-    Collective on the prolongation's comm.  They touch the unknowns of the rows alone, and need no message where every
-    rank owns those of its rows.
-
-    Args:
-        rows: ConstraintRows.
-        blocks: Blocks, as theirs but for the values.
-    """
-
-    def __init__(self, rows, blocks):
-        self._prolongation = rows.prolongation
-        vertex, place = np.unique(blocks.vertex, return_inverse=True)
-        self._dofs = (3 * vertex[:, None] + np.arange(3)).ravel()
-        columns, indptr = 3 * place[:, None] + np.arange(3), 3 * np.searchsorted(blocks.row, np.arange(len(rows) + 1))
-        entries = blocks.values.ravel(), columns.ravel(), indptr
-        self._matrix = csr_matrix(entries, shape=(len(rows), len(self._dofs)))
-        self._transposed = self._matrix.T.tocsr()
-        away = bool((vertex >= self._prolongation.owned).any())
-        self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
-
-    def times(self, u):
-        """The product with a displacement.
-
-        Collective.
-
-        Args:
-            u: (owned, 3) float64.
-
-        Returns:
-            (n,) float64.
-        """
-        u = u if self._local else self._prolongation.ghosted(u)
-        return self._matrix @ u.reshape(-1)[self._dofs]
-
-    def add_transposed(self, values, y):
-        """Add the product of the transpose with values of the rows to y.
-
-        Collective.
-
-        Args:
-            values: (n,) float64.
-            y: (owned, 3) float64, contiguous; changed in place.
-        """
-        if self._local:
-            y.reshape(-1)[self._dofs] += self._transposed @ values
-            return
-        result = vector(self._prolongation.index_map, 3)
-        result.array[self._dofs] = self._transposed @ values
-        result.scatter_reverse(InsertMode.add)
-        y += result.array[: y.size].reshape(-1, 3)
-
-
-class Jump:
-    """B on the components that no condition prescribes, and D less what the prescribed ones contribute.
-
-    Collective on the prolongation's comm.
-
-    Args:
-        rows: ConstraintRows.
-        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
-
-    Attributes:
-        rows: as given.
-        blocks: Blocks of B, 0 at prescribed components.
-        matrix: Products with these.
-        gap: (n,) float64 [m].
-        movable: (n,) bool, where conditions leave the jump free.
-    """
-
-    #: Entries up to this one are the rounding of unit normals along an axis.
-    _ROUNDING = 1e-8
-
-    def __init__(self, rows, prescribed):
-        self.rows, blocks = rows, rows.blocks
-        free = np.isnan(rows.prolongation.ghosted(prescribed))[blocks.vertex]
-        values = np.where(free & (np.abs(blocks.values) > self._ROUNDING), blocks.values, 0.0)
-        self.blocks = replace(blocks, values=values)
-        self.matrix = Products(rows, self.blocks)
-        self.movable = blocks.sums(values.any(axis=1), len(rows)) > 0
-        self.gap = rows.gap - rows.jump(np.nan_to_num(prescribed))
-
-    def with_gap(self, gap):
-        """The same for another D: Jump.  Local.
-
-        Args:
-            gap: (n,) float64, less what prescribed components contribute [m].
-        """
-        other = copy(self)
-        other.gap = gap
-        return other
 
 
 def resultants(scene, rows, force):

@@ -6,10 +6,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.active_set import ActiveSet
-from fx_contact.contact.constraint_rows import Jump
 from fx_contact.contact.contact_problem import Environment
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.initial_guess import relax
+from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.linalg.conjugate_gradients import ROUNDING, ConjugateGradients
 from fx_contact.linalg.petsc_objects import PetscObjects

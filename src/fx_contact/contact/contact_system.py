@@ -1,4 +1,4 @@
-"""The linear system of the closed pairs, and what is kept from one active set to the next."""
+"""The linear system of the closed rows, and what is kept from one active set to the next."""
 
 import numpy as np
 from mpi4py import MPI
@@ -8,41 +8,53 @@ from fx_contact.contact.projection import Projection
 from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.parallel.errors import SolveError
 
-#: Overlap that conditions leave between vertices, relative to the approach, up to which it is rounding,
-_OVERLAP = 1e-6
-#: and relative to the largest displacement, where there is hardly an approach.
-_MOVED = 1e-12
-#: Tolerance of dual solutions: by what they say the same leaves are refined on any number of ranks.
+#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver: a hundred times
+#: its default tolerance,
+_OF_APPROACH = 1e-6
+#: or up to this part of the largest displacement, rounding: 1e4 times that of a double.
+_OF_DISPLACEMENT = 1e-12
+#: Relative tolerance of dual solutions.  They steer refinement, which is to be the same on any number of ranks.
 _DUAL = 1e-6
 
 
 class ContactSystem:
-    """The linear system of closed pairs, whose set changes: displacements, forces, and dual solutions.
+    """K u + B^T f = L of closed rows, whose set changes: displacements, forces, and dual solutions.
+
+    Closed rows are enforced in two ways.  A projection constrains the `_projected` ones: all in exact contact, else
+    those with stiffer springs than `STIFF`.  The matrix has springs of bounded stiffness for all closed rows, so that
+    its preconditioner knows of contact; what the enforcement has more or less is a correction beside the matrix.
 
     Collective.
 
     Args:
-        problem: ContactProblem, whose matrix has the penalty term of `active`; it is used up.
+        problem: ContactProblem, whose matrix has the bounded springs of `active`; it is used up.
         base: (owned, 3) float64, right-hand side without contact [N].
         jump: Jump.
-        active: (n,) bool, closed pairs.
+        active: (n,) bool, closed rows.
         options: SolveOptions.
         environment: Environment.
     """
 
     def __init__(self, problem, base, jump, active, options, environment):
-        self._base, self._jump, self._active, self._stages = base, jump, active, environment.stages
+        self._base, self._jump, self._stages = base, jump, environment.stages
         self._solver, self._enforcement = options.solver, options.enforcement
-        self._energy_norm = problem.energy_norm
-        rows = jump.rows
-        self._comm = rows.prolongation.comm
-        self._nearest = Projection(jump)
+        self._rows, self._comm, self._energy_norm = jump.rows, problem.matrix.comm, problem.energy_norm
         exact = self._enforcement.method == "exact"
-        self._holdable = np.ones_like(active) if exact else rows.stiffness > rows.bounded_stiffness
-        self._bounded, self._term, self._held = self._enforced(jump)
-        self._forces = np.zeros(len(active))  # of the augmented Lagrangian
-        self._known, self._is_set_up = active, False  # the active set in the matrix
+        self._projected = np.ones_like(active) if exact else self._rows.stiffness > self._rows.bounded_stiffness
+        self._bounded, self._term, self._projection = self._enforced(jump)
+        self._nearest = Projection(jump)  # of all closed rows, however they are enforced
         self._cg = ConjugateGradients(problem.matrix, self._solver, problem.energy_norm, environment.objects)
+        # What changes: the closed rows, their forces in the augmented Lagrangian, and the set in the matrix.
+        self._active, self._forces = active, np.zeros(len(active))
+        self._known, self._is_set_up = active, False
+
+    def _enforced(self, jump):
+        """Springs in the matrix, springs of the enforcement, and the Projection of projected rows or None."""
+        bounded = PenaltyTerm(jump, self._rows.bounded_stiffness)
+        if self._enforcement.method == "exact":
+            return bounded, bounded, Projection(jump)
+        projection = Projection(jump, self._rows.stiffness) if self._any(self._projected) else None
+        return bounded, PenaltyTerm(jump), projection
 
     @property
     def iterations(self):
@@ -60,10 +72,12 @@ class ContactSystem:
         return self._cg.energy_error
 
     def solve(self, active, u, tolerance):
-        """The displacement of some closed pairs.
+        """The displacement for some closed rows.
+
+        Collective.
 
         Args:
-            active: (n,) bool, closed pairs.
+            active: (n,) bool, closed rows.
             u: (owned, 3) float64, first guess [m].
             tolerance: of the linear solver [-].
 
@@ -78,59 +92,77 @@ class ContactSystem:
             self._known, self._is_set_up = active, True
         with self._stages("system"):
             self._active, self._forces = active, np.where(active, self._forces, 0.0)
-            right_hand_side = self._system(self._term)
+            right_hand_side = self._correct(self._term)
             if not self._any(self._base) and not self._any(active & (self._jump.gap != 0)):
-                # At rest; from elsewhere PCG would come close, but not by the energy of what is left.
-                u = np.zeros_like(u)
+                u = np.zeros_like(u)  # the solution; PCG's tolerance is relative to its energy, 0
             self._nearest.close(active)
-            if self._held is not None:
-                self._held.close(active & self._holdable)
-                u = self._held.onto_closed(u)
+            if self._projection is not None:
+                self._projection.close(active & self._projected)
+                u = self._projection.onto_closed(u)
         with self._stages("solve"):
-            return self._cg.solve(right_hand_side, u, tolerance, self._held)
-
-    def _enforced(self, jump):
-        """The springs in the matrix, those of the enforcement, and the projection that holds pairs, or None."""
-        rows = jump.rows
-        bounded = PenaltyTerm(jump, rows.bounded_stiffness)
-        if self._enforcement.method == "exact":
-            return bounded, bounded, Projection(jump)
-        held = Projection(jump, rows.stiffness) if self._any(self._holdable) else None
-        return bounded, PenaltyTerm(jump), held
+            return self._cg.solve(right_hand_side, u, tolerance, self._projection)
 
     def dual(self, overlap, force):
-        """How the bodies answer overlaps of closed pairs, and forces, where nothing else moves or loads them.
+        """The dual solution z of K z + B^T f = B^T g, B z = d on the closed rows, nothing prescribed or loaded.
 
-        Collective.  It is the dual solution of the forces that the pairs have, weighted by the overlaps, or of the
-        overlaps, weighted by the forces.  `solve` must not be called any more.
+        Collective.  With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with forces g on
+        open rows that of the gaps there.  `solve` must not be called afterwards.
 
         Args:
-            overlap: (n,) float64, of the closed pairs [m].
-            force: (n,) float64, that presses the vertices of each pair together [N].
+            overlap: (n,) float64, d [m].
+            force: (n,) float64, g, which presses the bodies together [N].
 
         Returns:
             (owned, 3) float64 [m].
         """
-        bounded, term, held = self._enforced(self._jump.with_gap(overlap))
+        bounded, term, projection = self._enforced(self._jump.with_gap(overlap))
         self._cg.correct(term.difference(self._active, bounded, self._known))
         right_hand_side = bounded.right_hand_side(self._known, -force)
         u = np.zeros_like(right_hand_side)
-        if held is not None:
-            held.close(self._active & self._holdable)
-            u = held.onto_closed(u)
-        return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), held)
+        if projection is not None:
+            projection.close(self._active & self._projected)
+            u = projection.onto_closed(u)
+        return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), projection)
 
-    def _system(self, term):
-        """Let the operator have a penalty term of the closed pairs; the right-hand side that belongs to it."""
+    def _correct(self, term):
+        """Let the operator have a penalty term of the closed rows; the right-hand side that belongs to the matrix."""
         self._cg.correct(term.difference(self._active, self._bounded, self._known))
         return self._base + self._bounded.right_hand_side(self._known, self._forces)
 
-    def check_apart(self, trial, u):
-        """See that conditions do not press closed pairs into each other: no force could keep their vertices apart.
+    def _disturbs(self, active):
+        """Whether rows changed since the set-up of the preconditioner that are not projected now.
 
-        Collective.  They do where the nearest displacement that closes the pairs leaves overlaps, and no gaps: the
-        jumps of such pairs, weighted by their overlaps, add up to one that conditions alone decide.  Beside a gap that
-        is not known yet: the pair that has it will open.
+        Each is an outlier of the spectrum and costs iterations.  A spring that only the preconditioner has makes the
+        penetration there look small in its norm, so the last solve allows none.
+        """
+        return self._any((self._known != active) & ~(active & self._projected))
+
+    def trial(self, u):
+        """Force of closed rows, and of open ones the force k (B u - D) that a penalty would exert.
+
+        Collective.  The force of projected rows balances the residual, so that rounding of B u - D does not matter.
+        Those whose gap no displacement closes, because others at their nodes hold it open, count as open.
+
+        Args:
+            u: (owned, 3) float64, the last solution [m].
+
+        Returns:
+            (n,) float64, compression positive [N].
+        """
+        trial = self._forces + self._bounded.force(u)
+        if self._projection is None:
+            return trial
+        residual = self._cg.residual(self._correct(self._bounded), u)
+        projected = trial + self._projection.apply_transpose(residual)
+        penetration = self._rows.penetration(self._nearest.onto_closed(u))
+        closed = self._projection.closed & (penetration >= -self._rounding(projected, u))
+        return np.where(closed, projected, trial)
+
+    def check_apart(self, trial, u):
+        """See that conditions do not press closed rows into each other: no force could keep the bodies apart.
+
+        Collective.  They do if the nearest displacement with B u = D leaves penetrations and no gaps.  A gap may be
+        that of a row that will open, and is waited for.
 
         Args:
             trial: (n,) float64, as from `trial` [N].
@@ -140,12 +172,11 @@ class ContactSystem:
             SolveError: they do, by more than rounding.
         """
         rounding = self._rounding(trial, u)
-        rows, u = self._jump.rows, self._nearest.onto_closed(u)
-        overlap = np.where(self._active, rows.penetration(u), 0.0)
-        if self._largest(np.minimum(overlap, 0.0)) > rounding:
+        left = np.where(self._active, self._rows.penetration(self._nearest.onto_closed(u)), 0.0)
+        if self._largest(np.minimum(left, 0.0)) > rounding:
             return
-        worst = int(overlap.argmax()) if len(overlap) else 0
-        mine = (float(overlap[worst]), rows.position[worst].tolist()) if len(overlap) else (0.0, [])
+        worst = int(left.argmax()) if len(left) else 0
+        mine = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
         deepest, place = max(self._comm.allgather(mine))
         if deepest > rounding:
             raise SolveError(
@@ -154,50 +185,10 @@ class ContactSystem:
                 "one of them free"
             )
 
-    def _disturbs(self, active):
-        """Whether an active set differs from that of the preconditioner by other pairs than such as are held now.
-
-        Each is an outlier of the spectrum that costs some iterations, and many soon more than a new set-up.  In the
-        norm of a preconditioner that has a stiff pair as closed, a penetration that nothing resists any more looks
-        small.  So the last solve allows none.
-        """
-        return self._any((self._known != active) & ~(active & self._holdable))
-
-    def trial(self, u):
-        """Force of closed pairs, and of open ones the force that a penalty would exert.
-
-        That of held pairs is what keeps the forces on their vertices in balance, whatever rounding does to their
-        penetration.  Held pairs whose gap others that share their vertex leave open, however near, count as open.
-
-        Args:
-            u: (owned, 3) float64, the last solution [m].
-
-        Returns:
-            (n,) float64, compression positive [N].
-        """
-        trial = self._forces + self._bounded.force(u)
-        if self._held is None:
-            return trial
-        residual = self._cg.residual(self._system(self._bounded), u)
-        held = trial + self._held.apply_transpose(residual)
-        penetration = self._jump.rows.penetration(self._nearest.onto_closed(u))
-        closed = self._held.closed & (penetration >= -self._rounding(held, u))
-        return np.where(closed, held, trial)
-
-    def _rounding(self, trial, u):
-        """Gaps and overlaps of closed pairs up to which they are rounding: float [m]."""
-        return max(_OVERLAP * self._approach(self._pressing(trial), u), _MOVED * self._largest(u))
-
-    def _any(self, values):
-        """Whether one of the values on any rank is not 0."""
-        return self._comm.allreduce(bool(values.any()), op=MPI.LOR)
-
-    def _largest(self, values):
-        """The largest absolute value on all ranks: float."""
-        return self._comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
-
     def augment(self, trial, u):
-        """Add the penalty's forces to those of the augmented Lagrangian, if they still leave a penetration.
+        """Add the forces of the penalty to those of the augmented Lagrangian, where they leave too much penetration.
+
+        Collective.
 
         Args:
             trial: (n,) float64, as from `trial` [N].
@@ -208,25 +199,36 @@ class ContactSystem:
         """
         if self._enforcement.method != "augmented-lagrangian":
             return False
-        rows = self._jump.rows
-        penetration = rows.penetration(u)
-        beyond_noise = np.abs(penetration) * np.sqrt(rows.stiffness) > self.noise
-        force = self._pressing(trial)
+        rows, force = self._rows, self._pressing(trial)
+        left = np.abs(rows.penetration(u))
         count = self._comm.allreduce(int(rows.contact.max(initial=-1)) + 1, op=MPI.MAX)
         _, approach = rows.pressing(force, rows.contact, count)
         approach = np.minimum(approach, self._approach(force, u))[rows.contact]
-        penetrating = self._active & self._jump.movable & beyond_noise
-        if not self._any(penetrating & (np.abs(penetration) > self._enforcement.gap_tolerance * approach)):
+        beyond_noise = left * np.sqrt(rows.stiffness) > self.noise
+        wrong = beyond_noise & (left > self._enforcement.gap_tolerance * approach)
+        if not self._any(wrong & self._active & self._jump.movable):
             return False
         self._forces = force
         return True
 
     def _pressing(self, trial):
-        """Forces of the closed pairs that press: (n,) float64 [N]."""
+        """Forces of the closed rows that press: (n,) float64 [N]."""
         return np.where(self._active, np.maximum(trial, 0.0), 0.0)
 
     def _approach(self, force, u):
-        """About how far bodies approach each other: their energy over the force, for they may come from afar [m]."""
-        pressed = self._comm.allreduce(float(force.sum()))
-        moved = self._largest(u)
+        """Energy over force, but no more than the largest displacement: how far bodies approach, about [m]."""
+        pressed, moved = self._comm.allreduce(float(force.sum())), self._largest(u)
         return min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
+
+    def _rounding(self, trial, u):
+        """Gaps and penetrations of closed rows up to which they are rounding: float [m]."""
+        approach = self._approach(self._pressing(trial), u)
+        return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * self._largest(u))
+
+    def _any(self, values):
+        """Whether one of the values on any rank is not 0."""
+        return self._comm.allreduce(bool(values.any()), op=MPI.LOR)
+
+    def _largest(self, values):
+        """The largest absolute value on all ranks: float."""
+        return self._comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)

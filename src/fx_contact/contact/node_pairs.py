@@ -37,9 +37,9 @@ class NodePairs(ConstraintRows):
     def blocks(self):
         """Blocks, two a pair.  Local."""
         n = len(self)
-        vertex = np.stack([self.first, self.second], axis=1).ravel()
+        node = np.stack([self.first, self.second], axis=1).ravel()
         values = np.stack([self.normal, -self.normal], axis=1).reshape(-1, 3)
-        return Blocks(np.repeat(np.arange(n), 2), vertex, np.tile([0, 1], n), values)
+        return Blocks(np.repeat(np.arange(n), 2), node, np.tile([0, 1], n), values)
 
 
 def create_node_pairs(scene, forest, prolongation, enforcement):

@@ -43,7 +43,7 @@ class PenaltyTerm:
         self._stiffness = jump.rows.stiffness if stiffness is None else stiffness
 
     def reserve(self, matrix):
-        """Make entries for the vertices that rows couple, with zeros.  Local.
+        """Make entries for the nodes that rows couple, with zeros.  Local.
 
         Args:
             matrix: PETSc Mat in blocks of 3.
@@ -70,11 +70,11 @@ class PenaltyTerm:
         if not which.any():
             return
         row, values = (np.cumsum(some) - 1)[blocks.row[which]], blocks.values[which][:, None]
-        vertex, column = np.unique(blocks.vertex[which], return_inverse=True)
-        indptr, shape = np.searchsorted(row, np.arange(some.sum() + 1)), (some.sum(), 3 * len(vertex))
+        node, column = np.unique(blocks.node[which], return_inverse=True)
+        indptr, shape = np.searchsorted(row, np.arange(some.sum() + 1)), (some.sum(), 3 * len(node))
         scaled = bsr_matrix((stiffness[some][row][:, None, None] * values, column, indptr), shape=shape)
         product = scaled.T @ bsr_matrix((values, column, indptr), shape=shape)
-        number = self._jump.rows.prolongation.index_map.local_to_global(vertex.astype(np.int32))
+        number = self._jump.rows.prolongation.index_map.local_to_global(node.astype(np.int32))
         add_blocks(matrix, product, number.astype(np.int32))
 
     def difference(self, active, other, known):

@@ -1,4 +1,4 @@
-"""Closed pairs that are held: the projection onto displacements that leave them as they are."""
+"""The constraint projector: B P = 0 for closed rows."""
 
 from dataclasses import replace
 
@@ -6,27 +6,30 @@ import numpy as np
 from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import Products
+from fx_contact.contact.jump import Products
 
 
 class Projection:
-    """The projection P onto displacements that do not move closed pairs apart or together, B P = 0.
+    """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    P = I - W^-1 B^T (B W^-1 B^T)^-1 B, where W weighs each body by its modulus: of two bodies the softer one follows
-    the stiffer, which keeps P^T K P as well conditioned as K.  B W^-1 B^T is diagonal but where vertices have several
-    pairs.  Pairs that repeat each other, where contact surfaces are continued by others, share the force by their area.
+    W weighs each body by its modulus: of two bodies the softer one follows the stiffer one, which keeps P^T K P as well
+    conditioned as K.  The Gram matrix B W^-1 B^T is diagonal where no node is in two rows.  Equal rows, where contact
+    pairs meet, share their force by area.
+
+    Collective on the prolongation's comm.
 
     Args:
         jump: Jump.
-        stiffness: (n,) float64, of springs by which held pairs yield all the same [N/m]; None: they are rigid.
+        stiffness: (n,) float64, of springs by which closed rows yield [N/m]; None: they are rigid.
 
     Attributes:
-        closed: (n,) bool, the pairs that are held closed.
+        closed: (n,) bool, the rows with B P = 0.
     """
 
-    #: Most iterations, and relative residual, of the Gram system where pairs share vertices: small separate blocks.
+    #: Most iterations and relative residual of the Gram system.  Node pairs that share nodes are small separate blocks
+    #: with few distinct eigenvalues: they take as many iterations as a node has pairs.
     _ITERATIONS, _RESIDUAL = 50, 1e-15
-    #: Eigenvalues of that system, relative to its diagonal, up to which it is singular.
+    #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
 
     def __init__(self, jump, stiffness=None):
@@ -37,7 +40,7 @@ class Projection:
         self._weighted = Products(rows, replace(blocks, values=weighted))
         self._diagonal = blocks.sums((blocks.values * weighted).sum(axis=1), len(rows))
         count = vector(rows.prolongation.index_map, 1)
-        np.add.at(count.array, blocks.vertex, 1.0)
+        np.add.at(count.array, blocks.node, 1.0)
         count.scatter_reverse(InsertMode.add)
         most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
@@ -45,7 +48,7 @@ class Projection:
         self.close(np.zeros(len(rows), dtype=bool))
 
     def close(self, active):
-        """From now on project for other closed pairs.  Local.
+        """From now on project for other closed rows, but for those whose jump conditions prescribe.  Local.
 
         Args:
             active: (n,) bool.
@@ -55,9 +58,9 @@ class Projection:
         self._scale = self._inverse * self._share
 
     def onto_closed(self, u):
-        """The displacement nearest to u, in the norm of W, that closes the pairs, B u = D.
+        """The displacement nearest to u, in the norm of W, with B u = D on the closed rows.
 
-        Collective.
+        Collective.  Where rows contradict each other, abs(B u - D) is least.
 
         Args:
             u: (owned, 3) float64 [m].
@@ -66,7 +69,7 @@ class Projection:
             (owned, 3) float64 [m].
         """
         u = u.copy()
-        self._weighted.add_transposed(self._gram(self._jump.gap - self._jump.matrix.times(u)), u)
+        self._weighted.add_transposed(self._solve_gram(self._jump.gap - self._jump.matrix.times(u)), u)
         return u
 
     def apply(self, u):
@@ -75,7 +78,7 @@ class Projection:
         Args:
             u: (owned, 3) float64, contiguous; changed in place.
         """
-        self._weighted.add_transposed(-self._gram(self._jump.matrix.times(u)), u)
+        self._weighted.add_transposed(-self._solve_gram(self._jump.matrix.times(u)), u)
 
     def apply_transpose(self, f):
         """f := P^T f.  Collective.
@@ -84,39 +87,36 @@ class Projection:
             f: (owned, 3) float64, contiguous; changed in place.
 
         Returns:
-            (n,) float64, forces of the closed pairs that take up what is projected away, compression positive [N].
+            (n,) float64, forces of the closed rows that balance what is projected away, compression positive [N].
         """
-        forces = self._gram(self._weighted.times(f))
+        forces = self._solve_gram(self._weighted.times(f))
         self._jump.matrix.add_transposed(-forces, f)
         return forces
 
     def add_yielding(self, forces, u):
-        """Add the displacement by which the springs of held pairs take up forces where nothing else resists.
+        """Add the displacement with B u = f / k on the closed rows, if they yield.
 
         Collective.
 
         Args:
-            forces: (n,) float64, as from `apply_transpose` [N].
+            forces: (n,) float64, f as from `apply_transpose` [N].
             u: (owned, 3) float64, contiguous; changed in place.
         """
         if self._compliance is not None:
-            self._weighted.add_transposed(self._gram(self._compliance * forces), u)
+            self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)
 
-    def _gram(self, values):
-        """(B W^-1 B^T)^-1 values on the closed pairs, by conjugate residuals where it is not diagonal.
-
-        Where pairs contradict each other, what is left of the values is the least that there can be.
-        """
+    def _solve_gram(self, values):
+        """(B W^-1 B^T)^-1 values on the closed rows, by conjugate residuals where it is not diagonal."""
         if not self._shared:
             return self._inverse * values
         solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
         first, past, direction, image = None, np.inf, 0.0, 0.0
         for _ in range(self._ITERATIONS):
             scaled = self._scale * residual
-            product = self._gram_product(scaled)
+            product = self._gram_times(scaled)
             size, curvature = self._dots((residual, scaled), (scaled, product))
             first = size if first is None else first
-            # What is left last lies where pairs repeat or contradict each other.
+            # Done; or what is left lies where rows are equal or contradict each other.
             if size <= self._RESIDUAL**2 * first or curvature <= self._SINGULAR * size:
                 break
             direction, image = (new + curvature / past * old for new, old in ((scaled, direction), (product, image)))
@@ -125,7 +125,7 @@ class Projection:
             solution, residual = solution + step * direction, residual - step * image
         return solution
 
-    def _gram_product(self, values):
+    def _gram_times(self, values):
         u = np.zeros((self._jump.rows.prolongation.owned, 3))
         self._weighted.add_transposed(values, u)
         return np.where(self.closed, self._jump.matrix.times(u), 0.0)

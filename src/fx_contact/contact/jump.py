@@ -1,0 +1,103 @@
+"""The jump across the contact, B u, and its transpose."""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+
+class Products:
+    """Products with a matrix of rows and with its transpose.
+
+    Collective on the prolongation's comm.  They touch the unknowns of the rows alone, and need no message where every
+    rank owns those of its rows.
+
+    Args:
+        rows: ConstraintRows.
+        blocks: Blocks, as theirs but for the values.
+    """
+
+    def __init__(self, rows, blocks):
+        self._prolongation = rows.prolongation
+        node, place = np.unique(blocks.node, return_inverse=True)
+        self._dofs = (3 * node[:, None] + np.arange(3)).ravel()
+        columns, indptr = 3 * place[:, None] + np.arange(3), 3 * np.searchsorted(blocks.row, np.arange(len(rows) + 1))
+        entries = blocks.values.ravel(), columns.ravel(), indptr
+        self._matrix = csr_matrix(entries, shape=(len(rows), len(self._dofs)))
+        self._transposed = self._matrix.T.tocsr()
+        away = bool((node >= self._prolongation.owned).any())
+        self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
+
+    def times(self, u):
+        """The product with a displacement.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64.
+
+        Returns:
+            (n,) float64.
+        """
+        u = u if self._local else self._prolongation.ghosted(u)
+        return self._matrix @ u.reshape(-1)[self._dofs]
+
+    def add_transposed(self, values, y):
+        """Add the product of the transpose with values of the rows to y.
+
+        Collective.
+
+        Args:
+            values: (n,) float64.
+            y: (owned, 3) float64, contiguous; changed in place.
+        """
+        if self._local:
+            y.reshape(-1)[self._dofs] += self._transposed @ values
+            return
+        result = vector(self._prolongation.index_map, 3)
+        result.array[self._dofs] = self._transposed @ values
+        result.scatter_reverse(InsertMode.add)
+        y += result.array[: y.size].reshape(-1, 3)
+
+
+class Jump:
+    """B on the components that no condition prescribes, and D less what the prescribed ones contribute.
+
+    Collective on the prolongation's comm.
+
+    Args:
+        rows: ConstraintRows.
+        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
+
+    Attributes:
+        rows: as given.
+        blocks: Blocks of B, 0 at prescribed components.
+        matrix: Products with these.
+        gap: (n,) float64 [m].
+        movable: (n,) bool, where conditions leave the jump free.
+    """
+
+    #: Entries up to this one are the rounding of unit normals along an axis.
+    _ROUNDING = 1e-8
+
+    def __init__(self, rows, prescribed):
+        self.rows, blocks = rows, rows.blocks
+        free = np.isnan(rows.prolongation.ghosted(prescribed))[blocks.node]
+        values = np.where(free & (np.abs(blocks.values) > self._ROUNDING), blocks.values, 0.0)
+        self.blocks = replace(blocks, values=values)
+        self.matrix = Products(rows, self.blocks)
+        self.movable = blocks.sums(values.any(axis=1), len(rows)) > 0
+        self.gap = rows.gap - rows.jump(np.nan_to_num(prescribed))
+
+    def with_gap(self, gap):
+        """The same for another D: Jump.  Local.
+
+        Args:
+            gap: (n,) float64, less what prescribed components contribute [m].
+        """
+        other = copy(self)
+        other.gap = gap
+        return other
