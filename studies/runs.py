@@ -90,32 +90,38 @@ def _what_it_said(text):
 
 
 def records(case, folder):
-    """Step records of a case, run now if they are not there; None if it failed.
+    """Step records of a case, run now if they are not there.
 
     Args:
         case: Case.
         folder: Path below which each case has a folder.
+
+    Raises:
+        RunFailed: it ends with an error.
     """
     place = folder / case.name
     done = place / "done"
     if done.exists():
         return [json.loads(line) for line in (place / "steps.jsonl").read_text().splitlines()]
+    print(case.command, file=sys.stderr)
     try:
         steps, _ = run(case, place, extra="--records-only")
     except RunFailed as error:
-        print(f"failed: {case.command}\n{error}", file=sys.stderr)
-        return None
+        raise RunFailed(f"{case.command}: {error}") from None
     done.touch()
     return steps
 
 
 def at_once(case, folder, copies=2):
-    """Step records of independent runs of a case at the same time, each a single process; None if one failed.
+    """Step records of independent runs of a case at the same time, each a single process.
 
     Args:
         case: Case, whose ranks do not count.
         folder: Path below which the runs have folders.
         copies: how many.
+
+    Raises:
+        RunFailed: one ends with an error.
     """
     places = [folder / f"{case.name} copy {number} of {copies}" for number in range(1, copies + 1)]
     if not all((place / "done").exists() for place in places):
@@ -124,8 +130,7 @@ def at_once(case, folder, copies=2):
         processes = [subprocess.Popen([*words, "--output", str(place.resolve())], **streams) for place in places]
         said = [process.communicate()[1] for process in processes]
         if any(process.returncode for process in processes):
-            print(f"failed: {shlex.join(words)}\n{''.join(map(_what_it_said, said))}", file=sys.stderr)
-            return None
+            raise RunFailed(f"{shlex.join(words)}: {' '.join(map(_what_it_said, said))}")
         for place in places:
             (place / "done").touch()
     return [[json.loads(line) for line in (place / "steps.jsonl").read_text().splitlines()] for place in places]

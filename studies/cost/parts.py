@@ -4,6 +4,8 @@ The bare scene is two columns that do not touch, of straight cells, solved once;
 of one core without compilation, the least of five runs.
 
     python3 -m studies.cost.parts
+
+It leaves parts.csv in results/cost.
 """
 
 import argparse
@@ -25,6 +27,7 @@ from fx_contact.problem.fingerprint import problem
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.output import write_fields
 from fx_contact.scenes import patch
+from studies.tables import TABLES, write
 
 REPEATS, CELLS = 5, (8, 8, 16)
 IMPORT = "import dolfinx, time; t = time.process_time(); import fx_contact; print(time.process_time() - t)"
@@ -70,17 +73,16 @@ def least(function):
     return min(seconds)
 
 
-def main():
-    """Measure, and print the table."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    print("| part | dofs | iterations | CPU seconds | more than the bare scene |", "|---|--:|--:|--:|--:|", sep="\n")
-    parts, bare = scenes(), None
-    for name, scene in parts.items():
+def measured():
+    """Rows of the table."""
+    bare = None
+    for name, scene in scenes().items():
         first_step(scene)  # compiles
         step, seconds = min((first_step(scene) for _ in range(REPEATS)), key=lambda run: run[1])
         bare = bare or seconds
-        numbers = f"{step.record.dofs:,} | {sum(step.record.krylov_iterations)}"
-        print(f"| {name} | {numbers} | {seconds:.2f} | {seconds - bare:+.2f} |", flush=True)
+        iterations = sum(step.record.krylov_iterations)
+        more = {"dofs": step.record.dofs, "iterations": iterations, "more_s": seconds - bare}
+        yield {"part": name, "cpu_s": seconds, **more}
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         writer = CheckpointWriter(folder, MPI.COMM_SELF, problem(scene), {})
@@ -93,9 +95,17 @@ def main():
         }
         for name, function in single.items():
             function()  # imports and compiles
-            print(f"| {name} | | | {least(function):.2f} | |", flush=True)
+            yield {"part": name, "cpu_s": least(function)}
     seconds = min(float(subprocess.check_output([sys.executable, "-c", IMPORT])) for _ in range(REPEATS))
-    print(f"| `import fx_contact` after `import dolfinx` | | | {seconds:.2f} | |")
+    yield {"part": "`import fx_contact` after `import dolfinx`", "cpu_s": seconds}
+
+
+def main():
+    """Measure; print the table and keep it."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    rows = list(measured())
+    write(Path("results/cost/parts.csv"), rows, "python3 -m studies.cost.parts")
+    print(TABLES["studies/cost/parts.csv"](rows))
 
 
 if __name__ == "__main__":

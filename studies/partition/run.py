@@ -6,7 +6,7 @@ Each rank scores one benchmark at a time by itself, so two ranks halve the time:
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
 
-It leaves table.md, quality.csv, cost.md, prediction.md, prediction.csv and pictures in the folder of results.
+It leaves table.csv, quality.csv, targets.md, cost.md, prediction.md, prediction.csv and pictures in results/partition.
 """
 
 import argparse
@@ -31,10 +31,11 @@ from fx_contact.plot import draw_parts
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.scenes import hertz, indentation
+from studies import tables
 from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
 from studies.partition.scaling_kernels import measure, migration
 from studies.partition.scaling_model import Network, predict
-from studies.partition.tables import prediction, table, targets, write_csv, write_prediction
+from studies.partition.tables import prediction, quality, seconds_by_stage, table, targets
 
 #: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
 #: half width of the picture [m].
@@ -248,7 +249,7 @@ def main():
     options = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--quick", action="store_true", help="forests of some 100,000 leaves: two minutes")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
-    options.add_argument("--output", type=Path, default=Path("results/partitions"), help="folder (%(default)s)")
+    options.add_argument("--output", type=Path, default=Path("results/partition"), help="folder (%(default)s)")
     arguments = options.parse_args()
     if arguments.parts < 32 or arguments.parts & (arguments.parts - 1):
         options.error("--parts must be a power of two, and 32 or more for the prediction")
@@ -280,9 +281,14 @@ def study(arguments):
     found = {name: result for part in COMM.allgather(mine) for name, result in part.items()}
     rows = [row for name in BENCHMARKS for row in found[name][0]]
     if COMM.rank == 0:
-        write_csv(rows, folder / "quality.csv")
+        made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
+        made_by += " --quick" * arguments.quick
+        short = table(rows)
+        tables.write(folder / "quality.csv", list(quality(rows)), made_by)
+        tables.write(folder / "table.csv", short, made_by)
         draw_cuts(rows, folder / "cut.png")
-    write(table(rows) + "\n\n" + targets(rows), folder / "table.md")
+        show(tables.TABLES["studies/partition/table.csv"](short))
+    write(targets(rows), folder / "targets.md")
 
     tolerance = TOLERANCES[arguments.quick]
     *_, last = adapt(hertz(), tolerance)
@@ -305,9 +311,9 @@ def study(arguments):
         if COMM.rank == 0:
             draw_prediction(kinds, dofs, folder / f"prediction_{name}.png")
     if COMM.rank == 0:
-        write_prediction(seconds, folder / "prediction.csv")
+        tables.write(folder / "prediction.csv", list(seconds_by_stage(seconds)), made_by)
     write("\n".join(text), folder / "prediction.md")
-    show(f"results in {folder}: table.md, quality.csv, cost.md, prediction.md, prediction.csv, pictures")
+    show(f"results in {folder}: table.csv, quality.csv, targets.md, cost.md, prediction.md, prediction.csv, pictures")
 
 
 def write(text, path):

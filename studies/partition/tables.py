@@ -1,6 +1,5 @@
-"""Tables of the partition study in Markdown and CSV, and what they say about the paper's claims."""
+"""Tables of the partition study, and what they say about the paper's claims."""
 
-import csv
 from dataclasses import asdict
 
 from studies.partition.scaling_model import STAGES
@@ -9,60 +8,54 @@ from studies.partition.scaling_model import STAGES
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 
 
-def write_csv(rows, path):
-    """All measures of all partitions, one line each."""
-    lines = [{**vars(row), **asdict(row.quality)} for row in rows]
-    _write(path, [{name: value for name, value in line.items() if name != "quality"} for line in lines])
+def quality(rows):
+    """All measures of all partitions: a dict each, for a CSV file."""
+    for row in rows:
+        yield {k: v for k, v in {**vars(row), **asdict(row.quality)}.items() if k != "quality"}
 
 
-def write_prediction(predictions, path):
-    """Predicted seconds by stage: one line for each benchmark, kind and number of processors."""
-    _write(
-        path,
-        [
-            {"scene": scene, "kind": kind, "parts": parts, **seconds}
-            for scene, kinds in predictions.items()
-            for kind, by_parts in kinds.items()
-            for parts, seconds in by_parts.items()
-        ],
-    )
-
-
-def _write(path, lines):
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(lines[0]))
-        writer.writeheader()
-        writer.writerows(lines)
+def seconds_by_stage(predictions):
+    """Predicted seconds by stage: a dict for each benchmark, kind and number of processors."""
+    for scene, kinds in predictions.items():
+        for kind, by_parts in kinds.items():
+            for parts, seconds in by_parts.items():
+                yield {"scene": scene, "kind": kind, "parts": parts, **seconds}
 
 
 def table(rows):
-    """The short table: cuts relative to PT-SCOTCH, split pairs, imbalance, neighbours and halo of contact-sfc.
+    """The short table: cuts over those of PT-SCOTCH, split pairs, imbalance of weights, neighbours and halo.
 
     Args:
         rows: Scores.
 
     Returns:
-        str, Markdown.
+        list of dicts.
     """
     found = {(row.scene, row.quality.parts, row.kind): row.quality for row in rows}
-    lines = [
-        "| benchmark | parts | leaves a part | cut facets, graph | contact-sfc | curve only | sfc | equidistributed "
-        "| split pairs, sfc | imbalance, contact-sfc | graph | equidistributed | neighbours | halo a part |",
-        "|---|" + "--:|" * 13,
-    ]
+    kinds = ("graph", "contact-sfc", "contact-sfc, curve only", "sfc", "equidistributed")
+    result = []
     for scene, leaves in dict.fromkeys((row.scene, row.leaves) for row in rows):
         for parts in sorted({row.quality.parts for row in rows} & set(SHOWN)):
-            graph, ours, curve, blind, dealt = (
-                found[scene, parts, kind]
-                for kind in ("graph", "contact-sfc", "contact-sfc, curve only", "sfc", "equidistributed")
+            graph, ours, curve, blind, dealt = (found[scene, parts, kind] for kind in kinds)
+            result.append(
+                {
+                    "benchmark": scene,
+                    "parts": parts,
+                    "leaves_per_part": leaves // parts,
+                    "cut_facets_graph": graph.cut_facets,
+                    "cut_contact_sfc": ours.cut_facets / graph.cut_facets,
+                    "cut_curve_only": curve.cut_facets / graph.cut_facets,
+                    "cut_sfc": blind.cut_facets / graph.cut_facets,
+                    "cut_equidistributed": dealt.cut_facets / graph.cut_facets,
+                    "split_pairs_sfc": blind.split_pairs,
+                    "imbalance_contact_sfc": ours.weight_imbalance,
+                    "imbalance_graph": graph.weight_imbalance,
+                    "imbalance_equidistributed": dealt.weight_imbalance,
+                    "neighbours": ours.neighbours_mean,
+                    "halo_KiB": ours.halo_bytes_max / 1024,
+                }
             )
-            ratios = " | ".join(f"{q.cut_facets / graph.cut_facets:.2f}" for q in (ours, curve, blind, dealt))
-            balance = " | ".join(f"{q.weight_imbalance:.3f}" for q in (ours, graph, dealt))
-            lines.append(
-                f"| {scene} | {parts} | {leaves // parts:,} | {graph.cut_facets:,} | {ratios} | {blind.split_pairs:,} "
-                f"| {balance} | {ours.neighbours_mean:.1f} | {ours.halo_bytes_max / 1024:.0f} KiB |"
-            )
-    return "\n".join(lines)
+    return result
 
 
 def targets(rows):

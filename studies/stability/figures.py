@@ -1,7 +1,5 @@
 """Matrix, table and CSV of the stress study."""
 
-import csv
-
 #: Scores from best to worst: letter in the matrix, grey of its cell, colour of its edge, what it means.
 SCORES = {
     "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
@@ -15,24 +13,40 @@ SCORES = {
 }
 
 
-def write_csv(scores, path):
-    """One line a scene.
+def rows(scores):
+    """A row a scene, with the check that comes nearest to failing, for a CSV file.
 
     Args:
         scores: dicts.
-        path: of the file.
     """
-    names = ["name", "score", "worst", "deviation", "allowed"]
-    lines = []
     for one in scores:
-        worst = max(one["checks"], key=lambda c: c[1] / (c[2] or 1e-300), default=("", "", "", ""))
-        more = {k: v for k, v in one.items() if k not in ("checks", "axis", "row", "value")}
-        lines.append(more | dict(zip(("worst", "deviation", "allowed"), worst)))
-        names += [k for k in lines[-1] if k not in names]
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(lines)
+        worst = max(one["checks"], key=_nearest, default=("", "", ""))
+        about = {"name": one["name"], "axis": one["axis"], "score": one["score"]}
+        about |= dict(zip(("worst", "deviation", "allowed"), worst))
+        yield about | {k: v for k, v in one.items() if k not in ("checks", "row", "value")}
+
+
+def _nearest(check):
+    _, deviation, allowed, _ = check
+    return deviation / (allowed or 1e-300)
+
+
+def counts(scores):
+    """Counts of scores for each axis: str, Markdown.
+
+    Args:
+        scores: dicts, those of `scores.jsonl` or rows of the CSV file.
+    """
+    kinds = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
+    lines = [f"| axis | scenes | {' | '.join(kinds)} | iterations | CPU |", "|---|" + "--:|" * (len(kinds) + 3)]
+    for axis in [*dict.fromkeys(one["axis"] for one in scores), None]:
+        here = [one for one in scores if axis in (None, one["axis"])]
+        numbers = [sum(one["score"] == kind for one in here) or "" for kind in kinds]
+        effort = [one["iterations"] for one in here if one.get("iterations", "") != ""]
+        effort = f"{min(effort)} to {max(effort)}" if effort else ""
+        seconds = f"{sum(one['cpu_seconds'] for one in here):.0f} s"
+        lines.append(f"| {axis or 'all'} | {len(here)} | {' | '.join(map(str, numbers))} | {effort} | {seconds} |")
+    return "\n".join(lines)
 
 
 def table(scores, command):
@@ -45,18 +59,8 @@ def table(scores, command):
     Returns:
         str, Markdown.
     """
-    scores = list(scores)
-    kinds = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
-    lines = [f"| axis | scenes | {' | '.join(kinds)} | iterations | CPU |", "|---|" + "--:|" * (len(kinds) + 3)]
-    for axis in [*dict.fromkeys(one["axis"] for one in scores), None]:
-        here = [one for one in scores if axis in (None, one["axis"])]
-        counts = [sum(one["score"] == kind for one in here) or "" for kind in kinds]
-        effort = [one["iterations"] for one in here if "iterations" in one]
-        effort = f"{min(effort)} to {max(effort)}" if effort else ""
-        seconds = f"{sum(one['cpu_seconds'] for one in here):.0f} s"
-        lines.append(f"| {axis or 'all'} | {len(here)} | {' | '.join(map(str, counts))} | {effort} | {seconds} |")
-    lines.append("")
-    for kind in reversed(kinds):
+    lines = [counts(scores), ""]
+    for kind in reversed(SCORES):
         about = [one for one in scores if one["score"] == kind and kind not in ("right", "refused")]
         if about:
             lines.append(f"{kind}: {SCORES[kind][3]}\n")
@@ -66,7 +70,7 @@ def table(scores, command):
 
 
 def _worst(one):
-    name, deviation, allowed, _ = max(one["checks"], key=lambda c: c[1] / (c[2] or 1e-300))
+    name, deviation, allowed, _ = max(one["checks"], key=_nearest)
     return f"{name} {deviation:.1e} of {allowed:.1e}"
 
 

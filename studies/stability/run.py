@@ -32,8 +32,9 @@ from fx_contact import Enforcement, adapt
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
 from studies.stability.checks import LOST, Exact, State
-from studies.stability.figures import draw_matrix, table, write_csv
+from studies.stability.figures import draw_matrix, rows, table
 from studies.stability.scenes import cases, sample
+from studies.tables import write
 
 #: Refinement ends above so many unknowns, whether the accuracy is reached or not.
 MOST_DOFS = 40_000
@@ -259,7 +260,8 @@ def main():
     study(chosen, path)
     known = read(path)
     scores = [known[name] for name in chosen if name in known]
-    write_csv(scores, arguments.output / "scores.csv")
+    made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick
+    write(arguments.output / "scores.csv", list(rows(scores)), made_by)
     draw_matrix(scores, arguments.output / "matrix.png")
     text = table(scores, command)
     (arguments.output / "table.md").write_text(text)

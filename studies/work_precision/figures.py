@@ -252,4 +252,4 @@ def _error(result):
 
 def _of(name):
     """A function that gives a deviation from the reference in percent, or None where there is none."""
-    return lambda r: 100 * abs(r.last["errors"][name]) if name in r.last.get("errors", {}) else None
+    return lambda r: 100 * abs(r.last["errors"][name]) if name in (r.last.get("errors") or {}) else None

@@ -9,8 +9,7 @@ failed. An interrupted study goes on where it stopped.
     python3 -m studies.work_precision.run --quick      # a third of them, small ones, each once: under 2 minutes
     python3 -m studies.work_precision.run --plot-only  # tables and plots of the runs that are there
 
-Results go to results/work_precision: runs.jsonl (each run), points.csv, table.md, readme.md, targets.md and the plots
-as PNG and SVG.
+Results go to results/work_precision: runs.jsonl (each run), points.csv, promises.csv and the plots as PNG and SVG.
 """
 
 import argparse
@@ -23,9 +22,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from studies.runs import RunFailed, cpu, run, wall
+from studies.tables import TABLES, write
 from studies.work_precision.figures import draw_all
 from studies.work_precision.points import points
-from studies.work_precision.tables import commands, medians, readme_table, table, targets, write_csv
+from studies.work_precision.tables import medians, promises, rows
 
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].
@@ -139,18 +139,12 @@ def main():
     found = medians(wanted, runs)
     if not found:
         options.error(f"there are no runs in {folder}")
-    write_csv(found, folder / "points.csv")
-    for name, text in (
-        ("table.md", "\n\n".join([_told(runs), table(found), commands(found)])),
-        ("readme.md", readme_table(found)),
-        ("targets.md", targets(found)),
-    ):
-        (folder / name).write_text(text + "\n")
-    print(table(found), targets(found), sep="\n\n")
+    made_by = "python3 -m studies.work_precision.run" + " --quick" * arguments.quick
+    for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
+        write(folder / f"{name}.csv", table, made_by)
+        print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
     pictures = draw_all(found, folder, _told(runs))
-    print(
-        f"results in {arguments.output}: runs.jsonl, points.csv, table.md, readme.md, targets.md, {', '.join(pictures)}"
-    )
+    print(f"results in {arguments.output}: runs.jsonl, points.csv, promises.csv, {', '.join(pictures)}")
 
 
 def _told(runs):

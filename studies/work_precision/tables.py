@@ -1,6 +1,5 @@
-"""Medians and tables of the work-precision study, and what they say about its targets."""
+"""Medians of the work-precision study, and what they say about its promises."""
 
-import csv
 from dataclasses import dataclass
 from statistics import median
 
@@ -8,14 +7,21 @@ import numpy as np
 
 from studies.work_precision.points import DEFAULT, Point
 
-#: Errors of a contact by their name in the records: heading.
-ERRORS = {
-    "force": "force",
-    "max_pressure": "p0",
-    "contact_radius": "radius",
-    "pressure": "pressure, L2",
-    "axis_stress": "axis stress",
-}
+#: Errors of a contact, and other figures, by their name in the records.
+ERRORS = ("force", "max_pressure", "contact_radius", "pressure", "axis_stress")
+FIGURES = (
+    "cells",
+    "dofs",
+    "hanging_nodes",
+    "geometry_order",
+    "estimate",
+    "force",
+    "contact_radius",
+    "max_pressure",
+    "max_penetration",
+    "l2_error",
+    "peak_memory_bytes",
+)
 
 
 @dataclass(frozen=True)
@@ -86,85 +92,32 @@ def _same_true(last, others):
     return None
 
 
-def table(found):
-    """All points, in Markdown; numbers in the first column lead to `commands`."""
-    heads = ["", "line", "dofs", "estimate", "true error", "effectivity", *ERRORS.values(), "wall", "CPU", "runs"]
-    lines = [_row(heads), _row(["--:", "---", *["--:"] * (len(heads) - 2)])]
-    for number, result in enumerate(found, 1):
-        if result.failed:
-            lines.append(_row([number, result.point.line, f"failed: {result.failed}", *[""] * (len(heads) - 3)]))
-            continue
-        last, errors = result.last, result.last.get("errors", {})
-        cells = [number, result.point.line, f"{last['dofs']:,}", f"{last['estimate']:.2%}", _percent(result.true)]
-        cells += [f"{result.effectivity:.3f}" if result.true else ""]
-        cells += [_signed(errors[name]) if name in errors else "" for name in ERRORS]
-        cells += [f"{result.wall:.2f} s", f"{result.cpu:.2f} s", result.runs]
-        lines.append(_row(cells))
-    return "\n".join(lines)
+def rows(found):
+    """All points with all figures: dicts, a line of the CSV file each.
 
-
-def commands(found):
-    """The command of each point, by its number in `table`."""
-    return "\n".join(f"{number}. `./with-dolfinx {r.point.case.command}`" for number, r in enumerate(found, 1))
-
-
-def readme_table(found):
-    """The points of the main plot, each with its command, in Markdown."""
-    heads = ["line", "dofs", "true error", "effectivity", "force", "wall", "CPU", "command"]
-    lines = [_row(heads), _row(["---", *["--:"] * 6, "---"])]
-    for result in found:
-        if result.point.group not in ("adaptivity", "geometry") and not result.point.line.endswith("1 rank"):
-            continue
-        words = f"`{result.point.case.command}`"
-        if result.failed:
-            lines.append(_row([result.point.line, f"failed: {result.failed}", *[""] * 5, words]))
-            continue
-        true = _percent(result.true) or f"({result.last['estimate']:.2%})"
-        cells = [result.point.line, f"{result.last['dofs']:,}", true]
-        cells += [f"{result.effectivity:.2f}" if result.true else "", _signed(result.last["errors"]["force"])]
-        lines.append(_row([*cells, f"{result.wall:.1f} s", f"{result.cpu:.1f} s", words]))
-    return "\n".join(lines)
-
-
-def _row(cells):
-    return "| " + " | ".join(map(str, cells)) + " |"
-
-
-def _percent(value):
-    return "" if value is None else f"{value:.2%}"
+    Args:
+        found: Results.
+    """
+    for r in found:
+        errors = r.last.get("errors") or {}
+        yield {
+            "group": r.point.group,
+            "line": r.point.line,
+            "ranks": r.point.case.ranks,
+            "command": r.point.case.command,
+            "failed": r.failed,
+            "runs": r.runs,
+            "wall_s": r.wall,
+            "cpu_s": r.cpu,
+            "true_error": r.true,
+            "effectivity": None if r.failed else r.effectivity,
+            **{name: r.last.get(name) for name in FIGURES},
+            **{f"error_{name}": errors.get(name) for name in ERRORS},
+        }
 
 
 def _signed(value):
     return f"{value:+.2%}" if abs(value) >= 5e-5 else f"{value:+.1e}"
-
-
-def write_csv(found, path):
-    """All points with all figures.
-
-    Args:
-        found: Results.
-        path: of the CSV file.
-    """
-    names = [
-        "cells",
-        "dofs",
-        "hanging_nodes",
-        "geometry_order",
-        "estimate",
-        "force",
-        "contact_radius",
-        "max_pressure",
-    ]
-    names += ["max_penetration", "l2_error", "peak_memory_bytes"]
-    heads = ["group", "line", "ranks", "command", "failed", "runs", "wall_s", "cpu_s", "true_error", "effectivity"]
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*heads, *names, *(f"error_{name}" for name in ERRORS)])
-        for r in found:
-            point, errors = r.point, r.last.get("errors", {})
-            row = [point.group, point.line, point.case.ranks, point.case.command, r.failed, r.runs, r.wall, r.cpu]
-            row += [r.true, r.effectivity, *(r.last.get(name) for name in names)]
-            writer.writerow([*row, *(errors.get(name) for name in ERRORS)])
 
 
 def slope(x, y):
@@ -172,13 +125,11 @@ def slope(x, y):
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def targets(found):
-    """What the study promises, beside what was measured, in Markdown."""
+def promises(found):
+    """What the study promises, beside what was measured: dicts."""
     good = [r for r in found if not r.failed]
-    lines = [_row(["promise", "measured"]), _row(["---", "---"])]
     for promise, measured in (*_manufactured(good), *_trust(good), *_against_uniform(good), *_promised(good)):
-        lines.append(_row([promise, measured]))
-    return "\n".join(lines)
+        yield {"promise": promise, "measured": measured}
 
 
 def _line(good, name):

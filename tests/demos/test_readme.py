@@ -67,11 +67,17 @@ KINDS = (
     Kind(
         rf"mpirun -n \d {DEMO}.*--(true-error|reference).*",
         "some digits less take seconds",
-        (*COARSER, *PLAIN, (r"--coarse \d --uniform \d", "--coarse 4 --uniform 1"), (r"--order [26]", "--order 2")),
+        (
+            *COARSER,
+            *UNSAID,
+            *PLAIN,
+            (r"--coarse \d --uniform \d", "--coarse 4 --uniform 1"),
+            (r"--order [26]", "--order 2"),
+        ),
     ),
     Kind(rf"mpirun -n \d {DEMO}.*", "minutes each: coarser, and on one rank", (*COARSER, *UNSAID, *PLAIN, *ALONE)),
     Kind(rf"{DEMO}.*", "coarser", (*COARSER, *UNSAID)),
-    Kind(r"mpirun -n \d python3 -m studies\.cost\.hertz", "half a minute; its rows are run", None),
+    Kind(r"python3 -m studies\.tables.*", "test_tables sees that it has nothing to do", None),
     Kind(r"(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*", "minutes", HELP),
     Kind(
         r"(env .+ )?python3 notebooks/execute\.py .*",

@@ -55,7 +55,7 @@ def test_tables_and_plots(tmp_path):
     """Medians, a failure shown as one, and all plots that the results allow."""
     from studies.work_precision.figures import draw_all
     from studies.work_precision.points import points
-    from studies.work_precision.tables import commands, medians, readme_table, table, targets, write_csv
+    from studies.work_precision.tables import medians, promises, rows
 
     wanted = points(True)
     runs = [
@@ -69,10 +69,9 @@ def test_tables_and_plots(tmp_path):
     found = medians(wanted, runs)
     assert len(found) == len(wanted) and found[1].failed == "SolveError: no"
     assert all(r.wall == 2.0 and r.cpu == 4.0 and r.runs == 3 for r in found if not r.failed)
-    assert "failed: SolveError: no" in table(found) and broken in commands(found)
-    assert "failed" in readme_table(found) and targets(found)
-    write_csv(found, tmp_path / "points.csv")
-    assert len((tmp_path / "points.csv").read_text().splitlines()) == len(found) + 1
+    table = list(rows(found))
+    assert [r["failed"] for r in table if r["command"] == broken] == ["SolveError: no"]
+    assert len(table) == len(found) and list(promises(found))
     names = draw_all(found, tmp_path, "a machine")
     assert {"work_precision.png", "settings.png", "tas.png", "estimate.png"} <= set(names)
     assert all(
@@ -82,7 +81,7 @@ def test_tables_and_plots(tmp_path):
 
 def test_measures():
     """Slope of a power law, digits of an error, and a promise with the figures that it is held against."""
-    from studies.work_precision.tables import digits, medians, slope, targets
+    from studies.work_precision.tables import digits, medians, promises, slope
 
     x = np.array([1.0, 10.0, 300.0])
     assert slope(x, 5 * x**-0.4) == pytest.approx(-0.4) and digits(1e-3) == pytest.approx(3)
@@ -96,9 +95,10 @@ def test_measures():
         true, dofs = (0.9 * given, given**-3) if "--uniform" not in words else (0.2, 1e5)
         runs.append(line(point, 0, 2.0, true))
         runs[-1]["last"] |= {"tolerance": given, "dofs": dofs, "errors": {"force": 0.5 * true**2}}
-    text = targets(medians(wanted, runs))
-    assert "true error at e = 4 %: 2 to 4.4 % | 3.60%" in text
-    assert "2 ranks | power 2.00" in text and "bounded | 0.50, 0.50" in text
+    found = {row["promise"]: row["measured"] for row in promises(medians(wanted, runs))}
+    assert found["true error at e = 4 %: 2 to 4.4 %"] == "3.60%"
+    text = "; ".join(found.values())
+    assert "power 2.00" in text and "0.50, 0.50" in text
 
 
 def test_goes_on_where_it_stopped(tmp_path, monkeypatch):

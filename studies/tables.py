@@ -1,0 +1,187 @@
+"""Tables of the pages, made from the CSV files that the studies keep.
+
+    python3 -m studies.tables                             # writes the tables into the pages
+    python3 -m studies.tables results/cost/standard.csv   # keeps a new result first, with the revision of the program
+
+A page has a table between `<!-- table: studies/cost/standard.csv -->` and `<!-- end of table -->`. Above the rows of a
+CSV file stand the command which made it, the machine, and the revision of the program.
+"""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from string import Formatter
+
+from studies.stability.figures import counts
+
+TOP = Path(__file__).parents[1]
+PAGES = ("README.md",)
+#: Targets of the project stand beside what was measured, where there are some.
+COST = {
+    "command": "`{command}`",
+    "dofs": "{dofs:,}",
+    "steps": "{steps:d}",
+    "CPU": ("{cpu_s:.3g} s (target {target_cpu_s:.3g})", "{cpu_s:.3g} s"),
+    "wall": "{wall_s:.1f} s",
+    "CPU for a million dofs": "{cpu_s_per_million_dofs:.0f} s (target {target_rate})",
+    "peak memory for a dof": ("{kB_per_dof:.3g} kB (target {target_kB:.3g})", "{kB_per_dof:.3g} kB"),
+}
+HERTZ = {
+    "command": "`{command}`",
+    "cells": "{cells:,}",
+    "dofs": "{dofs:,}",
+    "force": "{force:+.3%}",
+    "largest pressure": "{max_pressure:+.3%}",
+    "contact radius": "{contact_radius:+.3%}",
+    "seconds": "{wall_s:.1f}",
+}
+PARTS = {
+    "part": "{part}",
+    "dofs": "{dofs:,}",
+    "iterations": "{iterations:d}",
+    "CPU seconds": "{cpu_s:.2f}",
+    "more than the bare scene": "{more_s:+.2f}",
+}
+POINTS = {
+    "line": "{line}",
+    "dofs": "{dofs:,}",
+    "true error": ("failed, {failed}", "{true_error:.2%}", "({estimate:.2%})"),
+    "effectivity": "{effectivity:.2f}",
+    "force": "{error_force:+.2%}",
+    "wall": "{wall_s:.1f} s",
+    "CPU": "{cpu_s:.1f} s",
+    "command": "`{command}`",
+}
+PARTITION = {
+    "benchmark": "{benchmark}",
+    "parts": "{parts:d}",
+    "leaves a part": "{leaves_per_part:,}",
+    "cut facets, graph": "{cut_facets_graph:,}",
+    "contact-sfc": "{cut_contact_sfc:.2f}",
+    "curve only": "{cut_curve_only:.2f}",
+    "sfc": "{cut_sfc:.2f}",
+    "equidistributed": "{cut_equidistributed:.2f}",
+    "split pairs, sfc": "{split_pairs_sfc:,}",
+    "imbalance, contact-sfc": "{imbalance_contact_sfc:.3f}",
+    "imbalance, graph": "{imbalance_graph:.3f}",
+    "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
+    "neighbours": "{neighbours:.1f}",
+    "halo a part": "{halo_KiB:.0f} KiB",
+}
+
+
+def markdown(rows, columns):
+    """A table in Markdown.
+
+    Args:
+        rows: dicts; a value that is missing is "" or None.
+        columns: heading -> form of a cell, as for str.format, or several: the first whose values are all there.
+    """
+    lines = [list(columns), ["--:" if ":" in "".join(form) else "---" for form in columns.values()]]
+    lines += [[_cell(form, row) for form in columns.values()] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cell(forms, row):
+    for form in (forms,) if isinstance(forms, str) else forms:
+        if all(row.get(name) not in ("", None) for _, name, _, _ in Formatter().parse(form) if name):
+            return form.format(**row)
+    return ""
+
+
+def plain(rows):
+    """A table with all columns, floats to three digits."""
+    columns = {name: f"{{{name}:.3g}}" if isinstance(rows[0][name], float) else f"{{{name}}}" for name in rows[0]}
+    return markdown(rows, columns)
+
+
+def shown(rows):
+    """Points of the work-precision study that the page shows: those of its first plot."""
+    return [r for r in rows if r["group"] in ("adaptivity", "geometry") or r["line"].endswith("1 rank")]
+
+
+#: The CSV files that pages show, and what makes a table of their rows.
+TABLES = {
+    "studies/cost/standard.csv": partial(markdown, columns=COST),
+    "studies/cost/hertz.csv": partial(markdown, columns=HERTZ),
+    "studies/cost/parts.csv": partial(markdown, columns=PARTS),
+    "studies/work_precision/points.csv": lambda rows: markdown(shown(rows), POINTS),
+    "studies/work_precision/promises.csv": partial(
+        markdown, columns={"promise": "{promise}", "measured": "{measured}"}
+    ),
+    "studies/partition/table.csv": partial(markdown, columns=PARTITION),
+    "studies/stability/scores.csv": counts,
+}
+
+
+def write(path, rows, command):
+    """Write rows to a CSV file, above them the command that made them and the machine.
+
+    Args:
+        path: Path of the file; its folder is made.
+        rows: dicts, each with the columns that it has.
+        command: str, without the launcher.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        file.write(f"# command: ./with-dolfinx {command}\n# machine: {machine()}\n")
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        writer = csv.DictWriter(file, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+
+
+def machine():
+    """Processor, cores and memory, in a few words."""
+    models = re.findall(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return f"{models[0] if models else os.uname().machine}, {os.cpu_count()} cores, {memory:.0f} GiB"
+
+
+def read(path):
+    """The first lines of a CSV file (command, machine, revision) as a dict, and its rows: dicts, numbers as numbers."""
+    lines = Path(path).read_text().splitlines()
+    about = [line[2:].split(": ", 1) for line in lines if line.startswith("# ")]
+    return dict(about), [{k: _number(v) for k, v in row.items()} for row in csv.DictReader(lines[len(about) :])]
+
+
+def _number(text):
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def keep(path):
+    """Copy a result from results/STUDY/TABLE.csv to studies/STUDY, with the revision of the program."""
+    git = ["git", "-C", str(TOP), "describe", "--always", "--dirty"]
+    revision = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    (TOP / "studies" / path.parent.name / path.name).write_text(f"# revision: {revision}\n{path.read_text()}")
+
+
+def with_tables(text):
+    """The text of a page with its tables as the CSV files have them."""
+
+    def table(found):
+        return f"{found[1]}\n{TABLES[found[2]](read(TOP / found[2])[1])}\n{found[3]}"
+
+    return re.sub(r"(<!-- table: (\S+) -->)\n.*?(<!-- end of table -->)", table, text, flags=re.S)
+
+
+def main():
+    """Keep the results that are named, and write the tables into the pages."""
+    for name in sys.argv[1:]:
+        keep(Path(name))
+    for page in PAGES:
+        path = TOP / page
+        path.write_text(with_tables(path.read_text()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""The tables of the pages are those of the CSV files, which say where they come from."""
+
+import pytest
+from conftest import WORLD
+
+from studies.tables import PAGES, TABLES, TOP, markdown, read, with_tables, write
+
+pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="reads files")
+
+
+def test_pages_agree_with_the_files():
+    """`python3 -m studies.tables` would change nothing; every table is on a page."""
+    texts = [(TOP / page).read_text() for page in PAGES]
+    assert [with_tables(text) for text in texts] == texts
+    assert all(f"<!-- table: {name} -->" in "".join(texts) for name in TABLES)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_files_name_their_origin(name):
+    """Revision, machine and command, and rows."""
+    about, rows = read(TOP / name)
+    assert {"revision", "machine", "command"} <= set(about) and rows
+
+
+def test_a_number_typed_into_a_page_is_noticed():
+    """Another number between the marks is replaced."""
+    text = (TOP / "README.md").read_text()
+    assert with_tables(text.replace("| 7,590 |", "| 7,591 |")) == text
+
+
+def test_write_and_read(tmp_path):
+    """Numbers come back; what is missing leaves a cell empty, or the next form is taken."""
+    write(tmp_path / "a" / "x.csv", [{"n": 1000, "error": 0.0123456789}, {"n": 2, "estimate": 0.5}], "python3 x.py")
+    about, rows = read(tmp_path / "a" / "x.csv")
+    assert about["command"] == "./with-dolfinx python3 x.py" and "cores" in about["machine"]
+    assert rows[0]["error"] == 0.0123457 and rows[1]["error"] == ""
+    columns = {"n": "{n:,}", "error": ("{error:.1%}", "({estimate:.1%})"), "estimate": "{estimate}"}
+    assert markdown(rows, columns).splitlines()[2:] == ["| 1,000 | 1.2% |  |", "| 2 | (50.0%) | 0.5 |"]
