@@ -23,7 +23,7 @@ from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
 from fx_contact.adaptive.adaptive_loop import Beginning
 from fx_contact.adaptive.checkpoint import CheckpointWriter
 from fx_contact.plot import draw_stress
-from fx_contact.problem.fingerprint import problem
+from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.output import write_fields
 from fx_contact.scenes import patch
@@ -85,7 +85,7 @@ def measured():
         yield {"part": name, "cpu_s": seconds, **more}
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        writer = CheckpointWriter(folder, MPI.COMM_SELF, problem(scene), {})
+        writer = CheckpointWriter(folder, MPI.COMM_SELF, scene_parts(scene), {})
         single = {
             "making the scene: root mesh, pairing, checks": lambda: patch(cells=CELLS),
             "refinement of all leaves": lambda: Beginning.uniform(scene, 1, MPI.COMM_SELF),

@@ -16,7 +16,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.fingerprint import problem
+from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.hexahedron import corner_nodes
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.scenes import punch, scaled, stack, turned
@@ -190,7 +190,7 @@ def test_checkpoints_know_functions():
     """Two functions are the same if they give the same; a bump between the root mesh's nodes is seen."""
 
     def asks(**parts):
-        return problem(scene_of(box(), **parts))
+        return scene_parts(scene_of(box(), **parts))
 
     for make in (
         lambda f: {"held": (Dirichlet("upper z low", z=f),)},

@@ -22,7 +22,7 @@ from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, shown
-from fx_contact.problem.fingerprint import mesh_digest, problem
+from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.problem.scene import check_scene
 
@@ -97,7 +97,7 @@ class Beginning:
             check_count("the number of refinements", levels, least=0)
             if levels > MAX_LEVEL:
                 raise SceneError(f"root cells can be refined {MAX_LEVEL} times, got {levels}: take a finer root mesh")
-            asked = problem(scene) | {"number of refinements": int(levels)}
+            asked = scene_parts(scene) | {"number of refinements": int(levels)}
         check_alike(comm, asked)
         forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
         check_leaves(comm, len(forest) * 8 ** int(levels))

@@ -22,7 +22,7 @@ from fx_contact.parallel.errors import CheckpointError, OutputError
 from fx_contact.parallel.mpi import Directory, together
 from fx_contact.parallel.validation import as_path, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
-from fx_contact.problem.fingerprint import problem
+from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
 
@@ -41,7 +41,7 @@ class CheckpointWriter:
     Args:
         folder: for the checkpoints; made if it is not there.
         comm: MPI communicator.
-        problem: dict, the run's problem (`problem.problem`).
+        problem: dict, the run's problem (`fingerprint.scene_parts`).
         options: dict that JSON can hold, the options that must not change.
         restart: Checkpoint from which the run goes on, the only one that may be in the folder already; or None.
 
@@ -181,7 +181,7 @@ class Checkpoint:
         with together(comm):
             check_scene(scene)
             self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
-            asked = problem(scene)
+            asked = scene_parts(scene)
         check_alike(comm, {"folder": str(folder), **asked})
         self.comm, self._scene = comm, scene
         self._file = RowFile(self.path, comm)
@@ -199,7 +199,7 @@ class Checkpoint:
         Local.
 
         Args:
-            problem: dict, that of the run (`problem.problem`).
+            problem: dict, that of the run (`fingerprint.scene_parts`).
             options: dict that JSON can hold, those that must not change.
 
         Raises:

@@ -30,7 +30,7 @@ from fx_contact.parallel.errors import SceneError, SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_number, shown
 from fx_contact.parallel.versions import library_versions
-from fx_contact.problem.fingerprint import problem
+from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.scene import Scene, check_scene
 
 #: Degree of the displacements.
@@ -102,11 +102,11 @@ class Settings:
 
     @cached_property
     def problem(self):
-        """What the scene asks for, as `problem.problem` has it; only the first time, functions of the user are called.
+        """`fingerprint.scene_parts` of the scene; only the first time, functions of the user are called.
 
         Local.
         """
-        return problem(self.scene)
+        return scene_parts(self.scene)
 
     def asked(self):
         """All of it as JSON can hold it, by name: dict.  Local."""

@@ -1,4 +1,4 @@
-"""Where pictures are drawn and kept: a display for pyvista, axes of matplotlib, errors that say what is wrong."""
+"""Axes of matplotlib and plotters of pyvista, saved as PNG by rank 0."""
 
 import os
 import shutil
@@ -62,7 +62,7 @@ def axes_for(path, width=6.4, height=4.4):
 
 
 def import_pyvista():
-    """The module pyvista.  In a notebook its import may advise on progress bars of downloads; there are none here."""
+    """The module pyvista, without its warning in notebooks that progress bars of downloads are missing."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="IProgress not found")
         import pyvista
@@ -90,7 +90,7 @@ def plotter_for(path, width=1200, height=840):
 
 @contextmanager
 def _display():
-    """An X display for pyvista: the one that is there, or a virtual one for as long as it is needed."""
+    """An X display for pyvista: the present one, or else a virtual one."""
     if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
         yield
         return

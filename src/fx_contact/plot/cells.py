@@ -6,10 +6,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
+from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE
 
 #: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
 RANK_COLOURS = (
@@ -110,7 +110,7 @@ def draw_parts(forest, part, centre, reach, path):
     """
     faces, leaf = _visible_faces(forest, np.asarray(centre), reach)
     shown, count = part[leaf], int(part.max()) + 1
-    # Golden steps round the circle of hues: parts of near numbers differ most.
+    # Golden-section steps around the circle of hues, so that parts of near numbers differ.
     hues = np.arange(count) * 0.618034 % 1.0
     colours = [colorsys.hsv_to_rgb(h, 0.45 + 0.4 * (i % 2), 0.95 - 0.25 * (i // 2 % 2)) for i, h in enumerate(hues)]
     groups = [faces[shown == p] for p in range(count)]
@@ -118,7 +118,7 @@ def draw_parts(forest, part, centre, reach, path):
 
 
 def _draw_leaves(forest, cut, centre, reach, colour, path):
-    """The leaves near a point, cut open at its y, seen from a focus, coloured by one of `COLOURINGS`."""
+    """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by one of `COLOURINGS`."""
     check_name("colouring", colour, COLOURINGS)
     comm = forest.comm
     faces, leaf = _visible_faces(forest, cut, reach)
@@ -148,11 +148,8 @@ def _level_colours(levels):
 
 
 def _visible_faces(forest, centre, reach):
-    """Leaf faces near a point that lie on the boundary, or on the plane y = 0, of the half y >= 0.
-
-    Returns (m, 4, 3) corners and (m,) leaves.
-    """
-    position = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)
+    """Leaf faces near a point, of the half beyond its y, on the boundary or the cut: (m, 4, 3) corners, (m,) leaves."""
+    position = leaf_positions(forest, slice(None), 1)
     near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (
         position[:, :, 1].mean(axis=1) > centre[1]
     )

@@ -4,11 +4,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
+from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.validation import check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE
 
 
 def draw_stress(step, path, zoom=None):
@@ -33,9 +33,9 @@ def draw_stress(step, path, zoom=None):
         check_number("the zoom of a picture", zoom, positive=True)
     comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
     leaf, stress = step.leaf_mesh.leaf, step.estimate.stress
-    corners = forest.mesh.evaluate(forest.cell, forest.corners[:, [0, 7]].swapaxes(1, 2) / SIDE)[leaf]
+    corners = leaf_positions(forest, leaf, 1)
     size = np.ptp(corners[:, :, 1], axis=1)
-    # Beside the plane by little, so that a plane between leaves cuts those of one side.
+    # Slightly beside the plane, so that one between leaves cuts those of one side.
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
     cut = (corners[:, :, 1].min(axis=1) <= y) & (corners[:, :, 1].max(axis=1) >= y)
     centre, reach = np.asarray(step.scene.contact_centre), None
@@ -55,7 +55,7 @@ def draw_stress(step, path, zoom=None):
 
 
 def _von_mises(stress):
-    """Of stresses (..., 6) in the order of `estimate.VOIGT`."""
+    """Von Mises stress of stresses (..., 6) in Voigt's order xx, yy, zz, yz, xz, xy."""
     x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
     return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
 
@@ -63,7 +63,7 @@ def _von_mises(stress):
 def cut_by_body(corners, values, body, y):
     """Leaves cut by a plane across y, each body by itself.
 
-    Local.  VTK makes one point of all that a cut has at one place: two bodies in contact would share the stress of one.
+    Local.  VTK merges coincident points of a cut: two bodies in contact would share the stress of one.
 
     Args:
         corners: (n, 8, 3) float64, corners of leaves [m].

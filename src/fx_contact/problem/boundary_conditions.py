@@ -1,7 +1,7 @@
-"""What may be prescribed on a body: displacements, symmetry planes, tractions, pressures, body forces.
+"""Conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
-Values are numbers, or functions of position as dolfinx has them: of an array (3, n) of points.  Numbers are checked
-when the prescription is made, functions when the Scene is, on the places that they are for.
+Values are numbers, or functions of position as in dolfinx: of an array (3, n) of points.  Numbers are checked when the
+condition is made; functions, at points of their place, when the Scene is.
 """
 
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class Prescribed:
 
     Args:
         count: number of points.
-        same: difference between two conditions that is rounding [m].
+        same: largest difference of two conditions on one component [m].
 
     Attributes:
         values: (count, 3) float64 [m], NaN where free.
@@ -92,7 +92,7 @@ class Prescribed:
             position: function of one of the points (int) that gives where it is (3,) [m].
 
         Raises:
-            SceneError: another condition has said something else of one of the components.
+            SceneError: another condition prescribes another value of a component.
         """
         before = self.values[at]
         clash = np.argwhere(np.abs(before - values) > self._same)
@@ -160,7 +160,7 @@ class SymmetryPlane:
         return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})
 
 
-#: Distance from a plane, relative to the surface's size, that is rounding of the mesh generator.
+#: Largest distance from a plane, relative to the surface's size: rounding of the mesh generator.
 PLANE = 1e-6
 
 

@@ -1,7 +1,7 @@
-"""Which root facets of two contact surfaces face each other, and the partner of a leaf by integer arithmetic.
+"""Facing root facets of two contact surfaces, and the partner of a leaf by integer arithmetic.
 
-The pairing is decided once, on the root mesh; from then on the partner of a leaf or of a lattice point follows from
-integers alone, without search or communication ("éléments appariés", section 2 of the paper).
+Facets are paired once, on the root mesh.  The partner of a leaf or of a lattice point then follows from integers alone,
+without search or communication ("éléments appariés", section 2 of the paper).
 """
 
 from itertools import product
@@ -35,8 +35,8 @@ class Pairing:
         partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
         pair: (ncells, 6) int32, index of the contact pair, -1 where none.
         first: (ncells, 6) bool, whether the face belongs to the first surface of its pair.
-        rim: (ncells, 6, 4) bool, whether a cell that has no face on the surface touches the edge of a paired face,
-            edges as in `reference.FACE_EDGES`.
+        rim: (ncells, 6, 4) bool, edges of paired faces that cells without a face on the surface have too, as in
+            `hexahedron.FACE_EDGES`.
 
     Raises:
         SceneError: an unknown surface.
@@ -131,13 +131,13 @@ class Pairing:
         return other, low
 
     def representatives(self, cell, level, anchor):
-        """The leaf that stands for each group of facing leaves: that of the lowest code, by arithmetic alone.
+        """Lowest code (`leaf_code`) among each leaf and those that it faces, directly or through others.
 
         Args:
             cell, level, anchor: (n,) int32, (n,) int8, (n, 3) int32 leaves.
 
         Returns:
-            (n,) int64 codes (`leaf_code`); a leaf that faces nothing stands for itself.
+            (n,) int64; its own code for a leaf that faces nothing.
         """
         result = leaf_code(cell, anchor)
         origin, face = self.faces(cell, level, anchor)
@@ -158,7 +158,7 @@ class Pairing:
 
 
 def leaf_code(cell, anchor):
-    """An integer that names a leaf among all leaves of a forest: root cell, then anchor.
+    """Code of a leaf: root cell, then anchor.  No two leaves of a forest have the same.
 
     Args:
         cell: (n,) int32.
@@ -179,7 +179,11 @@ def decode_leaf(code):
 
 
 def _match(mesh, pair, first, second):
-    """For each facet of the first surface the index of its partner, and how the two face each other."""
+    """Partner of each facet of the first surface: (n,) index, and (n,) code in `_SYMMETRIES`; PairingError if none.
+
+    Facets are projected along the direction, if there is one; partners have the nearest centres, each way, and nodes
+    that coincide.
+    """
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
         raise PairingError(
@@ -273,9 +277,10 @@ def _check_one_to_one(mesh, label, first, second, symmetry):
 
 
 def _rim(mesh, facets):
-    """Whether a cell without a facet of the surface at that edge touches each edge of each facet: (n, 4) bool.
+    """`Pairing.rim` of facets: (n, 4) bool.
 
-    Such a cell need not be refined with the facing leaves, and could leave a vertex hanging on one side only.
+    A cell that meets the surface in an edge only need not be refined with the facing leaves: a vertex could hang on one
+    side only.
     """
     edges = mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]]
     around = np.bincount(mesh.edges.ravel())

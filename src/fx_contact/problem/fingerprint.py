@@ -1,4 +1,4 @@
-"""What a scene asks for, in a form that can be kept and compared: with what a checkpoint holds, between ranks."""
+"""Fingerprint of a scene, to compare it between ranks, and with that of a checkpoint."""
 
 import hashlib
 
@@ -7,10 +7,10 @@ import numpy as np
 from fx_contact.problem.boundary_conditions import Traction, evaluated
 
 
-def problem(scene):
-    """What a scene asks for, part by part, as JSON can hold it; the root mesh by a digest.
+def scene_parts(scene):
+    """The parts of a scene as JSON can hold them; the root mesh and functions of position by digests.
 
-    Local.  Functions of position are told apart by their values, not by their code.
+    Local.  The digest of a function is of its values on its place, not of its code.
 
     Args:
         scene: Scene.
@@ -39,7 +39,7 @@ def problem(scene):
 def mesh_digest(mesh):
     """A digest of a root mesh.
 
-    Local.  Positions are rounded to 1e-9 of the mesh's size: what another machine's Gmsh rounds otherwise is the same.
+    Local.  Positions are rounded to 1e-9 of the mesh's size, since Gmsh rounds otherwise on another machine.
 
     Args:
         mesh: RootMesh.
@@ -59,7 +59,7 @@ def mesh_digest(mesh):
 
 
 def _given(scene, name, value, components):
-    """A prescribed value as JSON can hold it: numbers, or for a function a digest of what it gives on its place."""
+    """A prescribed value as JSON can hold it: numbers, or the digest of a function's values on its place."""
     if not callable(value):
         return None if value is None else _floats(np.atleast_1d(value))
     values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)

@@ -1,9 +1,8 @@
 """Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
 
-Physical groups name things: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
-order of Gmsh's nodes is read from Gmsh itself, so that all orders work alike.
+Physical groups give the names: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
+order of Gmsh's nodes follows from the local coordinates that Gmsh reports.
 """
-
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Canonical names of lattice points: keys that every rank computes alike, without communication.
+"""Canonical keys of lattice points: the same on every rank, without communication.
 
 Each root cell carries an integer lattice with 2^15 intervals a side: twice as fine as the finest leaves, so that
 midpoints of leaf edges and faces are lattice points too.  A lattice point is named by the root entity (vertex, edge,
@@ -37,6 +37,7 @@ class Lattice:
         ncells = len(mesh.cells)
         _, vertices = np.unique(mesh.corners, return_inverse=True)
         vertices = vertices.reshape(ncells, 8)
+        # Of each part of each cell: its first key, unused low bits of a key, and its frame against the cell's axes.
         self._start = np.zeros((ncells, 27), dtype=np.int64)
         self._unused = np.array([BITS * (3 - code.count(_INSIDE)) for code in _CODES])
         self._flip = np.zeros((ncells, 27, 3), dtype=bool)

@@ -1,4 +1,4 @@
-"""What is asked for: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made."""
+"""A contact problem: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -133,15 +133,15 @@ class Scene:
 
     @property
     def free_motions(self):
-        """Rigid motions of the bodies that no displacement condition stops: (k, nbodies, 6) float64.
+        """Basis of the rigid motions that fit homogeneous displacement conditions: (k, nbodies, 6) float64.
 
-        Three translations and three rotations about the middle of each body, in units of its size.
+        Coefficients of the `rigid_modes` of each body.
         """
         return self._motions[0]
 
     @property
     def prescribed_motion(self):
-        """The least rigid motions of the bodies that come closest to what is prescribed: (nbodies, 6) float64 [m]."""
+        """Rigid motions closest to the prescribed displacements (least squares): (nbodies, 6) float64 [m]."""
         return self._motions[1]
 
     @cached_property
@@ -188,7 +188,7 @@ class Scene:
         return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
 
     def rigid_motions(self, points, bodies, direction):
-        """What rigid motions of all bodies move at points along a direction.
+        """Displacements along a direction at points, for each rigid mode of each body.
 
         Local.
 
@@ -205,7 +205,7 @@ class Scene:
         return result.reshape(len(points), 6 * len(self.mesh.bodies))
 
     def motion(self, points, bodies, direction):
-        """What the free motions move at points along a direction.
+        """Displacements along a direction at points, for each of the free motions.
 
         Args:
             points: (n, 3) float64 [m].
@@ -219,10 +219,10 @@ class Scene:
         return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
 
     def unresisted(self, resistance):
-        """Names of the bodies that move freely under a resistance to the free motions.
+        """Bodies that move in some free motion of which contact resists no part.
 
         Args:
-            resistance: (k, k) float64, sum of r^T r over the rows r of `motion` that contact resists.
+            resistance: (k, k) float64, R^T R, rows of R the relative `motion` at pairs in contact.
 
         Returns:
             list of str.
@@ -260,7 +260,7 @@ class Scene:
         return mesh.vertices[name]
 
     def samples(self, name):
-        """Points at which a function on a named place or body is tried: more than the root mesh has nodes there.
+        """Points at which a function on a named place or body is checked: a lattice of order 5 on its root cells.
 
         Args:
             name: of a surface, a curve, a vertex or a body.
@@ -279,9 +279,7 @@ class Scene:
         axes = np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1))
         points = mesh.evaluate(cells, axes)
         if along is not None:
-            ends = hexahedron.corner_nodes(_SAMPLES)[hexahedron.EDGE_CORNERS[along]]
-            steps = (ends[:, 1:] - ends[:, :1]) // _SAMPLES * np.arange(_SAMPLES + 1)
-            points = np.take_along_axis(points, (ends[:, :1] + steps)[:, :, None], axis=1)
+            points = np.take_along_axis(points, hexahedron.edge_nodes(_SAMPLES)[along][:, :, None], axis=1)
         return points.reshape(-1, 3)
 
     def contact_directions(self, facets):
@@ -328,9 +326,9 @@ _PARTS = {
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
 }
-#: Root cells are cut into so many along each axis to try a function.
+#: Order of the lattice at which functions of position are checked.
 _SAMPLES = 5
-#: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all.
+#: Largest difference of two conditions on one component, relative to the largest prescribed displacement.
 _SAME = 1e-12
 
 
@@ -341,7 +339,7 @@ def check_scene(scene):
 
 
 def _check_held(scene):
-    """The rigid motions of all bodies that neither a condition nor contact resists must be none."""
+    """Raises SceneError for a rigid motion that neither a condition nor contact resists.  Local."""
     mesh, motions = scene.mesh, scene.free_motions
     cell, face = np.nonzero(scene.pairing.first)
     first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
@@ -362,10 +360,10 @@ def _check_held(scene):
 
 
 def _resisting(scene, facets, direction):
-    """Points of contact facets that resist motions along a direction: (n, 4, 3) [m].
+    """Points at which contact facets resist motions along a direction: (n, 4, 3) float64 [m].
 
-    They are the corners; but the middle, four times, of a curved facet that faces others along its normals: these are
-    others at its corners.
+    The corners; for a curved facet that faces others along its normals the mean of the corners, four times, since only
+    there the direction is the normal.
     """
     corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)

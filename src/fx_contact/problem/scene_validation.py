@@ -1,4 +1,4 @@
-"""Whether the numbers of a scene make sense together: units, small strains, tractions against conditions."""
+"""Checks of a scene that need all of it: units, small strains, tractions where displacements are prescribed."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ _ACTING = 1e-9
 
 
 def check_units(scene):
-    """Raises SceneError for numbers of which one cannot be in the unit of the others.  Local."""
+    """Raises SceneError for moduli, sizes or loads that cannot be in one system of units.  Local."""
     mesh = scene.mesh
     young = {name: scene.materials[name].young for name in mesh.bodies}
     soft, hard = min(young, key=young.get), max(young, key=young.get)
@@ -63,7 +63,7 @@ def check_units(scene):
 
 
 def _check_strain(values, size):
-    """Raises SceneError where prescribed displacements (n, 3), NaN where free, differ by more than the bodies' size."""
+    """Raises SceneError where prescribed displacements (n, 3) [m], NaN where free, differ by more than the size."""
     for component, column in zip("xyz", values.T):
         known = column[~np.isnan(column)]
         if len(known) and np.ptp(known) > _LARGEST_STRAIN * size:
@@ -74,7 +74,7 @@ def _check_strain(values, size):
 
 
 def check_forces(scene):
-    """Raises SceneError for a surface force that does no work: on a surface held in its direction.  Local."""
+    """Raises SceneError for a surface force along a component that is prescribed on all of its surface.  Local."""
     mesh = scene.mesh
     prescribed = scene.prescribed(mesh.points)
     for traction in scene.tractions:

@@ -1,4 +1,8 @@
-"""The contact surfaces for ParaView: VTU files of curved facets, a piece a rank, and one that names the pieces."""
+"""The contact surfaces for ParaView: VTU files of curved facets, a piece a rank, and a PVTU file.
+
+Written by hand: dolfinx's writers take functions on a mesh, and facets with hanging nodes are none; VTK's Python module
+would be one more thing that the main job needs.
+"""
 
 import base64
 import shutil
@@ -21,8 +25,8 @@ def write_contact(step, folder):
     """Write both sides of the contact surfaces: `contact.pvtu`, whose pieces are in the folder `contact`.
 
     Collective on the step's communicator.  Facets have the geometry order of the leaves.  Point fields: displacement
-    [m]; pressure, the force of a node pair over its area [Pa]; closed, 1 where a pair is closed, 0 where it is open,
-    and between where a vertex hangs between both; gap that is left [m].  Cell fields: body, as numbered in the root
+    [m]; pressure, the force of a node pair over its area [Pa]; closed, 1 for a closed pair and 0 for an open one; open
+    gap [m].  Cell fields: body, as numbered in the root
     mesh, and level, rank, indicator [J^(1/2)] of the leaf behind the facet.
 
     Args:

@@ -9,7 +9,7 @@ from fx_contact.parallel.validation import check_count, check_number, shown
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import MAX_ORDER, SMALLEST
 
-#: Most root cells along a block: the root mesh is on every rank, it is for the leaves to be many.
+#: Most root cells along a block: the root mesh is replicated on every rank.
 _MOST = 50
 
 

@@ -38,7 +38,7 @@ def facing_columns(order, cells, depth, end):
 
 
 class Boxes:
-    """Boxes of equal cells, each a body of its own, named by where they are before anything is bent.
+    """Boxes of equal cells, each a body; facets and edges are found by their place in the boxes, before they are bent.
 
     Local.
 

@@ -5,7 +5,7 @@ import numpy as np
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 
-#: Share of the approach by which a surface may leave its sphere where it touches; the force is then off by half of it.
+#: Largest distance of a surface from its sphere, relative to the approach; the force is then off by half as much.
 ROUND_ENOUGH = 0.05
 
 
@@ -25,13 +25,11 @@ def sagitta(distance2, curvature):
 
 
 def check_roundness(mesh, surface, centre, radius, contact_radius, approach):
-    """Raises GeometryError if a surface leaves its sphere by too much of the approach, within twice the contact radius.
+    """Raises GeometryError for a surface too far off its sphere within twice the contact radius.
 
-    Polynomials follow a sphere to some small part of its radius, and two of them meet in a small angle; what is small
-    for one approach is a spike or a dent for one a thousand times smaller, and the computed contact would be theirs.
-    Straight-sided cells are not checked: who asks for order 1 asks for a polyhedron.
-
-    Local.
+    Local.  A polynomial surface is off the sphere by a small part of the radius, and cells meet at a small angle. Where
+    that is not small against the approach, the computed contact is that of the polynomials.  Order 1 is not checked: it
+    means a polyhedron.
 
     Args:
         mesh: RootMesh.

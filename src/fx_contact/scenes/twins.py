@@ -1,7 +1,4 @@
-"""Twins of a scene: the same problem in other units, another direction, or with its contact surfaces exchanged.
-
-Whatever a program computes for a scene it must compute for its twins, up to the factor that the twin is known by.
-"""
+"""Twins of a scene, whose solutions follow from its own: in other units, turned, or with surfaces exchanged."""
 
 from dataclasses import replace
 
