@@ -9,12 +9,11 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.contact.contact_patches import Spots
+from fx_contact.contact.contact_patches import ContactPatches
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.estimate.contact_energy import stored_by_forces
-from fx_contact.estimate.contact_places import Places
+from fx_contact.estimate.contact_energy import PressureClusters, stored_energy
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -431,18 +430,16 @@ def plates(pressed=False, stretched=0.0, joined=False):
     )
 
 
-def of_spots(step):
-    """Spots of the step's closed contact, and what their forces store, twice [J]."""
-    spots = Spots(step.forest, step.pairs, step.solution.active)
-    return spots, stored(step, step.solution.force, spots.pair, spots.number)
+def of_patches(step):
+    """ContactPatches of the step's closed contact, and what their forces store, twice [J]."""
+    patches = ContactPatches(step.forest, step.pairs, step.solution.active)
+    return patches, stored(step, step.solution.force, patches.pair, patches.number)
 
 
-def stored(step, force, group=None, count=None):
-    """What the forces of groups store, those of contact pairs if no others are given, twice [J]: (count,)."""
-    poisson = np.array([step.scene.materials[body].poisson for body in step.scene.mesh.bodies])
-    groups = (step.pairs.contact, len(step.scene.contact)) if group is None else (group, count)
-    places = Places(step.pairs, force, *groups)
-    return stored_by_forces(step.forest, step.elasticity, poisson, step.estimate, places)
+def stored(step, force, patch=None, count=None):
+    """What the forces of patches store, those of contact pairs if no others are given, twice [J]: (count,)."""
+    patches = (step.pairs.contact, len(step.scene.contact)) if patch is None else (patch, count)
+    return stored_energy(step, PressureClusters(step.pairs, force, *patches))
 
 
 def find_leaves(forest, cell, anchor):

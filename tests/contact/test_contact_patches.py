@@ -1,4 +1,4 @@
-"""Contact spots are what is connected, on any number of ranks."""
+"""Contact patches are what is connected, on any number of ranks."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes
 
 from fx_contact import Enforcement
-from fx_contact.contact.contact_patches import Spots
+from fx_contact.contact.contact_patches import ContactPatches
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -14,7 +14,7 @@ from fx_contact.fem.space import Space
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 def test_stripes(distribution):
-    """Closed stripes across a surface are spots of their own where open pairs are between them, and one if not."""
+    """Closed stripes across a surface are patches of their own where open pairs are between them, and one if not."""
     scene = pressed(two_boxes(upper=(6, 2, 1), distortion=0.0))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.3))
     prolongation = Prolongation(Space(forest, 1))
@@ -23,10 +23,10 @@ def test_stripes(distribution):
     x = pairs.position[:, 0]
     for low, number in ((2.0, 2), (4.8, 1)):  # facets have sides of 1 to 1/8
         active = (x < low) | (x > 4.9)
-        spots = Spots(forest, pairs, active)
-        assert spots.number == number
-        everywhere((spots.pair[active] >= 0).all(), "a closed pair in no spot")
-        left, right = (set(spots.pair[active & side].tolist()) for side in (x < 3, x > 3))
+        patches = ContactPatches(forest, pairs, active)
+        assert patches.number == number
+        everywhere((patches.pair[active] >= 0).all(), "a closed pair in no spot")
+        left, right = (set(patches.pair[active & side].tolist()) for side in (x < 3, x > 3))
         left, right = (set().union(*WORLD.allgather(some)) for some in (left, right))
         assert len(left) == len(right) == 1 and len(left | right) == number
-    assert Spots(forest, pairs, np.zeros(len(pairs), dtype=bool)).number == 0
+    assert ContactPatches(forest, pairs, np.zeros(len(pairs), dtype=bool)).number == 0

@@ -5,9 +5,9 @@ import pytest
 from conftest import WORLD
 
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, adapt
-from fx_contact.contact.contact_patches import Spots
-from fx_contact.estimate.candidate_contact import moved_by_strains, openings
-from fx_contact.estimate.contact_places import Places
+from fx_contact.contact.contact_patches import ContactPatches
+from fx_contact.estimate.candidate_contact import CandidateZones, moved_by_strains
+from fx_contact.estimate.contact_energy import PressureClusters
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.scenes import punch
@@ -72,13 +72,11 @@ def gathered(values):
 
 def places_of(step):
     """The open places of the only contact pair: (k, n) weights on all ranks, and the pairs around closed contact."""
-    pairs, contact = step.pairs, step.solution
-    spots = Spots(step.forest, pairs, contact.active)
-    places = Places(pairs, contact.force, spots.pair, spots.number)
-    around = places.around(pairs, np.full(spots.number, True))
-    moved = moved_by_strains(step.scene, pairs, contact)
-    surface = Spots(step.forest, pairs, np.ones(len(pairs), dtype=bool)).pair
-    return gathered(openings(0, pairs, contact, moved, surface, around, ErrorControl()).T).T, gathered(around)
+    patches = ContactPatches(step.forest, step.pairs, step.solution.active)
+    clusters = PressureClusters(step.pairs, step.solution.force, patches.pair, patches.number)
+    around = clusters.around(step.pairs, np.full(patches.number, True))
+    zones = CandidateZones(step, patches, clusters, ErrorControl())
+    return gathered(zones.places(0).T).T, gathered(around)
 
 
 @pytest.mark.parametrize("load", [{"displacement": 1.01}, {"force": 2e-3}])
@@ -88,7 +86,7 @@ def test_rigid_motions_are_no_strains(load):
         next(iter(adapt(punch(gap=gap, block=Material(1.0, 0.3), punch=STIFF, **values), 0.2)))
         for gap, values in ((0.0, load | ({"displacement": 0.01} if "displacement" in load else {})), (1.0, load))
     )
-    here, there = (moved_by_strains(step.scene, step.pairs, step.solution) for step in (near, far))
+    here, there = (moved_by_strains(step) for step in (near, far))
     here, there = (np.sort(gathered(moved)) for moved in (here, there))
     assert np.allclose(here, there, atol=1e-7) and 1e-4 < np.abs(there).max() < 0.02
     assert gathered(far.solution.penetration + far.pairs.gap).min() > 0.95
@@ -97,7 +95,7 @@ def test_rigid_motions_are_no_strains(load):
 def test_strains_that_bend_a_clamped_body_stay():
     """A beam is moved by all that it bends; a block that turns on its foot by no more than its faces are not flat."""
     bent, turned = (next(iter(adapt(beam(1.5, near=1e-3, afar=afar), 0.3))) for afar in (0.0, 0.5))
-    here, there = (moved_by_strains(step.scene, step.pairs, step.solution) for step in (bent, turned))
+    here, there = (moved_by_strains(step) for step in (bent, turned))
     whole, all_of_it = (gathered(step.solution.penetration + step.pairs.gap) for step in (bent, turned))
     assert np.array_equal(gathered(here), whole)
     assert np.abs(np.sort(gathered(there)) - np.sort(whole)).max() < 0.05 * whole.max() < 0.01 * all_of_it.max()
@@ -139,7 +137,7 @@ def test_unlike_strips_are_places_of_their_own():
 def test_what_closed_contact_stops_is_no_rigid_motion():
     """The beam's bending brings the rider to the stop, whose area is four times that of its seat."""
     step = next(iter(adapt(rider(), 0.3)))
-    pairs, moved = step.pairs, moved_by_strains(step.scene, step.pairs, step.solution)
+    pairs, moved = step.pairs, moved_by_strains(step)
     over, whole = gathered(pairs.contact) == 1, gathered(step.solution.penetration + pairs.gap)
     assert np.allclose(gathered(moved)[over], whole[over], rtol=0.1) and whole[over].min() > 5e-3
 

@@ -5,7 +5,7 @@ from conftest import WORLD, everywhere
 from model_problems import DEPTH, PULL, THICKNESS, WIDTH, plates, stored
 
 from fx_contact import Material, adapt
-from fx_contact.estimate.contact_places import Places
+from fx_contact.estimate.contact_energy import PressureClusters
 from fx_contact.scenes import punch
 
 
@@ -30,8 +30,8 @@ def test_the_stress_that_a_contact_can_cause():
     """It is no less than that of its pressures on a half-space (Boussinesq), and next to nothing beside it."""
     *_, step = adapt(punch(), 0.15)
     pairs, force = step.pairs, step.solution.force
-    places = Places(pairs, force, pairs.contact, 1)
-    everywhere(len(places.group) < 2 * 17**2, "too many places")
+    clusters = PressureClusters(pairs, force, pairs.contact, 1)
+    everywhere(len(clusters.patch) < 2 * 17**2, "too many clusters")
     gather = step.forest.comm.allgather
     position, force, area = (
         np.concatenate(gather(values[force > 0])) for values in (pairs.position, force, pairs.area)
@@ -47,9 +47,9 @@ def test_the_stress_that_a_contact_can_cause():
             if depth * radius < spacing:
                 continue
             point = np.array([[aside, 0.0, -depth]]) * radius + [0, 0, position[:, 2].max()]
-            lower = np.flatnonzero(places.body == first)
-            nearest = lower[[np.linalg.norm(places.position[lower] - point, axis=1).argmin()]]
-            bound = places.stress(nearest, point, np.zeros(1))[0]
+            lower = np.flatnonzero(clusters.body == first)
+            nearest = lower[[np.linalg.norm(clusters.position[lower] - point, axis=1).argmin()]]
+            bound = clusters.stress_bound(nearest, point, np.zeros(1))[0]
             exact = (force * 3 * (depth * radius) ** 3 / np.linalg.norm(position - point, axis=1) ** 5).sum() / (
                 2 * np.pi
             )

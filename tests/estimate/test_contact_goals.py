@@ -34,7 +34,7 @@ class Watched(Goals):
 
     def force(self, index):
         goal = super().force(index)
-        closed = (self._pairs.contact == index) & self._contact.active
+        closed = (self._state.pairs.contact == index) & self._state.solution.active
         dual = self._system.dual(closed.astype(float), np.zeros(len(closed)))
         Watched.asked.append((goal, dual, self._moved(dual)))
         return goal
@@ -180,14 +180,14 @@ def test_marking():
     mine = np.array_split(errors, WORLD.size)[WORLD.rank]
     for share in (0.9, 0.5, 0.1, 1e-3):
         allowed = share * errors.sum()
-        times = np.concatenate(WORLD.allgather(for_goal(mine, allowed, ErrorControl(), WORLD)))
+        times = np.concatenate(WORLD.allgather(for_goal(mine, allowed, 1 / 32, ErrorControl(), WORLD)))
         assert set(times) <= {0, 1, 2} and times[errors.argmax()] > 0
         assert errors[times > 0].min() >= 0.97 * errors[times == 0].max()
         left = (errors * 0.25 ** times.astype(float)).sum()
         assert left <= 0.8 * allowed or errors[times == 0].sum() <= 0.25 * allowed
         if left <= 0.8 * allowed:
             assert left >= 0.75 * 0.8 * allowed or (times > 0).sum() < 50
-    assert not for_goal(np.zeros(len(mine)), 0.0, ErrorControl(), WORLD).any()
+    assert not for_goal(np.zeros(len(mine)), 0.0, 1 / 32, ErrorControl(), WORLD).any()
 
 
 @pytest.mark.parametrize("load", ["heavy", "pressure"])

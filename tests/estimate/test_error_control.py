@@ -21,7 +21,7 @@ CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
 def spread(errors, energy=1.0):
     """An Estimate of cell errors dealt out to the ranks."""
     total = float(np.sqrt((errors**2).sum()))
-    return Estimate(None, dealt(errors), None, total, energy, len(errors))
+    return Estimate(None, dealt(errors), None, total, energy, len(errors), 1 / 32)
 
 
 def dealt(values):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fx_contact.estimate.facet_gap import Gap
+from fx_contact.estimate.inter_node_gap import FacetGap
 
 
 def facets(height, side, slope=(0.0, 0.0)):
-    """A Gap of facets between a plane z = slope . (x, y) and surfaces that are so much higher.
+    """A FacetGap of facets between a plane z = slope . (x, y) and surfaces that are so much higher.
 
     Args:
         height: function of x and y (m^2,), the gap along z (n, m^2) [m].
@@ -19,7 +19,7 @@ def facets(height, side, slope=(0.0, 0.0)):
     apart = height(x, y)
     here = np.broadcast_to(np.stack([x, y, slope[0] * x + slope[1] * y], axis=1), (*apart.shape, 3))
     there = here + apart[:, :, None] * [0.0, 0.0, 1.0]
-    return Gap(here, there, np.zeros_like(here), np.ones(len(apart), dtype=int))
+    return FacetGap(here, there, np.zeros_like(here), np.ones(len(apart), dtype=int))
 
 
 def valleys(number, aspect, pole):
@@ -94,7 +94,7 @@ def test_midway_normals():
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     here = np.stack([x, y, 0 * x], axis=1)[None]
     there = np.stack([x, y, 0.2 + 0.8 * x], axis=1)[None]
-    gap = Gap(here, there, np.zeros_like(here), np.array([1]))
+    gap = FacetGap(here, there, np.zeros_like(here), np.array([1]))
     at = np.array([0.0, 0.3, 1.0])
     assert np.allclose(gap.at(at, at), (0.2 + 0.8 * at) / np.sqrt(1 + 0.4**2))
 
@@ -105,5 +105,5 @@ def test_normals_turn():
     angle, y = (grid.ravel() for grid in np.meshgrid(angle, np.linspace(0, 1, 9)))
     circle = np.stack([-np.cos(angle), y, np.sin(angle)], axis=1)[None]
     for orientation in (1, -1):
-        gap = Gap(circle * [1, 1, 1], circle * [1.1, 1, 1.1], np.zeros_like(circle), np.array([orientation]))
+        gap = FacetGap(circle * [1, 1, 1], circle * [1.1, 1, 1.1], np.zeros_like(circle), np.array([orientation]))
         assert np.allclose(gap.at(np.array([[0.1, 0.5, 0.77]]), np.array([[0.3, 0.2, 0.9]])), 0.1 * orientation)

@@ -239,6 +239,6 @@ class Checkpoint:
         with together(comm):
             if not found.all():
                 raise CheckpointError(f"{str(self.path)!r} lacks nodes of its leaves: begin anew")
-        estimate = Estimate(None, error[:, 0], None, *content["estimate"])
+        estimate = Estimate(None, error[:, 0], None, *content["estimate"], space.child_error)
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)

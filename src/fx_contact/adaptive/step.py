@@ -19,6 +19,7 @@ from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.equilibrium import check_balance
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.recovery import Recovery
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
@@ -232,18 +233,16 @@ def solve_step(settings, number, forest, prolongation, start, along, stages, qua
             touches = comm.allreduce(bool(contact.force.any()), op=MPI.LOR)
             error = recovery.estimate(0.0 if touches else RIGID * contact.rounding)
             _check_solver(contact, error, tolerance)
+            state = SolvedState(scene, forest, elasticity, pairs, contact, error)
             if error.energy_norm:
-                check_balance(scene, forest, elasticity, pairs, contact, forces, prescribed)
+                check_balance(state, forces, prescribed)
             if control.of_contact:
                 history = history.observed(error, change, control.least_effectivity)
             results = _contact_results(scene, pairs, contact, comm)
             of_contact = ContactError.unknown(len(forest), len(scene.contact))
             if pairs is not None and control.of_contact:
-                goals = Goals(elasticity, system, recovery, stages, pairs, contact, error)
-                pressed = results["pair_forces"]
-                of_contact = contact_error(
-                    scene, forest, elasticity, pairs, contact, error, goals, pressed, tolerance, control, history
-                )
+                goals = Goals(state, system, recovery, stages)
+                of_contact = contact_error(state, goals, results["pair_forces"], tolerance, control, history)
             max_level = comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX)
     fine = control.sought(error, tolerance, history) is None and not of_contact.leaves
     record = StepRecord(

@@ -1,20 +1,20 @@
-"""Contact spots: what is connected of the closed contact of a contact pair of the scene."""
+"""Contact patches: the connected parts of the closed contact of each contact pair."""
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.contact.node_pairs import facets_of
+from fx_contact.parallel.components import lowest_labels
 from fx_contact.parallel.mpi import Directory
 
 _NONE = np.iinfo(np.int64).max
 
 
-class Spots:
-    """The spots that facets of the first contact surfaces are in: those closed at a vertex, and those next to them.
+class ContactPatches:
+    """Facets of the first contact surfaces that are closed at a node, connected by their nodes, and those next to them.
 
-    Collective on forest.comm.  Closed facets of two contact pairs are in two spots, also where they share a vertex.
+    Collective on forest.comm.  Closed facets of two contact pairs are in two patches, also where they share a node.
 
     Args:
         forest: Forest.
@@ -22,11 +22,11 @@ class Spots:
         active: (n,) bool, closed pairs.
 
     Attributes:
-        number: int, of all ranks' spots.
-        facet: for each contact pair of the scene (k,) int64, the spot of each facet that `facets_of` has, -1 where it
+        number: number of patches on all ranks.
+        facet: for each contact pair of the scene (k,) int64, the patch of each facet that `facets_of` has, -1 where it
             is next to none.
-        pair: (n,) int64, the spot of each pair, -1 where its facets are open.
-        contact: (number,) int64, the contact pair of each spot.
+        pair: (n,) int64, the patch of each node pair, -1 where its facets are open.
+        contact: (number,) int64, the contact pair of each patch.
     """
 
     def __init__(self, forest, pairs, active):
@@ -36,7 +36,7 @@ class Spots:
             self._add(index, forest, pairs, active & (pairs.contact == index))
 
     def _add(self, index, forest, pairs, active):
-        """The spots of one contact pair, whose closed pairs are given."""
+        """The patches of one contact pair, whose closed pairs are given."""
         prolongation, space = pairs.prolongation, pairs.prolongation.space
         cells = space.on_faces(*facets_of(index, forest))
         touched = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 1))
@@ -46,41 +46,32 @@ class Spots:
         here, position = np.unique(cells, return_inverse=True)
         label = _lowest_connected(Directory(forest.comm, space.keys[here]), position.reshape(cells.shape)[closed])
         known = label < _NONE
-        spots = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
-        spot = np.full(len(space), -1)
-        spot[here[known]] = self.number + np.searchsorted(spots, label[known])
-        self.facet.append(spot[cells].max(axis=1))
+        patches = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
+        patch = np.full(len(space), -1)
+        patch[here[known]] = self.number + np.searchsorted(patches, label[known])
+        self.facet.append(patch[cells].max(axis=1))
 
         of_conforming, conform = np.full(len(touched), -1), prolongation.conforming >= 0
-        of_conforming[prolongation.conforming[conform]] = spot[conform]
+        of_conforming[prolongation.conforming[conform]] = patch[conform]
         ours = pairs.contact == index
         self.pair[ours] = of_conforming[pairs.first[ours]]
-        self.number += len(spots)
-        self.contact = np.append(self.contact, np.full(len(spots), index))
+        self.number += len(patches)
+        self.contact = np.append(self.contact, np.full(len(patches), index))
 
 
 def _lowest_connected(directory, facets):
-    """The lowest key among the vertices connected by facets: (n,) int64, `_NONE` for those of none.
+    """The lowest key among the nodes connected by facets: (n,) int64, `_NONE` for those of none.
 
-    Collective on directory.comm.  Each turn carries the lowest key across a border between ranks.
+    Collective on directory.comm.
 
     Args:
-        directory: Directory of the (n,) vertices' keys.
+        directory: Directory of the (n,) nodes' keys.
         facets: (k, j) int, this rank's facets, positions of their nodes there.
     """
     n, k = len(directory.keys), len(facets)
     rows, columns = np.repeat(np.arange(k), facets.shape[1]), k + facets.ravel()
-    _, part = connected_components(
-        csr_matrix((np.ones(facets.size), (rows, columns)), shape=(k + n, k + n)), directed=False
-    )
-    part, touched = part[k:], np.unique(facets)
-    label = np.full(n, _NONE)
-    label[touched] = directory.keys[touched]
-    while True:
-        lowest = np.full(n + k, _NONE)
-        np.minimum.at(lowest, part[touched], label[touched])
-        before, label = label, label.copy()
-        label[touched] = lowest[part[touched]]
-        label = directory.lowest(label)
-        if not directory.comm.allreduce(bool((label != before).any()), op=MPI.LOR):
-            return label
+    graph = csr_matrix((np.ones(facets.size), (rows, columns)), shape=(k + n, k + n))
+    _, part = connected_components(graph, directed=False)
+    key = np.full(n, _NONE)
+    key[facets] = directory.keys[facets]
+    return lowest_labels(directory.comm, part[k:], key, directory.lowest)

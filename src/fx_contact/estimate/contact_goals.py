@@ -1,15 +1,20 @@
-"""What of the error is contact's own: between its nodes, of its forces and gaps, and of a penalty."""
+"""What of the error is contact's own: of its forces and gaps, between its nodes, and of a penalty.
+
+A force F of a contact pair may have the relative error e, or e^2 of the largest force.  With xi and xi(z) the estimated
+errors of the solution and of the dual solution z of F, its error is at most xi xi(z), and omega(z) is F / sqrt(W), with
+W the energy that F stores.  With xi(z) = 0.5 omega(z) (`dual_error`) that is a bound without a dual solution, which
+suffices where contact alone loads bodies.  Elsewhere dual solutions are computed (`dual_weighted`).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fx_contact.contact.contact_patches import Spots
-from fx_contact.estimate.candidate_contact import moved_by_strains, openings
-from fx_contact.estimate.contact_energy import stored_by_forces
-from fx_contact.estimate.contact_places import Places
-from fx_contact.estimate.goal_verdict import Verdict, allowed_errors
-from fx_contact.estimate.inter_node_contact import unseen_contact
+from fx_contact.contact.contact_patches import ContactPatches
+from fx_contact.estimate.candidate_contact import CandidateZones
+from fx_contact.estimate.contact_energy import PressureClusters, stored_energy
+from fx_contact.estimate.inter_node_gap import inter_node_penetration
+from fx_contact.estimate.marking import for_goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,14 +22,15 @@ class ContactError:
     """How well a step resolves contact.
 
     Attributes:
-        refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever the estimate says.
-        leaves: number of these on all ranks.
-        unseen: number of those on all ranks that contact between nodes needs (`unseen_contact`).
-        of_pairs: list of float, for each contact pair the estimated error of its force, with what places that may close
-            would add, or a bound of it; without force the largest error of a gap; relative to the force or that gap.
-            None where it was not asked for: before the whole is resolved [-].
-        leaves_of_pairs: list of int, number of those on all ranks that the force or the gaps of each pair need.
-        penalty_share: the most that overlaps take of a contact pair's force, about [-].
+        refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever xi_T is.
+        leaves: number of these leaves on all ranks.
+        unseen: number of those that penetration between nodes needs, on all ranks; None: not computed.
+        of_pairs: list of float, for each contact pair the estimated error of its force, with what candidate places
+            would add, relative to the force; without force the largest error of a gap, relative to the gap; None: not
+            computed, before (6) is met [-].
+        leaves_of_pairs: list of int, number of leaves on all ranks that the force and the gaps of each pair need.
+        penalty_share: the largest share of a contact pair's energy that the penetration of a penalty takes; None: not
+            computed [-].
     """
 
     refine: np.ndarray
@@ -41,26 +47,16 @@ class ContactError:
         return cls(np.zeros(leaves, dtype=np.int8), 0, unseen, [None] * pairs, [0] * pairs, share)
 
 
-def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, forces, tolerance, control, history):
-    """Judge the contact of a step.
+def contact_error(state, goals, forces, tolerance, control, history):
+    """Estimate the errors of contact in a step, and mark leaves for them.
 
-    Collective on forest.comm.  Once the whole is resolved, the force of each contact pair is judged by its own (`Goal`)
-    and may be off by e of it, or by e^2 of the largest one.  Its error is at most that of the whole, relative to the
-    energy that the force stores, times that of the dual solution: where contact alone loads bodies this is less than
-    what is allowed, and dual solutions are left out.  The gap of an open place (`openings`) may be off by a quarter, or
-    by e^2 of what the strains contribute to it: less force than that pushes the bodies apart, if there is any.  Beside
-    a force of the same contact pair it may also be off by what would make no more force than that may be off by.  Where
-    the mesh knows little of a dual solution, its leaves are refined first.
+    Collective on state.forest.comm.  Penetration between nodes is looked at in each step, forces and gaps once (6) is
+    met.
 
     Args:
-        scene: Scene.
-        forest: Forest.
-        elasticity: Elasticity.
-        pairs: NodePairs.
-        contact: ContactSolution.
-        estimate: Estimate.
-        goals: Goals.
-        forces: list of float, `pair_forces` of the record [N].
+        state: SolvedState.
+        goals: Goals of that.
+        forces: (npairs,) float64, or a list, `pair_forces` of the record [N].
         tolerance: prescribed accuracy e [-].
         control: ErrorControl.
         history: RefinementHistory.
@@ -68,54 +64,142 @@ def contact_error(scene, forest, elasticity, pairs, contact, estimate, goals, fo
     Returns:
         ContactError.
     """
-    comm, spots = forest.comm, Spots(forest, pairs, contact.active)
-    poisson = np.array([scene.materials[name].poisson for name in scene.mesh.bodies])
-    places = Places(pairs, contact.force, spots.pair, spots.number)
-    energy = stored_by_forces(forest, elasticity, poisson, estimate, places)
-    unseen = unseen_contact(forest, pairs, contact, tolerance, spots, energy)
+    comm, solution, estimate = state.forest.comm, state.solution, state.estimate
+    patches = ContactPatches(state.forest, state.pairs, solution.active)
+    clusters = PressureClusters(state.pairs, solution.force, patches.pair, patches.number)
+    energy = stored_energy(state, clusters)
+    between = inter_node_penetration(state, tolerance, patches, energy)
+    force, flexibility, penalty_share = _of_pairs(state, patches, clusters.force, energy, np.array(forces))
 
-    presses = spots.pair >= 0
-    work = np.bincount(spots.pair[presses], (contact.force * contact.penetration)[presses], spots.number)
-    work = comm.allreduce(work)
-
-    def summed(of_spots):
-        """Sums over the spots of each contact pair: (npairs,) float64."""
-        return np.bincount(spots.contact, of_spots, len(forces))
-
-    force = np.where(np.array(forces) > 0, summed(places.force), 0.0)  # a pair that pulls at last does so by rounding
-    share = _quotient(places.force, force[spots.contact])  # that each spot has of its contact pair's force [-]
-    penalty_share = summed(_quotient(share * work, energy))
-    # Spots are springs beside each other: the square of a pair's force over what it stores is the sum of theirs.
-    inverse = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)  # [1/J]
-    bounds = np.zeros(len(forces))  # of the relative errors of forces, by that of the whole [-]
-    seen = control.correction(history)
-    if estimate.error_global:
-        bounds = control.dual_error * estimate.error_global / seen * np.sqrt(summed(inverse))
-
-    refine, errors, leaves = unseen.astype(np.int8), [None] * len(forces), [0] * len(forces)
+    refine, errors, leaves = between.astype(np.int8), [None] * len(forces), [0] * len(forces)
     if control.sought(estimate, tolerance, history) is None:
-        allowed = allowed_errors(forces, tolerance, seen)
-        moved = moved_by_strains(scene, pairs, contact)
-        surface = Spots(forest, pairs, np.ones(len(pairs), dtype=bool)).pair
-        for index, bound in enumerate(bounds):
-            verdict = Verdict(
-                len(estimate.error), comm, float(force[index]), float(bound), float(allowed[index]), control
-            )
-            if bound > allowed[index]:
-                verdict.judge_force(goals.force(index))
-            around = places.around(pairs, spots.contact == index)
-            for weight in openings(index, pairs, contact, moved, surface, around, control):
+        theta = control.correction(history)
+        bounds = np.zeros(len(forces))
+        if estimate.error_global:
+            bounds = control.dual_error * estimate.error_global / theta * np.sqrt(flexibility)
+        allowed = allowed_errors(forces, tolerance, theta)
+        zones = CandidateZones(state, patches, clusters, control)
+        for index in range(len(forces)):
+            accuracy = _Accuracy(comm, len(estimate.error), force[index], bounds[index], allowed[index], control)
+            if bounds[index] > allowed[index]:
+                accuracy.judge_force(goals.force(index))
+            for weight in zones.places(index):
                 goal = goals.gap(weight)
-                verdict.judge_gap(goal, seen * max(control.gap_accuracy * goal.value, tolerance**2 * goal.moved))
-            errors[index] = verdict.error
-            leaves[index] = comm.allreduce(int((verdict.refine > 0).sum()))
+                accuracy.judge_gap(goal, theta * max(control.gap_accuracy * goal.value, tolerance**2 * goal.moved))
+            errors[index] = accuracy.error
+            leaves[index] = comm.allreduce(int((accuracy.refine > 0).sum()))
             of_leaf = np.zeros_like(refine)
-            of_leaf[elasticity.leaf_mesh.leaf] = verdict.refine
+            of_leaf[state.elasticity.leaf_mesh.leaf] = accuracy.refine
             np.maximum(refine, of_leaf, out=refine)
-    unseen, total = comm.allreduce(np.array([unseen.sum(), (refine > 0).sum()])).tolist()
+    unseen, total = comm.allreduce(np.array([between.sum(), (refine > 0).sum()])).tolist()
     return ContactError(refine, total, unseen, errors, leaves, float(penalty_share.max(initial=0.0)))
+
+
+def allowed_errors(forces, tolerance, effectivity):
+    """Relative errors that forces of contact pairs may have: e of what each should be, or e^2 of the largest.
+
+    Local.
+
+    Args:
+        forces: (npairs,) float64, or a list, `pair_forces` of a record [N].
+        tolerance: prescribed accuracy e [-].
+        effectivity: by which estimated errors are corrected [-].
+
+    Returns:
+        (npairs,) float64, relative to the forces that they have [-].
+    """
+    forces = np.abs(forces)
+    light = np.divide(forces.max(initial=0.0), forces, out=np.full(len(forces), np.inf), where=forces > 0)
+    allowed = np.maximum(tolerance, tolerance**2 * light)
+    return effectivity / (1 + 1 / allowed)
+
+
+def _of_pairs(state, patches, patch_force, energy, forces):
+    """Force of each contact pair, its flexibility 1/W, and the share of its energy that penetration takes.
+
+    Patches are springs beside each other: F^2 / W of a contact pair is the sum of F^2 / W of its patches.
+
+    Args:
+        state: SolvedState.
+        patches: ContactPatches.
+        patch_force, energy: (count,) float64, force [N] and stored energy [J] of each patch.
+        forces: (npairs,) float64, `pair_forces` of the record [N].
+
+    Returns:
+        three (npairs,) float64: [N], of the modelled part; [1/J]; [-].
+    """
+    solution, presses = state.solution, patches.pair >= 0
+    work = np.bincount(patches.pair[presses], (solution.force * solution.penetration)[presses], patches.number)
+    work = state.forest.comm.allreduce(work)
+
+    def summed(of_patches):
+        return np.bincount(patches.contact, of_patches, len(forces))
+
+    force = np.where(forces > 0, summed(patch_force), 0.0)  # a pair that pulls at last does so by rounding
+    share = _quotient(patch_force, force[patches.contact])
+    flexibility = np.divide(share**2, energy, out=np.where(share > 0, np.inf, 0.0), where=energy > 0)
+    return force, summed(flexibility), summed(_quotient(share * work, energy))
 
 
 def _quotient(part, whole):
     """The quotient of two arrays of non-negative numbers, 0 where the second is."""
     return np.divide(part, whole, out=np.zeros(len(whole)), where=whole > 0)
+
+
+class _Accuracy:
+    """How accurate the force and the gaps of a contact pair are, and which cells they need; the force comes first.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        cells: number of this rank's cells.
+        force: of the contact pair's modelled part; 0: it has none [N].
+        bound: of the relative error of that force, without a dual solution [-].
+        allowed: relative error that the force may have [-].
+        control: ErrorControl.
+
+    Attributes:
+        error: as in `ContactError.of_pairs` [-].
+        refine: (cells,) int8, how often to refine each cell.
+    """
+
+    def __init__(self, comm, cells, force, bound, allowed, control):
+        self._comm, self._force, self._allowed, self._control = comm, float(force), float(allowed), control
+        self.error, self.refine = float(bound) if force else None, np.zeros(cells, dtype=np.int8)
+
+    def judge_force(self, goal):
+        """Let the dual solution of the force give its error, in place of the bound."""
+        self.error = goal.total / goal.value
+        self._mark(goal, self._allowed * goal.value)
+
+    def judge_gap(self, goal, allowed):
+        """Let the dual solution of a gap give its error.
+
+        With C the compliance of the place, the force that would close the gap g is g / C.  So beside a force of the
+        same contact pair a gap may also have the error C dF, with dF the allowed error of the force; and an error of
+        more than g adds a force.
+
+        Args:
+            goal: Goal of the gap.
+            allowed: its error with which it surely is open [m].
+        """
+        if not self._force:
+            error = goal.total / goal.value if goal.value else float(goal.total > 0)
+            self.error = max(self.error or 0.0, error)
+        elif goal.compliance:
+            self.error += max(goal.total - goal.value, 0.0) / goal.compliance / self._force
+        self._mark(goal, max(allowed, self._allowed * self._force * goal.compliance))
+
+    def _mark(self, goal, allowed):
+        """Mark cells for a goal whose error is more than allowed, or first for a dual solution that knows nothing."""
+        dual, limit = goal.dual, self._control.dual_limit
+        how = dual.child_error, self._control, self._comm
+        if dual.relative > limit:
+            self.error = max(self.error, 1.0)
+            refine = for_goal(dual.error**2, (limit * dual.energy_norm) ** 2, *how)
+        elif goal.total > allowed:
+            refine = for_goal(goal.error, allowed, *how)
+        else:
+            return
+        np.maximum(self.refine, refine, out=self.refine)

@@ -1,58 +1,58 @@
-"""Errors of contact forces and of open gaps: goal-oriented estimates, by the solutions of dual problems.
+"""Errors of contact forces and of open gaps: dual-weighted residual estimates.
 
-The force of a contact pair is F = L(z) - a(u, z): its dual solution z is how the bodies answer if its closed node pairs
-overlap by 1 and nothing else moves or loads them.  With the solutions u_h and z_h on a mesh, F - F_h = a(u - u_h,
-z - z_h), at most the sum of xi_T(u) xi_T(z) over the cells.  The same holds of the mean of a gap, if z is how they
-answer to forces that widen it (J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta
-Numer. 10, 2001).  So a light contact is refined where its force is made, wherever that is, and whatever else stores
-energy.
+The force of a contact pair is F = L(z) - a(u, z), with z the dual solution for a unit penetration of its closed node
+pairs and no loads.  With the solutions u_h and z_h on a mesh
+
+    |F - F_h| = |a(u - u_h, z - z_h)| <= sum_T xi_T(u) xi_T(z).
+
+The same holds of the mean of a gap, if z is the dual solution for unit forces that widen it (J. T. Oden, S. Prudhomme,
+Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001).  So a light contact is refined where its
+force is made, wherever that is, and whatever else stores energy.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from fx_contact.estimate.recovery import Estimate
+
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A force or a gap, and what is wrong with it.
+    """A quantity of interest, the force of a contact pair or a mean gap, and its estimated error.
 
     Attributes:
         value: the force of the modelled part [N], or the mean gap [m].
         error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, in the unit of the value.
         total: sum of these on all ranks.
         dual: Estimate of the dual solution.
-        moved: of a gap, how much the strains of the bodies contribute to it [m]; 0 of a force.
-        compliance: of a gap, by how much a force there widens it [m/N]; 0 of a force.
+        moved: of a gap, |a(u, z)|, what strains contribute to it [m]; 0 of a force.
+        compliance: of a gap, by how much a unit force there widens it [m/N]; 0 of a force.
     """
 
     value: float
     error: np.ndarray
     total: float
-    dual: object
+    dual: Estimate
     moved: float = 0.0
     compliance: float = 0.0
 
 
 class Goals:
-    """The goals of a step: forces of contact pairs, and gaps of open places.
+    """The quantities of interest of a step: forces of contact pairs, and gaps of candidate places.
 
     Local.
 
     Args:
-        elasticity: Elasticity; its `u` is the displacement, and is so again after each goal.
+        state: SolvedState; the `u` of its elasticity is the displacement again after each goal.
         system: ContactSystem of the solution.
         recovery: Recovery.
         stages: Stages, for the times.
-        pairs: NodePairs.
-        contact: ContactSolution.
-        error: Estimate of its error.
     """
 
-    def __init__(self, elasticity, system, recovery, stages, pairs, contact, error):
-        self._elasticity, self._system, self._recovery, self._stages = elasticity, system, recovery, stages
-        self._pairs, self._contact, self._error = pairs, contact, error
-        self._comm = pairs.prolongation.comm
+    def __init__(self, state, system, recovery, stages):
+        self._state, self._system, self._recovery, self._stages = state, system, recovery, stages
+        self._comm = state.forest.comm
 
     def force(self, index):
         """The force of a contact pair: Goal.  Collective.
@@ -60,39 +60,41 @@ class Goals:
         Args:
             index: of the contact pair.
         """
-        ours = (self._pairs.contact == index) & self._contact.active
-        value = self._comm.allreduce(float(self._contact.force[ours].sum()))
-        _, dual = self._weighted(ours.astype(float), np.zeros(len(ours)))
-        error = self._error.error * dual.error
+        solution = self._state.solution
+        closed = (self._state.pairs.contact == index) & solution.active
+        value = self._comm.allreduce(float(solution.force[closed].sum()))
+        _, dual = self._dual(closed.astype(float), np.zeros(len(closed)))
+        error = self._state.estimate.error * dual.error
         return Goal(value, error, self._sum(error), dual)
 
     def gap(self, weight):
-        """The mean gap of an open place: Goal.  Collective.
+        """The mean gap of a place: Goal.  Collective.
 
         Args:
-            weight: (n,) float64, the part of the place that each pair is, 1 in all on all ranks [-].
+            weight: (n,) float64, the part of the place that each node pair is, 1 in all on all ranks [-].
         """
-        left = np.maximum(-self._contact.penetration, 0.0)
-        u, dual = self._weighted(np.zeros(len(weight)), -weight)
-        error, compliance = self._error.error * dual.error, -self._sum(weight * self._pairs.jump(u))
-        return Goal(self._sum(weight * left), error, self._sum(error), dual, self._moved(u), compliance)
+        left = np.maximum(-self._state.solution.penetration, 0.0)
+        z, dual = self._dual(np.zeros(len(weight)), -weight)
+        error = self._state.estimate.error * dual.error
+        compliance = -self._sum(weight * self._state.pairs.jump(z))
+        return Goal(self._sum(weight * left), error, self._sum(error), dual, self._moved(z), compliance)
 
-    def _weighted(self, overlap, force):
-        """A dual solution, (owned, 3) float64, and its Estimate."""
+    def _dual(self, penetration, force):
+        """A dual solution z, (owned, 3) float64, and its Estimate."""
+        elasticity = self._state.elasticity
         with self._stages("solve"):
-            dual = self._system.dual(overlap, force)
-        self._elasticity.set_displacement(dual)
-        error = self._recovery.estimate()
-        self._elasticity.set_displacement(self._contact.displacement)
-        return dual, error
+            z = self._system.dual(penetration, force)
+        elasticity.set_displacement(z)
+        estimate = self._recovery.estimate()
+        elasticity.set_displacement(self._state.solution.displacement)
+        return z, estimate
 
-    def _moved(self, dual):
-        """|a(u, z)|, what strains contribute to the goal of a dual solution."""
-        norm, u = self._elasticity.energy_norm, self._contact.displacement
-        own, other = norm(u), norm(dual)
-        scale = own / other if own and other else 1.0  # that makes both alike
-        above, below = norm(u + scale * dual), norm(u - scale * dual)
-        return abs(above**2 - below**2) / (4 * scale)
+    def _moved(self, z):
+        """|a(u, z)| by polarisation: ||u + s z||^2 - ||u - s z||^2 = 4 s a(u, z)."""
+        norm, u = self._state.elasticity.energy_norm, self._state.solution.displacement
+        of_u, of_z = norm(u), norm(z)
+        scale = of_u / of_z if of_u and of_z else 1.0  # that makes both alike
+        return abs(norm(u + scale * z) ** 2 - norm(u - scale * z) ** 2) / (4 * scale)
 
     def _sum(self, values):
         return self._comm.allreduce(float(values.sum()))

@@ -1,4 +1,4 @@
-"""Equilibrium of each body, from the stresses alone: a check of a solution that knows nothing of how it was found."""
+"""Equilibrium of each body, from its stresses: a check of a solution whatever solver has found it."""
 
 import numpy as np
 
@@ -10,18 +10,14 @@ MOST = 0.005
 _REACTIONS = 0.01
 
 
-def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
+def unbalanced(state, load, prescribed):
     """Share of the forces that no reaction balances.
 
-    Collective on forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads, contact
-    forces and reactions is the sum of the residuals where no condition prescribes the displacement.
+    Collective on state.forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads,
+    contact forces and reactions is the sum of the residuals where no condition prescribes the displacement.
 
     Args:
-        scene: Scene.
-        forest: Forest.
-        elasticity: Elasticity, its `u` set.
-        pairs: NodePairs or None.
-        contact: ContactSolution.
+        state: SolvedState.
         load: (owned, 3) float64 external forces [N].
         prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
 
@@ -29,32 +25,33 @@ def unbalanced(scene, forest, elasticity, pairs, contact, load, prescribed):
         float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
         of the reactions where those are less [-].
     """
-    prolongation, free = elasticity.prolongation, np.isnan(prescribed)
-    residual, pressed = elasticity.internal_forces() - load, 0.0
+    forest, pairs, force = state.forest, state.pairs, state.solution.force
+    prolongation, free = state.elasticity.prolongation, np.isnan(prescribed)
+    residual, pressed = state.elasticity.internal_forces() - load, 0.0
     if pairs is not None:
-        residual += pairs.transposed(contact.force)
-        pressed = contact.force.sum()
+        residual += pairs.transposed(force)
+        pressed = force.sum()
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
-    sums = np.zeros((len(scene.mesh.bodies) + 1, 3))
+    sums = np.zeros((len(forest.mesh.bodies) + 1, 3))
     np.add.at(sums, body, np.where(free, residual, 0.0))
     sums[-1] = pressed, np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
     sums = forest.comm.allreduce(sums)
     return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
 
 
-def check_balance(*solution):
+def check_balance(state, load, prescribed):
     """See that a solution is in balance.
 
-    Collective on forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
+    Collective on state.forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
     products have lost it too.
 
     Args:
-        solution: as `unbalanced` takes it.
+        state, load, prescribed: as `unbalanced` takes them.
 
     Raises:
         SolveError: more than `MOST` of the forces is not balanced.
     """
-    left = unbalanced(*solution)
+    left = unbalanced(state, load, prescribed)
     if left > MOST:
         raise SolveError(
             f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: rigid motions are too "

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.marking import CHILDREN, by_criterion, for_tolerance
+from fx_contact.estimate.marking import by_criterion, for_tolerance, smooth_loss
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_name, check_number
 
@@ -133,7 +133,7 @@ class ErrorControl:
             return by_criterion(estimate, tolerance).astype(np.int8), history
         square, sought = estimate.error_global**2, self.sought(estimate, tolerance, history) or tolerance
         if not history.compared and estimate.relative <= sought:
-            times, loss = np.ones(len(estimate.error), dtype=np.int8), (1 - CHILDREN) * square
+            times, loss = np.ones(len(estimate.error), dtype=np.int8), smooth_loss(estimate.child_error) * square
         else:
             rate = history.loss_rate(estimate, self.least_loss_rate)
             times, loss = for_tolerance(estimate, sought, rate, self, comm)

@@ -3,9 +3,6 @@
 import numpy as np
 from mpi4py import MPI
 
-#: xi_T^2 of a child over that of its parent where a solution of degree p = 1 is smooth, 2^-(2p + 3); a cell has eight.
-CHILD = 1 / 32
-CHILDREN = 8 * CHILD
 #: The lowest threshold for goals, relative to the largest error.
 _LOWEST_FOR_GOALS = 1e-12
 
@@ -45,17 +42,27 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     half, lowest = control.thresholds // 2, control.lowest_threshold * criterion
     low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
     thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
+    loss, child = smooth_loss(estimate.child_error), estimate.child_error
     need = estimate.error_global**2 - (control.target * tolerance * estimate.energy_norm) ** 2
 
     def choose(once, twice):
-        chosen = int(np.searchsorted(_loss(once, twice, loss_rate or 1.0)[:-1], need))
+        chosen = int(np.searchsorted(_lost(once, twice, loss * (loss_rate or 1.0))[:-1], need))
         return chosen if chosen < (half if loss_rate is None else len(thresholds)) else half - 1
 
-    times, once, twice = _mark(estimate.error**2, thresholds, choose, comm)
-    return times, float(_loss(once, twice, 1.0))
+    times, once, twice = _mark(estimate.error**2, child, thresholds, choose, comm)
+    return times, float(_lost(once, twice, loss))
 
 
-def for_goal(error, allowed, control, comm):
+def smooth_loss(child_error):
+    """The share of xi_T^2 that refining a cell takes where the solution is smooth: a cell has eight children.  Local.
+
+    Args:
+        child_error: xi_T^2 of a child over that of its parent, `Estimate.child_error` [-].
+    """
+    return 1 - 8 * child_error
+
+
+def for_goal(error, allowed, child_error, control, comm):
     """The fewest cells to refine for a sum of errors below what is allowed.
 
     Collective on comm.  Where refining twice does not suffice, the cells that are not refined keep
@@ -64,6 +71,7 @@ def for_goal(error, allowed, control, comm):
     Args:
         error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, or other non-negative errors that add up.
         allowed: their sum on all ranks that is allowed.
+        child_error: error of a child over that of its parent where the solutions are smooth [-].
         control: ErrorControl.
         comm: MPI communicator.
 
@@ -74,11 +82,11 @@ def for_goal(error, allowed, control, comm):
     thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, control.thresholds) * largest
 
     def choose(once, twice):
-        left = once[-1] - _loss(once, twice, 1.0)
+        left = once[-1] - _lost(once, twice, smooth_loss(child_error))
         enough = (left <= control.goal_target * allowed) | (once[-1] - once <= control.goal_kept * allowed)
         return int(np.argmax(enough))
 
-    return _mark(error, thresholds, choose, comm)[0]
+    return _mark(error, child_error, thresholds, choose, comm)[0]
 
 
 def _criterion(estimate, tolerance):
@@ -86,17 +94,17 @@ def _criterion(estimate, tolerance):
     return tolerance * estimate.energy_norm / np.sqrt(estimate.cells)
 
 
-def _loss(once, twice, rate):
-    """Expected loss of the sum of errors, those of the cells refined once and twice given, at a rate in [0, 1]."""
-    lost = (1 - CHILDREN) * rate
-    return lost * (once + (1 - lost) * twice)
+def _lost(once, twice, loss):
+    """What all errors lose if refinement takes the same share of each, those of cells refined once and twice given."""
+    return loss * (once + (1 - loss) * twice)
 
 
-def _mark(error, thresholds, choose, comm):
+def _mark(error, child_error, thresholds, choose, comm):
     """Refine cells whose error is above a threshold, twice where a child's would be.
 
     Args:
         error: (ncells,) float64, of this rank's cells.
+        child_error: error of a child over that of its parent [-].
         thresholds: (m,) float64, descending.
         choose: function of two (m + 1,) float64, the errors on all ranks of the cells refined, and of those refined
             twice, by each threshold, the last of which is below all errors; returns the position of one.
@@ -105,7 +113,7 @@ def _mark(error, thresholds, choose, comm):
     Returns:
         (ncells,) int8, and the two sums at the threshold chosen.
     """
-    first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, CHILD)]
+    first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, child_error)]
     sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first])
     comm.Allreduce(MPI.IN_PLACE, sums)
     once, twice = np.cumsum(sums, axis=1)

@@ -26,6 +26,7 @@ class Estimate:
         error_global: xi of all cells (6) [J^(1/2)].
         energy_norm: omega (4) [J^(1/2)].
         cells: number of cells on all ranks.
+        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `Space.child_error` [-].
     """
 
     stress: object
@@ -34,6 +35,7 @@ class Estimate:
     error_global: float
     energy_norm: float
     cells: int
+    child_error: float
 
     @property
     def relative(self):
@@ -98,7 +100,8 @@ class Recovery:
         error, omega = np.sqrt(total[0]), np.sqrt(total[0] + total[1])
         if omega <= noise:
             error2, energy2, error, omega = np.zeros_like(error2), np.zeros_like(energy2), 0.0, 0.0
-        return Estimate(self._recovered.copy(), np.sqrt(error2), energy2, error, omega, int(total[2]))
+        child_error = prolongation.space.child_error
+        return Estimate(self._recovered.copy(), np.sqrt(error2), energy2, error, omega, int(total[2]), child_error)
 
 
 def _position(i, j):

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
+from fx_contact.parallel.components import lowest_labels
 from fx_contact.parallel.mpi import Directory, Exchange
 from fx_contact.problem.facet_pairing import leaf_code
 
@@ -134,18 +135,17 @@ class Judge:
     def _pieces(self, part, parts):
         """Connected pieces of each part: (parts,) int64."""
         joined = [_inside(graph, part) for graph in (self._graph, self._facing)]
-        count, piece = connected_components(sum(inside[:, : len(part)] for inside in joined), directed=False)
-        # Pieces of one part on several ranks: each takes the lowest leaf that it can reach.
-        lowest = np.full(count, np.iinfo(np.int64).max)
-        np.minimum.at(lowest, piece, self._graph.offset + np.arange(len(part)))
-        while True:
-            before = lowest.copy()
+        _, piece = connected_components(sum(inside[:, : len(part)] for inside in joined), directed=False)
+
+        def exchange(label):
+            label = label.copy()
             for graph, inside in zip((self._graph, self._facing), joined):
                 row, column = inside.nonzero()
-                np.minimum.at(lowest, piece[row], graph.ghosted(lowest[piece])[column])
-            if not self.comm.allreduce(bool((lowest != before).any()), op=MPI.LOR):
-                break
-        first = lowest[piece] == self._graph.offset + np.arange(len(part))
+                np.minimum.at(label, row, graph.ghosted(label)[column])
+            return label
+
+        leaf = self._graph.offset + np.arange(len(part))
+        first = lowest_labels(self.comm, piece, leaf, exchange) == leaf
         return _total(self.comm, np.bincount(part[first], minlength=parts))
 
     def _interfaces(self, part, parts):

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import corner_scene, leaves, of_spots
+from model_problems import corner_scene, leaves, of_patches
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
-from fx_contact.estimate import inter_node_contact  # noqa: E402
+from fx_contact.estimate.inter_node_gap import _Facets, inter_node_penetration  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
@@ -64,7 +64,7 @@ def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
     *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, max_steps=2)
     assert step.record.active_pairs > 0 and step.record.unseen_contact > 0
-    named = inter_node_contact.unseen_contact(step.forest, step.pairs, step.solution, 1e6, *of_spots(step))
+    named = inter_node_penetration(step, 1e6, *of_patches(step))
     assert WORLD.allreduce(int(named.sum())) == 0
 
 
@@ -156,9 +156,8 @@ def test_overlaps_count_though_nothing_presses():
     """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
     *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
     idle = replace(step.solution, force=0.0 * step.solution.force)
-    named = inter_node_contact.unseen_contact(
-        step.forest, step.pairs, idle, 0.3, *of_spots(replace(step, solution=idle))
-    )
+    step = replace(step, solution=idle)
+    named = inter_node_penetration(step, 0.3, *of_patches(step))
     assert step.record.active_pairs > 0 and WORLD.allreduce(int(named.sum())) > 0
 
 
@@ -167,7 +166,7 @@ def test_facets_with_more_than_their_share():
     *_, step = adapt(punch(), 0.16)
 
     def named(tolerance):
-        marked = inter_node_contact.unseen_contact(step.forest, step.pairs, step.solution, tolerance, *of_spots(step))
+        marked = inter_node_penetration(step, tolerance, *of_patches(step))
         return WORLD.allreduce(int(marked.sum()))
 
     tolerance = 1.0
@@ -202,7 +201,7 @@ def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
     scene = corner_scene(one_pair=True)
     fixed, top = scene.dirichlet
     scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
-    monkeypatch.setattr(inter_node_contact._Facets, "overlap", lambda facets: np.arange(len(facets._here)) == facet)
+    monkeypatch.setattr(_Facets, "penetrate", lambda facets: np.arange(len(facets._here)) == facet)
     (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
     assert step.record.force == 0 and len(scene.mesh.surfaces["outer"]) == 4
     assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record.unseen_contact == 1

@@ -1,0 +1,31 @@
+"""The solution of a step, as the estimates of its error take it."""
+
+from dataclasses import dataclass
+
+from fx_contact.contact.contact_solver import ContactSolution
+from fx_contact.contact.node_pairs import NodePairs
+from fx_contact.estimate.recovery import Estimate
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.forest.forest import Forest
+from fx_contact.problem.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedState:
+    """A scene solved on a forest, and the estimated error; a Step has these attributes too.
+
+    Attributes:
+        scene: Scene.
+        forest: Forest.
+        elasticity: Elasticity; its `u` is the displacement.
+        pairs: NodePairs; None without contact.
+        solution: ContactSolution.
+        estimate: Estimate.
+    """
+
+    scene: Scene
+    forest: Forest
+    elasticity: Elasticity
+    pairs: NodePairs | None
+    solution: ContactSolution
+    estimate: Estimate
