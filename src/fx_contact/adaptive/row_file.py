@@ -21,6 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.errors import CheckpointError, OutputError
+from fx_contact.parallel.hashing import GOLDEN, mixed
 from fx_contact.parallel.mpi import together
 
 #: How files begin, and the version of their layout and of what checkpoints keep in them.
@@ -190,12 +191,8 @@ def _places(length, layout):
 def _checksum(rows, first, comm):
     """Checksum of all ranks' rows, `first` the number of words on the ranks before.  Collective on comm."""
     words = rows.reshape(-1).view("<u8").astype(np.uint64)
-    with np.errstate(over="ignore"):
-        words += np.arange(first, first + len(words), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-        words ^= words >> np.uint64(32)
-        words *= np.uint64(0xBF58476D1CE4E5B9)
-        words ^= words >> np.uint64(29)
-        total = words.sum(dtype=np.uint64, keepdims=True)
+    words += np.arange(first, first + len(words), dtype=np.uint64) * GOLDEN
+    total = mixed(mixed(words)).sum(dtype=np.uint64, keepdims=True)
     comm.Allreduce(MPI.IN_PLACE, total)
     return int(total[0])
 

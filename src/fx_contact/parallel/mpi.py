@@ -17,6 +17,8 @@ from contextlib import contextmanager
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.parallel.hashing import mixed
+
 
 @contextmanager
 def together(comm, patience=None):
@@ -125,10 +127,8 @@ def _alltoall(comm, rows, sent, received):
 
 
 def _home(keys, size):
-    """Home rank of each key: all bits are folded and multiplied, so that neighbouring keys spread evenly.  Local."""
-    keys = keys.astype(np.uint64)
-    mixed = (keys ^ keys >> np.uint64(32)) * np.uint64(0x9E3779B97F4A7C15)
-    return ((mixed >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
+    """Home rank of each key; neighbouring keys spread evenly.  Local."""
+    return ((mixed(keys) >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
 
 
 class Directory:
