@@ -69,11 +69,11 @@ def solve_system(problem, start, options, environment):
         environment: Environment.
 
     Returns:
-        ContactSolution, and the ContactSystem of the closed pairs for dual solutions, None without contact.
+        ContactSolution, and the ContactSystem of the closed rows for dual solutions, None without contact.
 
     Raises:
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
-            the contact opens, or conditions press vertices into each other.
+            the contact opens, or conditions press nodes into each other.
     """
     rows, stages, matrix = problem.rows, environment.stages, problem.matrix.mat
     u = np.where(np.isnan(problem.prescribed), start, problem.prescribed)

@@ -1,8 +1,7 @@
-"""How closed pairs are kept from overlapping: the methods by name, and their algebra on the conforming unknowns.
+"""The user's choice of how penetration is resisted.
 
-With B the jump of the displacement across the node pairs along their normals and D their initial gaps, closed pairs
-have B u = D.  A penalty lets them overlap by what their force takes (1); an augmented Lagrangian adds the force that is
-missing (J. C. Simo, T. A. Laursen, Comput. Struct. 42(1), 1992); elimination holds them exactly.
+Closed rows have B u = D.  A penalty lets them penetrate by their force over k_N (1); an augmented Lagrangian adds the
+force that is missing (J. C. Simo, T. A. Laursen, Comput. Struct. 42(1), 1992); elimination enforces them exactly.
 """
 
 from dataclasses import dataclass
@@ -13,17 +12,22 @@ from fx_contact.parallel.validation import check_name, check_number
 #: The methods, the default first.
 METHODS = ("exact", "augmented-lagrangian", "penalty")
 
-#: The factor of the penalty where none is given.
+#: Factor of the penalty if none is given: the penetration is 1/100 of the approach that the pressure, over a facet,
+#: makes of a half-space.
 FACTOR = 100.0
-#: The gap tolerance of the augmented Lagrangian where none is given.
+#: Gap tolerance of the augmented Lagrangian if none is given: a hundred times the solver's default tolerance.
 GAP_TOLERANCE = 1e-6
-#: The least and the largest: beside the bodies softer ones are nothing, and the overlaps of stiffer ones are rounding.
+#: Least and largest factor.  Softer springs let bodies through each other; penetrations below 1e-12 of the approach are
+#: rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
-#: The factor of the springs that a matrix has for pairs that are held otherwise: with softer ones its preconditioner
-#: knows too little of contact, stiffer ones couple directions where normals lie along no axis, unseen by BoomerAMG.
+#: Factor of the springs in the matrix across rows that a projection constrains.  Softer ones tell the preconditioner
+#: too little of contact, stiffer ones couple the directions of oblique normals, which BoomerAMG does not see.
+#: Measured, PCG iterations of hertz 8 %, shrink fit 15 %, cylinders 15 % and indentation 12 % in all, for 1, 3, 10, 30,
+#: 100: 212, 183, 176, 188, 221.
 HELD = 10.0
-#: Factor above which a penalty's springs stay beside the matrix, and closed pairs are held: up to here the matrix that
-#: has them is as easy to precondition, but where normals lie along no axis.
+#: Factor of a penalty above which a projection constrains its closed rows, and its springs are beside the matrix.
+#: Measured as above, springs in the matrix against projection, for 30, 100, 200, 500: 175 : 222, 203 : 202, 219 : 194,
+#: 235 : 186.
 STIFF = 2 * FACTOR
 
 
@@ -32,14 +36,14 @@ class Enforcement:
     """How penetration is resisted.
 
     Attributes:
-        method: "exact": closed pairs are eliminated, no penetration, the contact force is the residual;
-            "augmented-lagrangian": forces are added to the penalty's until the penetration is below `gap_tolerance`;
+        method: "exact": closed rows are eliminated, there is no penetration, the contact force is the residual;
+            "augmented-lagrangian": forces are added to those of the penalty until the penetration is below
+            `gap_tolerance`;
             "penalty": the force is k_N times the penetration, as in equation (1).
         factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
         node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
         gap_tolerance: largest penetration that the augmented Lagrangian leaves, relative to the approach of the bodies
-            [-]: to the energy over the contact force, to the largest displacement, and to how far a punch with the
-            force and area of the contact pair would come.
+            [-]: the least of energy over contact force, largest displacement, and F / (E* A^(1/2)) of the contact pair.
 
     Raises:
         SceneError: an unknown method, a value that is not positive, a penalty or a gap tolerance where the method takes
@@ -85,5 +89,5 @@ class Enforcement:
 
     @property
     def springs(self):
-        """The factor of the springs between the pairs, those in the matrix of exact contact too [-].  Local."""
+        """Factor of the springs of rows, in exact contact of those in the matrix [-].  Local."""
         return self.factor or (HELD if self.method == "exact" else FACTOR)

@@ -1,4 +1,4 @@
-"""The first guess of the displacement, made better before the preconditioner is set up."""
+"""The first guess of the displacement, improved before the preconditioner is set up."""
 
 import numpy as np
 from mpi4py import MPI
@@ -7,17 +7,19 @@ from petsc4py import PETSc
 from fx_contact.contact.penalty_term import Springs
 from fx_contact.linalg.petsc_objects import PetscObjects
 
-#: Rigid motions that the matrix resists by no more than this part of its diagonal: what rounding leaves of none.
+#: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
 _UNRESISTED = 1e-12
-#: Iterations between two looks at the active set, and most looks, before hypre is set up.
+#: Iterations with block Jacobi before the active set is updated, and most updates.  Measured: iterations with hypre of
+#: hertz 8 %, shrink fit 15 %, cylinders 15 % and indentation 12 % in all, for 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5:
+#: 238, 181, 185, 176, 173.
 _RELAXATION, _LOOKS = 15, 5
 
 
 class RigidMotions:
-    """The rigid motions of all bodies at the conforming vertices: where bodies at rest begin.
+    """The rigid motions of all bodies at the conforming nodes, for a first guess of bodies without displacement.
 
-    Next to a prescribed displacement, bodies at rest have all their energy in one layer of cells, of a stiff body on a
-    soft one a thousand times that of the solution.  PCG would take a dozen iterations to spread it.
+    Where displacements are prescribed, zero elsewhere has all its energy in one layer of cells: for a stiff body on a
+    soft one a thousand times that of the solution, which costs PCG a dozen iterations.
 
     Local.
 
@@ -35,16 +37,16 @@ class RigidMotions:
         self._modes = np.ascontiguousarray(scene.rigid_modes(positions, self._body).swapaxes(0, 1))
 
     def move(self, matrix, base, jump, stiffness, u, free):
-        """Move the bodies to where the energy of all rigid motions is least.
+        """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
 
         Collective on matrix.comm.
 
         Args:
-            matrix: PETSc Mat without springs between the pairs.
+            matrix: PETSc Mat, K without springs.
             base: (owned, 3) float64, right-hand side without contact [N].
             jump: Jump.
-            stiffness: (n,) float64, of the springs between the pairs [N/m].
-            u: (owned, 3) float64, where they are [m].
+            stiffness: (n,) float64, k [N/m].
+            u: (owned, 3) float64, the displacement so far [m].
             free: (owned, 3) bool, components that no condition prescribes.
 
         Returns:
@@ -64,7 +66,7 @@ class RigidMotions:
             springs = np.zeros_like(u)
             Springs(jump, stiffness).add_force(u, springs)
             force = self._of_bodies(modes, base - product(u) - springs)
-            # Only the springs couple bodies, so the six modes of all of them need six products.
+            # K does not couple bodies, so that six products are enough for all of them.
             stiff = np.stack([self._of_bodies(modes, product(mode)) for mode in modes], axis=2)
             matrix.getDiagonal(x)
             diagonal = self._of_bodies(modes**2, x.array.reshape(-1, 3))
@@ -89,7 +91,7 @@ class RigidMotions:
 
 
 def _solved(matrix, right_hand_side, diagonal):
-    """The least solution of a symmetric system; its diagonal, before anything cancels, says what rounding is."""
+    """The least solution of a symmetric system, scaled by its diagonal before anything cancelled."""
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     values, vectors = np.linalg.eigh(scale[:, None] * (matrix + matrix.T) / 2 * scale)
     some = values > _UNRESISTED
@@ -98,16 +100,15 @@ def _solved(matrix, right_hand_side, diagonal):
 
 
 def relax(matrix, base, term, u, status):
-    """Settle the active set as far as a few iterations with block Jacobi can, and improve the first guess.
+    """Smooth a displacement carried from a coarser mesh by PCG with block Jacobi, and update the active set by it.
 
-    A displacement carried from a coarser mesh errs most from one node to the next, just where contact ends.  That
-    error is gone after few cheap iterations; the active set that is left is mostly the last one, and hypre is set up
-    for it once.  From bodies at rest a few iterations would see no more than the load's surroundings, and mislead.
+    Its error is of short waves, at the edge of the contact.  Smoothed, it has mostly the final active set, for which
+    hypre is then set up once.  From zero displacement a few iterations would not reach the contact.
 
     Collective on matrix.comm.
 
     Args:
-        matrix: PETSc Mat with the penalty term of the active set; it has that of the last one in the end.
+        matrix: PETSc Mat with the penalty term of the active set; changed as that is.
         base: (owned, 3) float64, right-hand side without contact [N].
         term: PenaltyTerm.
         u: (owned, 3) float64, first guess [m].
@@ -131,9 +132,7 @@ def relax(matrix, base, term, u, status):
             ksp.solve(b, x)
             u = x.array.reshape(-1, 3).copy()
             before, wanted = status.active, status.wanted(term.force(u), 0.0)
-            if not status.differs(wanted):
-                break
-            if status.cycles(wanted):
+            if not status.differs(wanted) or status.cycles(wanted):
                 break
             status.update(wanted)
             term.change(matrix, before, status.active)

@@ -1,9 +1,8 @@
-"""Node-to-node contact B, assembled facet pair by facet pair: gaps, stiffnesses, forces and pressures.
+"""Node-to-node rows of B, assembled from pairs of facing leaf facets.
 
-Each pair of facing leaf facets is a super-element of four node pairs that share its area as a uniform pressure would be
-shared.  What would fall to a hanging node pair goes to its masters, so that the contact status belongs to conforming
-pairs only and the total area is kept.  A pair lives on the rank that owns both its vertices: B^T B needs no message
-(section 3 of the paper).
+The node pairs of two facing facets share their area as they would share a uniform pressure.  The shares of hanging
+nodes go to their masters, so that rows belong to conforming nodes and the area is kept.  A row is on the rank that owns
+both nodes: B^T B needs no message (section 3 of the paper).
 """
 
 from dataclasses import dataclass, replace
@@ -19,16 +18,17 @@ from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import SIDE
 
-#: Cosine of the angle to their mean up to which normals of pairs that meet are those of a smooth surface: 15 degrees.
+#: Cosine of the angle to their mean up to which the normals of rows at one node are those of a smooth surface: 15
+#: degrees, as between the facets of a circle of twelve cells and their mean normal.
 _SMOOTH = 0.966
 
 
 @dataclass(frozen=True, eq=False)
 class NodePairs(ConstraintRows):
-    """Rows of pairs of conforming vertices that face each other: B u = n . (u_first - u_second).
+    """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second).
 
     Attributes:
-        second: (n,) int64, the vertex that faces `first`, position in the prolongation's index map.
+        second: (n,) int64, the node that faces `first`, position in the prolongation's index map.
     """
 
     second: np.ndarray
@@ -57,7 +57,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
         NodePairs, one block a contact pair of the scene.
 
     Raises:
-        SceneError: a node_stiffness that leaves overlaps which are rounding, or is nothing beside the bodies.
+        SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     first, second, *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
@@ -73,13 +73,13 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
 
 
 def _sharing(pairs, across, apart, node_stiffness):
-    """Pairs of one vertex, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
+    """Pairs of one node, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
 
     Args:
         pairs: NodePairs.
         across: (n, 3) float64, normals times areas, of both surfaces [m^2].
-        apart: (n, 3) float64, from the first vertex of each to the second one, undeformed [m].
-        node_stiffness: of the pairs of a vertex together, if it is given [N/m].
+        apart: (n, 3) float64, from the first node of each to the second one, undeformed [m].
+        node_stiffness: of the pairs of a node together, if it is given [N/m].
     """
     own = np.column_stack([pairs.stiffness, pairs.area, across])
     stiffness, area, *mean = pairs.at_first(own).T
@@ -106,7 +106,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     sums = np.zeros((len(space), 5))
     np.add.at(sums, node, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
 
-    # A pair belongs to a rank that has a facet of it: the owner of both vertices, but where contact pairs meet.
+    # A pair belongs to a rank that has a facet of it: the owner of both nodes, but where contact pairs meet.
     distinct, example = np.unique(node, return_index=True)
     conform = ~prolongation.hanging[distinct]
     distinct, example = distinct[conform], example[conform]
