@@ -126,3 +126,17 @@ def test_curve_of_a_forest():
         assert (np.diff(box) != 0).sum() + 1 == len(
             np.unique(box)
         ), "leaves of one box are not contiguous on the curve"
+
+
+def test_curve_does_not_depend_on_the_frames_of_cells():
+    """Cells in other local frames, with other numbers, are passed through in the same order of places."""
+    paths = []
+    for seed in (1, 2, 3):
+        forest = roots(pressed(two_boxes(margin=1, distortion=0.0, seed=seed)), MPI.COMM_SELF)
+        for _ in range(2):
+            forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+        path = forest.centres[np.argsort(curve_keys(forest, pairs=False))]
+        assert np.abs(np.diff(path, axis=0)).sum(axis=1).max() < 4, "the curve jumps"
+        paths.append(path)
+    assert not np.array_equal(*(two_boxes(seed=seed).cells for seed in (1, 2)))
+    assert np.allclose(paths[0], paths[1], atol=1e-12) and np.allclose(paths[0], paths[2], atol=1e-12)

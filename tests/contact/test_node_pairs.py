@@ -1,0 +1,71 @@
+"""What node pairs have: normals, stiffness, and how hard groups of them press."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import corner_scene, grown, pressed, roots, two_boxes
+
+from fx_contact import Enforcement
+from fx_contact.contact.enforcement import HELD
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.scenes import hertz
+
+
+def pairs_of(scene, enforcement=None, rounds=2):
+    """NodePairs on a randomly refined forest."""
+    forest = grown(roots(scene), rounds, share=0.2)
+    return create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), enforcement or Enforcement())
+
+
+@pytest.mark.parametrize("symmetry", [1, 4])
+def test_how_hard_a_punch_presses(symmetry):
+    """F, and F / (E* A^(1/2)) of the whole body, of which a quarter has a quarter of F and A."""
+    scene = pressed(two_boxes())
+    pairs = replace(pairs_of(scene), symmetry=symmetry)
+    pressure, compliance = 0.01, sum(1 / m.plane_strain_modulus for m in scene.materials.values())
+    force, approach = pairs.pressing(pressure * pairs.area, pairs.contact, 2)
+    whole = 4 * symmetry  # m^2
+    assert np.allclose(force, [4 * pressure, 0.0], rtol=1e-12)
+    assert np.allclose(approach, [pressure * whole * compliance / np.sqrt(whole), 0.0], rtol=1e-12)
+
+
+def test_only_what_presses_counts():
+    """Pairs without force have no part in the area that presses."""
+    pairs = pairs_of(pressed(two_boxes()))
+    left = pairs.position[:, 0] < 0.5
+    force, approach = pairs.pressing(np.where(left, pairs.area, -1.0), pairs.contact, 1)
+    area = WORLD.allreduce(float(pairs.area[left].sum()))
+    compliance = (1 / pairs.modulus).sum(axis=1)
+    assert 0 < area < 4 and abs(force[0] / area - 1) < 1e-12
+    everywhere(np.allclose(approach[0], np.sqrt(area) * compliance), "another area")
+
+
+def test_normals_are_the_mean_of_both_surfaces():
+    """Between two equal half-spheres it is the axis, though neither surface is across it."""
+    scene = hertz(order=2, coarse=3)
+    pairs = pairs_of(scene, rounds=1)
+    everywhere(np.abs(pairs.normal - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-9, "not along the axis")
+    aside = np.linalg.norm(pairs.position[:, :2], axis=1)
+    gap = 2 * (1 - np.sqrt(np.maximum(1 - aside**2, 0.0)))
+    everywhere(np.abs(pairs.gap - gap).max(initial=0.0) < 1e-3, "not the distance of two spheres")
+
+
+def test_normals_across_an_edge_stay_apart():
+    """Surfaces that meet at right angles keep their normals, also at the vertices that they share."""
+    pairs = pairs_of(corner_scene())
+    everywhere(np.abs(np.abs(pairs.normal).max(axis=1) - 1).max(initial=0.0) < 1e-12, "a normal between two surfaces")
+
+
+@pytest.mark.parametrize("factor, in_matrix", [(10.0, None), (100.0, None), (1e6, HELD)])
+def test_stiffness_in_the_matrix(factor, in_matrix):
+    """Springs of usual penalties are in the matrix as they are; of stiffer ones those of pairs that are held."""
+    pairs = pairs_of(pressed(two_boxes()), Enforcement("penalty", factor))
+    relative = pairs.bounded_stiffness / pairs.stiffness * pairs.relative_stiffness
+    expected = pairs.relative_stiffness if in_matrix is None else in_matrix
+    everywhere(np.allclose(relative, expected, rtol=1e-12), "another stiffness")
+    # c E*/h times the area of a node: for facets of one size c of all pairs that have four of them.
+    assert WORLD.allreduce(int((np.abs(pairs.relative_stiffness / factor - 1) < 1e-9).sum())) > 0

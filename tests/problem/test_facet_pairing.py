@@ -1,0 +1,45 @@
+"""Which facets face each other, and which do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from model_problems import corner_scene, grown, pressed, roots, two_boxes, whole
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fx_contact.forest.forest import find_leaves
+from fx_contact.parallel.errors import PairingError
+from fx_contact.problem.facet_pairing import leaf_code
+
+
+def test_one_leaf_stands_for_each_group_of_facing_leaves():
+    """In a corner a leaf faces two others: all three are one group, and the lowest code stands for it."""
+    forest = whole(grown(roots(corner_scene()), 2))
+    leaf, face = forest.contact_faces()
+    cell, anchor = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+    other = find_leaves(forest, cell, anchor)
+    assert (other >= 0).all()
+    links = coo_matrix((np.ones(len(leaf)), (leaf, other)), shape=2 * (len(forest),))
+    _, group = connected_components(links, directed=False)
+    assert np.bincount(group).max() >= 3
+    code = leaf_code(forest.cell, forest.anchor)
+    lowest = np.full(group.max() + 1, np.iinfo(np.int64).max)
+    np.minimum.at(lowest, group, code)
+    assert np.array_equal(forest.representatives, lowest[group])
+
+
+@pytest.mark.parametrize("direction, amount", [((0.0, 0.0, 1.0), 1e-4), (None, 0.2)], ids=["along it", "by normals"])
+def test_nodes_must_face_nodes(direction, amount):
+    """Surfaces are refused that are apart along themselves: at all where a direction is given, much where none is."""
+    scene = pressed(two_boxes(distortion=0.0), direction=direction)
+    mesh, where = scene.mesh, scene.mesh.cells[scene.mesh.body == 1]
+    for shift, fits in ((1e-3 * amount, True), (amount, False)):
+        points = mesh.points.copy()
+        points[np.unique(where)] += [shift, 0.0, 0.0]
+        moved = replace(mesh, points=points)
+        if fits:
+            assert (replace(scene, mesh=moved).pairing.partner >= 0).any()
+        else:
+            with pytest.raises(PairingError, match="have no partner"):
+                replace(scene, mesh=moved).pairing
