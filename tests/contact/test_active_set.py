@@ -13,18 +13,13 @@ from fx_contact.contact.active_set import ActiveSet
 def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF):
     """An ActiveSet of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""
     size = len(penetration)
-    offset = comm.rank * size
-    index_map = SimpleNamespace(
-        local_to_global=lambda i: offset + i.astype(np.int64), size_global=2 * size * comm.size
-    )
-    pairs = SimpleNamespace(
-        prolongation=SimpleNamespace(comm=comm, index_map=index_map),
+    rows = SimpleNamespace(
+        prolongation=SimpleNamespace(comm=comm),
         penetration=lambda u: np.array(penetration),
         bounded_stiffness=np.ones(size),
-        first=np.arange(size),
-        second=size * comm.size + np.arange(size),
+        key=comm.rank * size + np.arange(size),
     )
-    return ActiveSet(pairs, None, np.full((size, 3), largest), 100)
+    return ActiveSet(rows, None, np.full((size, 3), largest), 100)
 
 
 def test_first_guess():

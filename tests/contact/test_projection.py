@@ -5,7 +5,7 @@ from conftest import WORLD, everywhere
 from model_problems import discrete, grown, pressed, roots, two_boxes
 
 from fx_contact import Enforcement, Material
-from fx_contact.contact.enforcement import Jump
+from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.projection import Projection
 from fx_contact.fem.dirichlet import prescribed_displacements

@@ -1,4 +1,4 @@
-"""The springs between node pairs: what they cost where normals lie along no axis, and what overlap is left by default."""
+"""The springs between node pairs: what they cost where normals lie along no axis, and the overlap left by default."""
 
 import pytest
 
@@ -14,8 +14,8 @@ def iterations(degrees, enforcement):
     record = next(
         adapt(scene, 0.1, beginning=Beginning.uniform(scene, 1), max_steps=1, enforcement=enforcement)
     ).record
-    assert record["active_pairs"] > 20
-    return sum(record["krylov_iterations"])
+    assert record.active_pairs > 20
+    return sum(record.krylov_iterations)
 
 
 @pytest.mark.parametrize("enforcement", [None, Enforcement("penalty", 1e6)], ids=["exact", "stiff penalty"])
@@ -27,4 +27,4 @@ def test_oblique_contact_costs_no_more(enforcement):
 def test_overlap_by_default():
     """The augmented Lagrangian leaves a millionth of the approach."""
     record = next(adapt(punch(displacement=0.01), 0.5, enforcement=Enforcement("augmented-lagrangian"))).record
-    assert record["active_pairs"] and record["max_penetration"] < 1e-6 * 0.01
+    assert record.active_pairs and record.max_penetration < 1e-6 * 0.01

@@ -22,7 +22,7 @@ def solution():
     prescribed = prescribed_displacements(scene, step.forest, prolongation)
 
     def with_factor(factor):
-        contact = replace(step.contact, force=factor * step.contact.force)
+        contact = replace(step.solution, force=factor * step.solution.force)
         load = np.zeros((prolongation.owned, 3))
         return scene, step.forest, step.elasticity, step.pairs, contact, load, prescribed
 

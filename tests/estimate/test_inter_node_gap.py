@@ -12,7 +12,7 @@ from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Sol
 from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
-from fx_contact.estimate.inter_node_gap import _Facets, inter_node_penetration  # noqa: E402
+from fx_contact.estimate.inter_node_gap import _Facets, _simpson, inter_node_penetration  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
@@ -316,3 +316,12 @@ def test_waves_that_seem_flat(phase):
     assert first.estimate < 0.3 and first.unseen_contact > 0 and last.reached and not last.unseen_contact
     *_, fine = (step.record for step in adapt(scene, 0.3, beginning=Beginning.uniform(scene, 2)))
     assert abs(last.force / fine.force - 1) < 0.3**2 < abs(first.force / fine.force - 1)
+
+
+@pytest.mark.parametrize("count", [3, 5, 7])
+def test_simpson(count):
+    """The rule on a facet of area 1 is exact for x^3 y^3, and not for x^4."""
+    y, x = np.array(np.divmod(np.arange(count**2), count)) / (count - 1)
+    rule = _simpson(count)
+    assert abs(rule.sum() - 1) < 1e-14 and abs((x**3 * y**3) @ rule - 1 / 16) < 1e-14
+    assert abs(x**4 @ rule - 1 / 5) > 1e-6

@@ -9,7 +9,7 @@ from fx_contact.parallel.timing import Stages
 
 
 def test_energies_add_up():
-    """The energy of sigma_h is that of its displacement, and omega (4) is that with xi: omega^2 = |sigma_h|^2 + xi^2."""
+    """The energy of sigma_h is that of its displacement; omega (4) has xi too, omega^2 = |sigma_h|^2 + xi^2."""
     scene = pressed(two_boxes(bend=0.2))
     forest = grown(roots(scene), 2, share=0.2)
     elasticity = discrete(scene, forest)

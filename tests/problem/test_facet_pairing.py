@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from model_problems import corner_scene, grown, pressed, roots, two_boxes, whole
+from model_problems import corner_scene, find_leaves, grown, pressed, roots, two_boxes, whole
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fx_contact.forest.forest import find_leaves
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem.facet_pairing import leaf_code
 

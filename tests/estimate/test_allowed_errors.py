@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fx_contact.estimate.goal_verdict import allowed_errors
+from fx_contact.estimate.contact_goals import allowed_errors
 
 
 def test_allowed_errors_by_hand():
