@@ -1,8 +1,8 @@
-"""What contact costs: every step's contact problem beside the same mesh glued where it is in contact.
+"""What contact costs: the contact problem of every step against a linear one on the same mesh.
 
-The glued problem ties the closed node pairs in all directions with the stiffness of a penalty: one linear system with
-the same unknowns and the same accuracy, without active set and without first guess of one.  Both are assembled and
-solved from the same start, in turns, several times; shown are the medians of the CPU seconds of all ranks.
+In the linear problem the active node pairs are glued: tied in all directions with the stiffness of a penalty. It has the
+same unknowns and tolerance, and no active set. Both are assembled and solved from the same first guess, in turns,
+several times; shown are medians of CPU seconds of all ranks.
 
     mpirun -n 2 python3 -m studies.cost.glued
 """
