@@ -1,7 +1,7 @@
 """The patch test of contact: two columns of different materials end to end, on a mesh with hanging nodes.
 
-The exact pressure p is uniform. Exact enforcement reproduces it; a penalty k_A = c E*/h gives a penetration p/k_A, which
-is larger on larger facets, and a pressure that is off by it.
+The exact pressure p is uniform. Exact enforcement reproduces it; a penalty k_A = c E*/h gives a penetration p/k_A,
+which is larger on larger facets, so that the pressure is not uniform.
 
     mpirun -n 2 python3 demos/patch.py --penalty 1e4
 """

@@ -1,7 +1,7 @@
 """What contact costs: the contact problem of every step against a linear one on the same mesh.
 
-In the linear problem the active node pairs are glued: tied in all directions with the stiffness of a penalty. It has the
-same unknowns and tolerance, and no active set. Both are assembled and solved from the same first guess, in turns,
+In the linear problem the active node pairs are glued: tied in all directions with the stiffness of a penalty. It has
+the same unknowns and tolerance, and no active set. Both are assembled and solved from the same first guess, in turns,
 several times; shown are medians of CPU seconds of all ranks.
 
     mpirun -n 2 python3 -m studies.cost.glued
