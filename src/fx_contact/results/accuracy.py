@@ -10,7 +10,6 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import VOIGT
 from fx_contact.fem.compilation import compiled
-from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import shown
@@ -62,31 +61,23 @@ def field_error(elasticity, exact):
     return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
 
 
-def energy_distance(elasticity, forest, values):
-    """Distance of `elasticity.u` from another displacement of the same mesh.
+def energy_distance(step, values):
+    """The energy norm ||v - u|| / ||u|| of the difference between a displacement and that of a step.
 
-    Collective.  The difference is integrated; a difference of energies would understate it, for node pairs on curved
-    facets let the bodies overlap between them.
+    Collective on the step's communicator.  A difference of energies would understate it: node pairs on curved facets
+    let the bodies penetrate between them.
 
     Args:
-        elasticity: Elasticity, its `u` set.
-        forest: Forest of its mesh.
-        values: (n, (p+1)^3, 3) float64, the other displacement at the nodes of this rank's leaves [m].
+        step: Step, with the displacement u.
+        values: (n, (p+1)^3, 3) float64, v at the nodes of this rank's leaves, as from a coarser mesh [m].
 
     Returns:
-        float, norm of the difference over the norm of `elasticity.u` [-].
+        float [-], without the mean volume strains of nearly incompressible bodies (`Elasticity.change_norm`).
     """
-    off, (leaf, node) = fem.Function(elasticity.function_space), elasticity.prolongation.space.example.T
-    off.x.array[:] = elasticity.u.x.array - elasticity.at_blocks(values[leaf, node])
-    dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-    cellwise = fem.functionspace(elasticity.mesh, ("DG", 0, (2,)))
-    densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, elasticity.u)]
-    form = compiled(
-        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
-    )
-    sums = fem.assemble_vector(form).array.reshape(-1, 2).sum(axis=0)
-    total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
-    return float(np.sqrt(total[0] / total[1]))
+    elasticity, u = step.elasticity, step.solution.displacement
+    leaf, node = elasticity.prolongation.space.example.T
+    v = elasticity.prolongation.injected(values[leaf, node])
+    return elasticity.change_norm(v - u) / elasticity.energy_norm(u)
 
 
 def contact_errors(step, reference):

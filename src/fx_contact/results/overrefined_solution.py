@@ -42,7 +42,7 @@ def true_error(step, tolerance, scene=None):
     beginning = replace(beginning, forest=_on(beginning.forest, scene))
     for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):
         pass
-    distance = energy_distance(fine.elasticity, fine.forest, fine.along)
+    distance = energy_distance(fine, fine.along)
     # Squares add up by Galerkin orthogonality; contact and penalty disturb it by less than the estimate's own error.
     relative = float(np.hypot(distance, fine.record.estimate))
     return TrueError(distance, fine.record.estimate, fine.record.dofs, relative)
