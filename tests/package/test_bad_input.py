@@ -1341,7 +1341,6 @@ def test_what_the_bad_cases_spoil_is_good():
 
 #: A program that fails on the last rank, before it calls anything that all ranks call together.
 FAILS_ALONE = """
-from model_problems import step_record
 from mpi4py import MPI
 from fx_contact import Material
 from fx_contact.scenes import patch
@@ -1353,7 +1352,6 @@ comm.Barrier()
 
 #: A program whose last rank fails while the others wait for it inside of PETSc.
 FAILS_IN_PETSC = """
-from model_problems import step_record
 from mpi4py import MPI
 from petsc4py import PETSc
 from fx_contact import adapt
