@@ -1357,7 +1357,7 @@ from petsc4py import PETSc
 from fx_contact import adapt
 from fx_contact.linalg import conjugate_gradients, krylov_solver
 from fx_contact.scenes import patch
-krylov_solver._PATIENCE = 0.1
+krylov_solver._TIMEOUT = 0.1
 comm, product, calls = MPI.COMM_WORLD, conjugate_gradients._Product.mult, []
 def mult(self, *vectors):
     calls.append(1)
@@ -1392,13 +1392,15 @@ def test_error_of_one_rank_ends_all(tmp_path, ranks, program, error, runner):
 
 
 def test_import_changes_nothing():
-    """Importing the package leaves the hooks of the process alone."""
+    """Importing the package leaves hooks, handlers and environment of the process alone."""
     program = """
-import sys, threading, signal
+import os, signal, sys, threading
+import dolfinx, scipy
 hooks = lambda: (sys.excepthook, sys.displayhook, threading.excepthook, signal.getsignal(signal.SIGINT))
-before = hooks()
+state = lambda: (hooks(), dict(os.environ))
+before = state()
 import fx_contact
-sys.exit(before != hooks())
+sys.exit(before != state())
 """
     assert subprocess.run([sys.executable, "-c", program], env=outside(), timeout=60).returncode == 0
 

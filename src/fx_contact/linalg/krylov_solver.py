@@ -25,7 +25,7 @@ _UNFIT = (PETSc.PC.Type.NONE, PETSc.PC.Type.MAT, PETSc.PC.Type.LMVM, PETSc.PC.Ty
 #: The residual may grow: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
 #: How long a rank on which PETSc has failed waits for the others, which may never come back from PETSc [s].
-_PATIENCE = 10.0
+_TIMEOUT = 10.0
 
 
 class KrylovSolver:
@@ -71,7 +71,7 @@ class KrylovSolver:
         are not the same on all ranks, and cannot be freed.
         """
         try:
-            with together(self._comm, _PATIENCE):
+            with together(self._comm, _TIMEOUT):
                 try:
                     yield
                 except PETSc.Error as error:
@@ -86,7 +86,7 @@ class KrylovSolver:
                         f"they are: {cause}"
                     ) from error
         except BaseException:
-            self._objects.leave()
+            self._objects.leak()
             raise
 
     def set_up(self, operator, matrix):

@@ -1,8 +1,7 @@
-"""The conforming matrix: blocks of 3 x 3 while it is assembled, hypre's own format where hypre preconditions it.
+"""The conforming matrix: blocks of 3 x 3 for assembly, then hypre's format if hypre is the preconditioner.
 
-PETSc's own conversion to hypre's format passes through coordinates and keeps them: it needs three times the memory of
-the matrix on top of it.  Copied row by row into exactly allocated rows, the matrix exists twice for a moment, and once
-while it is solved with.
+PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
+Copied into preallocated rows, the matrix exists twice for a moment, and once during the solve.
 """
 
 import ctypes
@@ -35,10 +34,10 @@ class BlockMatrix:
     row_lengths: tuple[np.ndarray, np.ndarray]
 
     def in_hypre_format(self):
-        """A copy with the rows in hypre's format; the blocks may be destroyed then.
+        """A copy in hypre's format.
 
-        Collective on mat.comm.  Entries that are there can be changed later, new ones cannot be added.  All that have
-        room must be there, zeros too (`PenaltyTerm.reserve`): PETSc reads rows to their allocated ends.
+        Collective on mat.comm.  Its entries can be changed, new ones cannot be added.  Every preallocated entry must
+        have been set, zeros too (`PenaltyTerm.reserve`): PETSc reads rows to their allocated ends.
 
         Returns:
             PETSc Mat of type hypre.
@@ -52,11 +51,9 @@ class BlockMatrix:
         result.setOption(PETSc.Mat.Option.SORTED_FULL, True)
         near, far = (np.repeat(3 * lengths, 3).astype(PETSc.IntType) for lengths in self.row_lengths)
         preallocate = ctypes.CDLL(PETSc.__file__).MatHYPRESetPreallocation  # petsc4py lacks it
-        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (near, far))
-        integer = np.ctypeslib.as_ctypes_type(PETSc.IntType)
-        first, second = pointers
+        none = np.ctypeslib.as_ctypes_type(PETSc.IntType)(0)
         with together(self.comm):
-            if preallocate(ctypes.c_void_p(result.handle), integer(0), first, integer(0), second):
+            if preallocate(ctypes.c_void_p(result.handle), none, near.ctypes, none, far.ctypes):
                 clear_hypre_errors()
                 raise SolveError("PETSc cannot allocate a matrix in hypre's format")
         self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
@@ -110,7 +107,7 @@ def add_blocks(mat, product, number):
 
 
 def clear_hypre_errors():
-    """Let hypre forget that it failed: its error flag stays, and every later call would fail in its name.  Local."""
+    """Clear hypre's error flag: it stays after a failure, and every later call would report it.  Local."""
     clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
     if clear is not None:
         clear()

@@ -1,16 +1,16 @@
-"""When objects of PETSc end: on several ranks Python does not free them, for all ranks must do so together."""
+"""Objects of PETSc that all ranks free together: on several ranks petsc4py does not free what Python drops."""
 
 from fx_contact.parallel.errors import FxContactError
 
 
 class PetscObjects:
-    """Objects of PETSc that are freed where a `with` block ends, also where an error of this package ends it.
+    """Objects of PETSc that are freed at the end of a `with` block, also where an error of this package ends it.
 
-    Collective.  Such errors are raised on all ranks.  Any other, like a Ctrl-C, may have come to this rank alone, which
-    must not wait for the rest: then nothing is freed.
+    Collective.  Errors of this package are raised on all ranks.  Any other may have come to this rank alone, which must
+    not wait for the rest: then nothing is freed.
 
     Args:
-        things: objects of PETSc.  One that has been freed before may be among them.
+        things: objects of PETSc; they may be destroyed before.
     """
 
     def __init__(self, *things):
@@ -29,14 +29,13 @@ class PetscObjects:
         self._things.append(thing)
         return thing
 
-    def leave(self):
-        """Free none of them: PETSc has failed, perhaps on one rank, which has not the same ones as others any more.
+    def leak(self):
+        """Never free them: PETSc has failed, perhaps on one rank alone, whose objects differ from those of the others.
 
-        Local, but on all ranks.  Where one rank alone has freed all that PETSc had on a communicator, that rank waits
-        for the others when it next makes something there.  What Python drops PETSc frees when it ends, on all ranks
-        alike: here it would wait for ever, so that one reference to each stays.
+        Local, but on all ranks.  Freeing is collective, here and in PETSc's own clean-up at the end of the program, and
+        would hang; so one reference to each is kept for good.
         """
         for thing in self._things:
-            if thing:  # not freed before
+            if thing:  # not destroyed before
                 thing.incRef()
         self._things.clear()

@@ -40,11 +40,11 @@ PRECONDITIONERS = {
         "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
     },
 }
-#: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity: its levels cost nothing there, and
-#: what aggressive coarsening leaves of so few, 6 of 162, tells little, least of equal bodies in a row.
+#: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity.  Levels cost nothing there, and
+#: aggressive coarsening leaves too few unknowns, 6 of 162, to represent several bodies.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
-#: Loosest tolerance of a last solve.  An error in the energy spreads over pairs that have little of it each: from 1e-2
-#: on contact forces are wrong by percents, or active sets do not settle; up to here they err by less than that.
+#: Loosest tolerance of a last solve: contact forces then err by less than 1e-3.  From 1e-2 on they are wrong by
+#: percents, or active sets do not settle, for the pairs have little of the energy.
 _LOOSEST = 1e-3
 
 

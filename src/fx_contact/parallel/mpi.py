@@ -21,15 +21,15 @@ from fx_contact.parallel.hashing import mixed
 
 
 @contextmanager
-def together(comm, patience=None):
+def together(comm, timeout=None):
     """Run a block of local code; if it raises on any rank, raise that error on every rank.
 
-    Collective on comm.  The block must not communicate, unless there is a patience.
+    Collective on comm.  The block must not communicate, unless there is a timeout.
 
     Args:
         comm: MPI communicator.
-        patience: where the block communicates, how long a rank on which it failed waits for the others [s]: they may
-            wait for it inside the block, where nothing reaches them.  Then it aborts all ranks.  None: for ever.
+        timeout: of a block that communicates [s].  The other ranks may wait for the failed one inside the block, where
+            nothing reaches them: if they do not come out in time, it prints its error and aborts them all.
 
     Raises:
         Exception: the error of the lowest rank on which the block failed.
@@ -41,7 +41,7 @@ def together(comm, patience=None):
         error = caught
     lowest = np.empty(1, dtype=np.int64)
     request = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), lowest, MPI.MIN)
-    end = np.inf if error is None or patience is None else time.monotonic() + patience
+    end = np.inf if error is None or timeout is None else time.monotonic() + timeout
     while end < np.inf and not request.Test():
         if time.monotonic() > end:
             traceback.print_exception(error)

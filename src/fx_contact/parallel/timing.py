@@ -3,6 +3,7 @@
 import resource
 import time
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,6 @@ STAGES = (
     "output",
     "other",
 )
-#: All of them from the beginning, so that every rank has the same in PETSc's log.
-_LOGGED = {name: PETSc.Log.Stage(f"fx {name}") for name in STAGES if name != "other"}
 _STATM = Path("/proc/self/statm")
 
 
@@ -44,20 +43,20 @@ class Stages:
         self._watch, self._open = watch, []
         self._spent = dict.fromkeys(STAGES, np.zeros(2))
         self._memory = dict.fromkeys(STAGES, 0)
-        self._inner = []
+        self._inner, self._logged = [], _log_stages()
         self._start = _clocks()
 
     @contextmanager
     def __call__(self, name):
         start = _clocks()
         self._inner.append(np.zeros(2))
-        _LOGGED[name].push()
+        self._logged[name].push()
         self._open.append(name)
         self._tell()
         try:
             yield
         finally:
-            _LOGGED[name].pop()
+            self._logged[name].pop()
             elapsed = _clocks() - start
             self._spent[name] = self._spent[name] + elapsed - self._inner.pop()
             if self._inner:
@@ -99,6 +98,12 @@ class Stages:
             "memory_bytes": dict(zip(STAGES, memory.tolist())),
             "peak_memory_bytes": int(memory[-1]),
         }
+
+
+@cache
+def _log_stages():
+    """The stages in PETSc's log, all of them made at once, so that they are the same on every rank."""
+    return {name: PETSc.Log.Stage(f"fx {name}") for name in STAGES if name != "other"}
 
 
 def _clocks():
