@@ -1045,7 +1045,7 @@ def test_what_contact_holds(direction):
 @pytest.mark.parametrize("ratio", [1.0, 1e-4, 1e-5])
 def test_what_vertices_hold(ratio):
     """Three vertices hold a body, however small it is beside the others, and far from them."""
-    assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0), (2, None, None, 0.0)).free_motions)
+    assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0), (2, None, None, 0.0)).rigid_motions.free)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, Fraction])
