@@ -207,9 +207,12 @@ def loose_bodies(scene, rows, active):
     Returns:
         list of str, names of the bodies; the same on all ranks.
     """
-    if not len(scene.free_motions):
+    if not len(scene.rigid_motions.free):
         return []
-    first, second = (scene.motion(rows.position[active], rows.bodies[active, i], rows.normal[active]) for i in (0, 1))
+    first, second = (
+        scene.rigid_motions.free_along(rows.position[active], rows.bodies[active, i], rows.normal[active])
+        for i in (0, 1)
+    )
     resistance = (first - second).T @ (first - second)
     rows.prolongation.comm.Allreduce(MPI.IN_PLACE, resistance)
-    return scene.unresisted(resistance)
+    return scene.rigid_motions.unresisted(resistance)

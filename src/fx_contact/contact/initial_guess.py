@@ -34,7 +34,7 @@ class RigidMotions:
         space = prolongation.space
         self._body = prolongation.injected(scene.mesh.body[forest.cell[space.example[:, 0]]].astype(np.int64))
         positions = prolongation.injected(space.positions())
-        self._modes = np.ascontiguousarray(scene.rigid_modes(positions, self._body).swapaxes(0, 1))
+        self._modes = np.ascontiguousarray(scene.rigid_motions.modes(positions, self._body).swapaxes(0, 1))
 
     def move(self, matrix, base, jump, stiffness, u, free):
         """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
@@ -75,7 +75,7 @@ class RigidMotions:
         gram[np.arange(bodies), :, np.arange(bodies)] = stiff
         row, body = jump.blocks.row, rows.bodies[jump.blocks.row, jump.blocks.side]
         across = np.zeros((len(rows), 6 * bodies))
-        np.add.at(across, row, self._scene.rigid_motions(rows.position[row], body, jump.blocks.values))
+        np.add.at(across, row, self._scene.rigid_motions.along(rows.position[row], body, jump.blocks.values))
         gram = gram.reshape(6 * bodies, -1) + (across.T * stiffness) @ across
         diagonal = diagonal.ravel() + stiffness @ across**2
         sums = np.concatenate([gram, force.reshape(1, -1), diagonal[None]])

@@ -97,10 +97,10 @@ def moved_by_strains(state):
     scene, pairs, solution = state.scene, state.pairs, state.solution
     moved, sides = solution.penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
     for sign, side in sides:
-        modes = np.einsum("nmi,ni->nm", scene.rigid_modes(pairs.position, side), pairs.normal)
-        moved -= sign * (modes * scene.prescribed_motion[side]).sum(axis=1)
-    if len(scene.free_motions):
-        free = sum(sign * scene.motion(pairs.position, side, pairs.normal) for sign, side in sides)
+        modes = np.einsum("nmi,ni->nm", scene.rigid_motions.modes(pairs.position, side), pairs.normal)
+        moved -= sign * (modes * scene.rigid_motions.prescribed[side]).sum(axis=1)
+    if len(scene.rigid_motions.free):
+        free = sum(sign * scene.rigid_motions.free_along(pairs.position, side, pairs.normal) for sign, side in sides)
         weighted = solution.active * pairs.area * free.T
         sums = np.column_stack([weighted @ free, weighted @ moved])
         pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)

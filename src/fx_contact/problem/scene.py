@@ -9,19 +9,12 @@ import numpy as np
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import (
-    PLANE,
-    BodyForce,
-    Dirichlet,
-    Prescribed,
-    Pressure,
-    SymmetryPlane,
-    Traction,
-)
+from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Prescribed, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
+from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene_validation import check_forces, check_units
+from fx_contact.problem.scene_validation import check_forces, check_held, check_units
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ class Scene:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
         check_forces(self)
-        _check_held(self)
+        check_held(self)
 
     @cached_property
     def conditions(self):
@@ -131,109 +124,10 @@ class Scene:
         """Which root facets face each other (`Pairing`)."""
         return Pairing(self.mesh, self.contact)
 
-    @property
-    def free_motions(self):
-        """Basis of the rigid motions that fit homogeneous displacement conditions: (k, nbodies, 6) float64.
-
-        Coefficients of the `rigid_modes` of each body.
-        """
-        return self._motions[0]
-
-    @property
-    def prescribed_motion(self):
-        """Rigid motions closest to the prescribed displacements (least squares): (nbodies, 6) float64 [m]."""
-        return self._motions[1]
-
     @cached_property
-    def _motions(self):
-        """`free_motions` and `prescribed_motion`."""
-        mesh = self.mesh
-        body = np.zeros(len(mesh.points), dtype=np.int64)
-        body[mesh.corners] = mesh.body[:, None]
-        prescribed = self.prescribed(mesh.points)
-        rows, values = [np.zeros((1, 6 * len(mesh.bodies)))], [np.zeros(1)]
-        for component, direction in enumerate(np.eye(3)):
-            nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
-            rows.append(self.rigid_motions(mesh.points[nodes], body[nodes], direction))
-            values.append(prescribed[nodes, component])
-        held = np.concatenate(rows)
-        _, strength, motions = np.linalg.svd(held.T @ held)
-        free = strength <= 1e-10 * max(strength[0], 1e-300)
-        stopped = motions[~free]
-        motion = ((stopped @ (held.T @ np.concatenate(values))) / strength[~free]) @ stopped
-        return motions[free].reshape(-1, len(mesh.bodies), 6), motion.reshape(-1, 6)
-
-    @cached_property
-    def _extents(self):
-        """Middle and size of each body: (nbodies, 3) and (nbodies, 1) float64 [m]."""
-        mesh = self.mesh
-        corners = [mesh.points[mesh.corners[mesh.body == body]].reshape(-1, 3) for body in range(len(mesh.bodies))]
-        low, high = (np.array([end(points, axis=0) for points in corners]) for end in (np.min, np.max))
-        return (low + high) / 2, (high - low).max(axis=1, keepdims=True)
-
-    def rigid_modes(self, points, bodies):
-        """Three translations, and three rotations about the middle of each body in units of its size.
-
-        Local.
-
-        Args:
-            points: (n, 3) float64 [m].
-            bodies: (n,) int, the body of each.
-
-        Returns:
-            (n, 6, 3) float64.
-        """
-        middle, size = self._extents
-        rotations = np.cross(np.eye(3), ((points - middle[bodies]) / size[bodies])[:, None])
-        return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
-
-    def rigid_motions(self, points, bodies, direction):
-        """Displacements along a direction at points, for each rigid mode of each body.
-
-        Local.
-
-        Args:
-            points, bodies: as in `rigid_modes`.
-            direction: (3,) or (n, 3) float64.
-
-        Returns:
-            (n, 6 nbodies) float64.
-        """
-        result = np.zeros((len(points), len(self.mesh.bodies), 6))
-        direction = np.broadcast_to(direction, points.shape)
-        result[np.arange(len(points)), bodies] = np.einsum("nmi,ni->nm", self.rigid_modes(points, bodies), direction)
-        return result.reshape(len(points), 6 * len(self.mesh.bodies))
-
-    def motion(self, points, bodies, direction):
-        """Displacements along a direction at points, for each of the free motions.
-
-        Args:
-            points: (n, 3) float64 [m].
-            bodies: (n,) int, the body of each.
-            direction: (3,) or (n, 3) float64 unit vectors.
-
-        Returns:
-            (n, k) float64, a column for each of `free_motions`.
-        """
-        rigid = self.rigid_motions(points, bodies, direction)
-        return rigid @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies)).T
-
-    def unresisted(self, resistance):
-        """Bodies that move in some free motion of which contact resists no part.
-
-        Args:
-            resistance: (k, k) float64, R^T R, rows of R the relative `motion` at pairs in contact.
-
-        Returns:
-            list of str.
-        """
-        if not len(self.free_motions):
-            return []
-        strength, vectors = np.linalg.eigh(resistance)
-        loose = vectors.T[strength <= 1e-10 * max(strength[-1], 1e-12)]
-        moves = np.abs(loose @ self.free_motions.reshape(-1, 6 * len(self.mesh.bodies))) > 1e-6
-        bodies = moves.reshape(-1, len(self.mesh.bodies), 6).any(axis=(0, 2))
-        return [name for name, free in zip(self.mesh.bodies, bodies) if free]
+    def rigid_motions(self):
+        """Rigid motions of the bodies, and which of them conditions stop (`RigidMotions`)."""
+        return RigidMotions(self.mesh, self.prescribed(self.mesh.points))
 
     def place(self, name):
         """Corner nodes of a named surface, curve or vertex of the root mesh.
@@ -336,38 +230,3 @@ def check_scene(scene):
     """Raises SceneError unless a value is a Scene.  Local."""
     if not isinstance(scene, Scene):
         raise SceneError(f"the scene must be a Scene, got {shown(scene)}")
-
-
-def _check_held(scene):
-    """Raises SceneError for a rigid motion that neither a condition nor contact resists.  Local."""
-    mesh, motions = scene.mesh, scene.free_motions
-    cell, face = np.nonzero(scene.pairing.first)
-    first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
-    direction = scene.contact_directions(first)
-    points = _resisting(scene, first, direction).reshape(-1, 3)
-    here, there = (
-        scene.motion(points, np.repeat(mesh.body[facets[:, 0]], 4), np.repeat(direction, 4, axis=0))
-        for facets in (first, second)
-    )
-    resisted = here - there
-    loose = scene.unresisted(resisted.T @ resisted)
-    if loose:
-        raise SceneError(
-            f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions)} rigid motions that no displacement "
-            "condition stops, some meet no contact surface either; prescribe displacements that stop them (a vertex is "
-            "enough where no force acts)"
-        )
-
-
-def _resisting(scene, facets, direction):
-    """Points at which contact facets resist motions along a direction: (n, 4, 3) float64 [m].
-
-    The corners; for a curved facet that faces others along its normals the mean of the corners, four times, since only
-    there the direction is the normal.
-    """
-    corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
-    middle = corners.mean(axis=1, keepdims=True)
-    height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
-    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
-    along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
-    return np.where((curved & along_normals)[:, None, None], middle, corners)

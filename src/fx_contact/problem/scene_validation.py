@@ -3,7 +3,7 @@
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import Traction
+from fx_contact.problem.boundary_conditions import PLANE, Traction
 
 #: Largest ratios of two bodies' moduli and sizes that double precision holds in one system [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
@@ -91,3 +91,38 @@ def check_forces(scene):
                 f"{traction.what} pulls along {component}, where a condition prescribes the displacement everywhere on "
                 "it: one of the two must go"
             )
+
+
+def check_held(scene):
+    """Raises SceneError for a rigid motion that neither a condition nor contact resists.  Local."""
+    mesh, motions = scene.mesh, scene.rigid_motions
+    cell, face = np.nonzero(scene.pairing.first)
+    first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
+    direction = scene.contact_directions(first)
+    points = _resisting(scene, first, direction).reshape(-1, 3)
+    here, there = (
+        motions.free_along(points, np.repeat(mesh.body[facets[:, 0]], 4), np.repeat(direction, 4, axis=0))
+        for facets in (first, second)
+    )
+    resisted = here - there
+    loose = motions.unresisted(resisted.T @ resisted)
+    if loose:
+        raise SceneError(
+            f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions.free)} rigid motions that no "
+            "displacement condition stops, some meet no contact surface either; prescribe displacements that stop them "
+            "(a vertex is enough where no force acts)"
+        )
+
+
+def _resisting(scene, facets, direction):
+    """Points at which contact facets resist motions along a direction: (n, 4, 3) float64 [m].
+
+    The corners; for a curved facet that faces others along its normals the mean of the corners, four times, since only
+    there the direction is the normal.
+    """
+    corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
+    middle = corners.mean(axis=1, keepdims=True)
+    height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
+    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
+    along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
+    return np.where((curved & along_normals)[:, None, None], middle, corners)

@@ -26,8 +26,8 @@ def write_contact(step, folder):
 
     Collective on the step's communicator.  Facets have the geometry order of the leaves.  Point fields: displacement
     [m]; pressure, the force of a node pair over its area [Pa]; closed, 1 for a closed pair and 0 for an open one; open
-    gap [m].  Cell fields: body, as numbered in the root
-    mesh, and level, rank, indicator [J^(1/2)] of the leaf behind the facet.
+    gap [m].  Cell fields: body, as numbered in the root mesh, and level, rank, indicator [J^(1/2)] of the leaf behind
+    the facet.
 
     Args:
         step: Step with contact.
@@ -97,10 +97,10 @@ def _nodal_values(step):
     pairs, contact, prolongation = step.pairs, step.solution, step.elasticity.prolongation
     area = pairs.area
     rows = np.stack([contact.force, contact.active * area, -contact.penetration * area, area], axis=1)
-    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))
+    sums = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))
     for side in (pairs.first, pairs.second):
-        np.add.at(said, side, rows)  # a vertex where contact pairs of the scene meet is in several node pairs
-    sums = prolongation.summed(said)
+        np.add.at(sums, side, rows)  # a node where contact pairs of the scene meet is in several node pairs
+    sums = prolongation.summed(sums)
     means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
     return prolongation.prolong(np.concatenate([contact.displacement, means], axis=1))
 
