@@ -8,6 +8,7 @@ from model_problems import EXACT
 
 from fx_contact import Material, adapt
 from fx_contact.estimate.equilibrium import check_balance, unbalanced
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.parallel.errors import SolveError
 from fx_contact.scenes import stack
@@ -15,16 +16,16 @@ from fx_contact.scenes import stack
 
 @pytest.fixture(scope="module")
 def solution():
-    """Two cubes pressed together, of nu = 0, as `unbalanced` takes a solution but for the contact forces' factor."""
+    """Two cubes pressed together, of nu = 0, as `unbalanced` takes them, but for the contact forces' factor."""
     scene = stack((Material(1.0, 0.0),) * 2)
     step = next(adapt(scene, 0.1, solver=EXACT))
     prolongation = step.elasticity.prolongation
     prescribed = prescribed_displacements(scene, step.forest, prolongation)
 
     def with_factor(factor):
-        contact = replace(step.solution, force=factor * step.solution.force)
-        load = np.zeros((prolongation.owned, 3))
-        return scene, step.forest, step.elasticity, step.pairs, contact, load, prescribed
+        solution = replace(step.solution, force=factor * step.solution.force)
+        state = SolvedState(scene, step.forest, step.elasticity, step.pairs, solution, step.estimate)
+        return state, np.zeros((prolongation.owned, 3)), prescribed
 
     return with_factor
 
