@@ -37,7 +37,7 @@ if _missing := COMM.bcast([path for path in _files if not Path(path).is_file()])
 petsc4py.init([sys.argv[0], *PETSC])  # before anything else imports PETSc
 
 from fx_contact import Enforcement, ErrorControl, Material, Solver, adapt  # noqa: E402
-from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.estimate.error_control import MODES  # noqa: E402

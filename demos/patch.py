@@ -11,7 +11,7 @@ from common import main, parser
 from mpi4py import MPI
 
 from fx_contact import Material
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import patch
 

@@ -1,24 +1,61 @@
 """Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
 
-from fx_contact.adaptive.adaptive_loop import adapt
+from fx_contact.adaptive.adaptive_loop import Run, adapt, solve
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.adaptive.step import ContactState, Step
+from fx_contact.adaptive.step_record import StepRecord, TrueError
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.errors import (
+    CheckpointError,
+    CompilationError,
+    FxContactError,
+    GeometryError,
+    OutputError,
+    PairingError,
+    PartitionError,
+    SceneError,
+    SolveError,
+)
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import ContactPair, Scene
 
 __all__ = [
+    "Beginning",
     "BodyForce",
+    "Checkpoint",
+    "CheckpointError",
+    "CompilationError",
     "ContactPair",
+    "ContactState",
     "Dirichlet",
     "Enforcement",
     "ErrorControl",
+    "FxContactError",
+    "GeometryError",
     "Material",
+    "OutputError",
+    "PairingError",
+    "PartitionError",
     "Pressure",
+    "RootMesh",
+    "Run",
     "Scene",
+    "SceneError",
+    "SolveError",
     "Solver",
+    "Step",
+    "StepRecord",
     "SymmetryPlane",
     "Traction",
+    "TrueError",
     "adapt",
+    "root_mesh_from_file",
+    "root_mesh_from_gmsh",
+    "solve",
 ]

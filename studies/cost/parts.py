@@ -20,7 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import CheckpointWriter
 from fx_contact.plot import draw_stress
 from fx_contact.problem.fingerprint import scene_parts

@@ -20,7 +20,7 @@ from model_problems import leaves, step_record, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, Traction, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.row_file import RowFile, write_rows
 from fx_contact.adaptive.step_record import StepRecord

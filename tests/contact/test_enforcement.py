@@ -40,7 +40,7 @@ from fx_contact import (  # noqa: E402
     Traction,
     adapt,
 )
-from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.contact.active_set import ActiveSet  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.contact.jump import Jump  # noqa: E402

@@ -3,7 +3,7 @@
 import pytest
 
 from fx_contact import Enforcement, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.scenes import punch
 from studies.stability.shapes import oblique
 

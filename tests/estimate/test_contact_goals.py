@@ -9,7 +9,7 @@ from model_problems import leaves, plates
 from mpi4py import MPI
 
 from fx_contact import Enforcement, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.dual_weighted import Goals

@@ -9,7 +9,7 @@ from model_problems import corner_scene, leaves, of_patches
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
-from fx_contact.adaptive.adaptive_loop import Beginning  # noqa: E402
+from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.estimate.inter_node_gap import _Facets, _simpson, inter_node_penetration  # noqa: E402

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Pressure, Scene, Solver, Traction, adapt, scenes
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition

@@ -8,7 +8,7 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, STEEL, grown, roots, two_boxes, vertex_positions
 
 from fx_contact import BodyForce, Dirichlet, Pressure, Scene, SymmetryPlane, Traction, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.leaf_mesh import create_leaf_mesh

@@ -7,7 +7,7 @@ import pytest
 from conftest import everywhere
 
 from fx_contact import Dirichlet, Enforcement, Material, adapt
-from fx_contact.adaptive.adaptive_loop import Beginning
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.lattice import SIDE
 from fx_contact.results.accuracy import contact_errors, energy_distance

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.row_file import RowFile, write_rows
-from fx_contact.adaptive.step import DEGREE
+from fx_contact.adaptive.settings import DEGREE
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate

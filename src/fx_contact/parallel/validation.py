@@ -105,7 +105,7 @@ def as_path(what, value, error=SceneError):
 def shown(value):
     """A value as it stands in an error: not longer than a line."""
     try:
-        text = repr(value)
+        text = " ".join(repr(value).split())
     except Exception:  # Python writes no whole numbers of thousands of digits; objects of users may fail in any way
         text = object.__repr__(value)
     return text if len(text) <= 200 else f"{text[:190]}... ({type(value).__name__})"

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_label, shown, unknown
 from fx_contact.problem import hexahedron
+from fx_contact.problem.summary import mesh_summary
 
 MAX_ORDER = 6
 #: Lattices evaluated at once: few enough for the processor's cache.
@@ -24,7 +25,7 @@ _CHUNK = 1 << 12
 SMALLEST = 1e-60
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RootMesh:
     """A conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks; checked when made.
 
@@ -59,6 +60,9 @@ class RootMesh:
         _check_jacobian(self)
         _check_conforming(self)
         _check_tags(self)
+
+    def __repr__(self):
+        return mesh_summary(self)
 
     @cached_property
     def order(self):

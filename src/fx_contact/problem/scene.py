@@ -15,6 +15,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene_validation import check_forces, check_held, check_units
+from fx_contact.problem.summary import scene_summary
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class ContactPair:
         return None if given is None else (scaled := given / np.abs(given).max()) / np.linalg.norm(scaled)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """A contact problem.
 
@@ -113,6 +114,9 @@ class Scene:
         check_units(self)
         check_forces(self)
         check_held(self)
+
+    def __repr__(self):
+        return scene_summary(self)
 
     @cached_property
     def conditions(self):

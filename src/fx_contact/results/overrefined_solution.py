@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact.adaptive.adaptive_loop import Beginning, adapt
-from fx_contact.adaptive.step import check_step, check_tolerance
+from fx_contact.adaptive.adaptive_loop import adapt
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.settings import check_tolerance
+from fx_contact.adaptive.step import check_step
 from fx_contact.adaptive.step_record import TrueError
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance

@@ -1,0 +1,129 @@
+"""Where a run begins if not at the root cells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.adaptive.settings import DEGREE
+from fx_contact.adaptive.step import check_step
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.memory import check_leaves
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import check_comm, check_count, check_same_comm, shown
+from fx_contact.problem.fingerprint import mesh_digest, scene_parts
+from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.problem.scene import check_scene
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Where a run begins if not at the root cells; checked when it does.
+
+    Attributes:
+        forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
+        values: (n, (p+1)^3, 3 + k) float64 at the nodes of its leaves, p the degree of displacements (`DEGREE`): a
+            first guess of the displacement [m], then any continuous fields of degree p, which go along through
+            refinement and partition.
+        history: RefinementHistory; None: nothing is known of the estimate, as on root cells.
+    """
+
+    forest: Forest
+    values: np.ndarray
+    history: RefinementHistory | None = None
+
+    def check(self, scene, comm):
+        """See that a run of a scene can begin here.
+
+        Local.
+
+        Args:
+            scene: Scene.
+            comm: MPI communicator of the run.
+
+        Raises:
+            SceneError: the forest is of another root mesh, has other contact pairs or another communicator, or the
+                values are not finite numbers at the nodes of its leaves.
+        """
+        forest, values = self.forest, self.values
+        for name, value, kind in (("forest", forest, Forest), ("history", self.history, RefinementHistory)):
+            if not isinstance(value, kind) and not (name == "history" and value is None):
+                raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
+        check_same_comm("the forest of the Beginning", forest.comm, comm)
+        if forest.mesh is not scene.mesh and mesh_digest(forest.mesh) != mesh_digest(scene.mesh):
+            raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")
+        if not np.array_equal(forest.pairing.partner, scene.pairing.partner):
+            raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
+        if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+            raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
+        shape = len(forest), (DEGREE + 1) ** 3
+        if values.ndim != 3 or values.shape[:2] != shape or values.shape[2] < 3:
+            raise SceneError(
+                f"the values of a Beginning must be an array of shape ({shape[0]}, {shape[1]}, 3 or more), three "
+                f"components of the displacement and other fields at the nodes of each leaf, got one of {values.shape}"
+            )
+        if not np.isfinite(values).all():
+            raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
+
+    @classmethod
+    def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
+        """The root cells, all of them refined alike, at rest.
+
+        Collective on comm.
+
+        Args:
+            scene: Scene.
+            levels: times to refine, up to `lattice.MAX_LEVEL`.
+            comm: MPI communicator.
+
+        Raises:
+            SceneError: scene or levels are none, or differ between ranks.
+            SolveError: so many leaves would not fit into the memory.
+        """
+        check_comm(comm)
+        with together(comm):
+            check_scene(scene)
+            check_count("the number of refinements", levels, least=0)
+            if levels > MAX_LEVEL:
+                raise SceneError(f"root cells can be refined {MAX_LEVEL} times, got {levels}: take a finer root mesh")
+            asked = scene_parts(scene) | {"number of refinements": int(levels)}
+        check_alike(comm, asked)
+        forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        check_leaves(comm, len(forest) * 8 ** int(levels))
+        for _ in range(levels):
+            forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+        return cls(forest, np.zeros((len(forest), (DEGREE + 1) ** 3, 3)))
+
+    @classmethod
+    def after(cls, step, marked):
+        """The forest of a step refined; its displacement is the first guess, and goes along, its estimate is trusted.
+
+        Collective on the step's communicator.
+
+        Args:
+            step: Step.
+            marked: (n,) bool, leaves to refine, or (n,) int, how often to refine each.
+
+        Raises:
+            SceneError: no step, or marked is no such array.
+            GeometryError: leaves of the finest level are marked.
+            SolveError: the new forest would not fit into the memory.
+        """
+        check_step(step)
+        forest = step.forest
+        with together(forest.comm):
+            if not isinstance(marked, np.ndarray) or marked.dtype.kind not in "bui" or marked.shape != (len(forest),):
+                raise SceneError(
+                    f"marked must be an array of bool or whole numbers, one for each of the {len(forest)} leaves of "
+                    f"this rank, got {shown(marked)}"
+                )
+            if not ((marked >= 0) & (marked <= MAX_LEVEL)).all():
+                raise SceneError(
+                    f"marked must say how often to refine each leaf, 0 to {MAX_LEVEL} times, got "
+                    f"{marked.min()} to {marked.max()}"
+                )
+        history = RefinementHistory(step.history.effectivity, compared=True)
+        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2)), history)

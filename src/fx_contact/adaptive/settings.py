@@ -1,0 +1,97 @@
+"""What is asked of every step of a run."""
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from numbers import Integral
+
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_number, shown
+from fx_contact.problem.fingerprint import scene_parts
+from fx_contact.problem.scene import Scene, check_scene
+
+#: Degree of the displacements.
+DEGREE = 1
+#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
+#: where the program chooses the geometry order.
+GEOMETRY_SHARE = 0.1
+#: Smallest tolerance: below it rounding is most of the error, on any mesh that fits into a memory.
+LEAST_TOLERANCE = 1e-9
+
+
+def check_tolerance(what, value):
+    """A prescribed error as a float.  Raises SceneError unless it is a positive number, and rounding lets it be met."""
+    tolerance = check_number(what, value, positive=True)
+    if tolerance < LEAST_TOLERANCE:
+        raise SceneError(
+            f"{what} must be at least {LEAST_TOLERANCE:g}, got {tolerance:g}: below that rounding is most of the "
+            "error, so that no mesh reaches it"
+        )
+    return tolerance
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What is asked of every step of a run.
+
+    Attributes:
+        scene: Scene.
+        tolerance: prescribed relative error e in the energy norm, (6) [-].
+        geometry_order: order of the leaf maps; None: the lowest that holds the root map to `GEOMETRY_SHARE` times the
+            tolerance.
+        enforcement: Enforcement of the contact conditions.
+        solver: Solver.
+        control: ErrorControl.
+
+    Raises:
+        SceneError: a value of another type, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
+            that of the root mesh.
+    """
+
+    scene: Scene
+    tolerance: float
+    geometry_order: int | None
+    enforcement: Enforcement
+    solver: Solver
+    control: ErrorControl
+
+    def __post_init__(self):
+        check_scene(self.scene)
+        tolerance = check_tolerance("the tolerance", self.tolerance)
+        object.__setattr__(self, "tolerance", tolerance)
+        order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
+        if tolerance >= 1:
+            raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
+        for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
+            if not isinstance(getattr(self, name), kind):
+                raise SceneError(f"{name} must be a {kind.__name__}, got {shown(getattr(self, name))}")
+        if order is None:
+            return
+        if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
+            raise SceneError(
+                f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
+            )
+        object.__setattr__(self, "geometry_order", int(order))
+
+    @cached_property
+    def problem(self):
+        """`fingerprint.scene_parts` of the scene; only the first time, functions of the user are called.
+
+        Local.
+        """
+        return scene_parts(self.scene)
+
+    def asked(self):
+        """All of it as JSON can hold it, by name: dict.  Local."""
+        return {
+            "scene": self.scene.name,
+            **self.problem,
+            "tolerance": self.tolerance,
+            "geometry order": self.geometry_order,
+            "enforcement": asdict(self.enforcement),
+            "error control": asdict(self.control),
+            **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
+            **{f"solver's option {name}": value for name, value in self.solver.options.items()},
+        }

@@ -1,0 +1,237 @@
+"""One adaptive step: discretise on a given forest, solve, judge, and write down what came out."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.adaptive.settings import GEOMETRY_SHARE
+from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.contact.constraint_rows import resultants
+from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
+from fx_contact.contact.contact_solver import solve_system
+from fx_contact.contact.initial_guess import RigidMotions
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.estimate.contact_goals import ContactError, contact_error
+from fx_contact.estimate.dual_weighted import Goals
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.equilibrium import check_balance
+from fx_contact.estimate.recovery import Estimate, Recovery
+from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.external_forces import load
+from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.versions import library_versions
+
+#: Energy norms of bodies without contact that are so many times what rounding leaves are those of rigid motions.
+RIGID = 1e3
+#: The most of the prescribed error that linear solver and rounding may use up.
+SOLVER_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class StepStart:
+    """Where the solve of a step starts.
+
+    Attributes:
+        prolongation: Prolongation of the space.
+        displacement: (owned, 3) float64, first guess [m].
+        along: (n, (p+1)^3, k) float64, fields that go along.
+        history: RefinementHistory of the run so far.
+    """
+
+    prolongation: Prolongation
+    displacement: np.ndarray
+    along: np.ndarray
+    history: RefinementHistory
+
+    @property
+    def forest(self):
+        """Forest of the space."""
+        return self.prolongation.space.forest
+
+
+class _Discrete(NamedTuple):
+    """The discrete problem."""
+
+    leaf_mesh: LeafMesh
+    elasticity: Elasticity
+    problem: ContactProblem
+
+
+class _Verdict(NamedTuple):
+    """What is known of a solution: its error, and its contact as a whole."""
+
+    estimate: Estimate
+    history: RefinementHistory
+    contact_error: ContactError
+    contact: dict
+    reached: bool
+
+
+def solve_step(settings, number, start, partition, stages):
+    """Solve on a forest and estimate the error.
+
+    Collective on the forest's communicator.
+
+    Args:
+        settings: Settings.
+        number: of the step.
+        start: StepStart.
+        partition: PartitionSummary.
+        stages: Stages, with the times so far.
+
+    Returns:
+        Step.
+
+    Raises:
+        SolveError: the solve fails, or is not as accurate as the tolerance needs.
+    """
+    discrete = _discretise(settings, start, stages)
+    with PetscObjects(discrete.problem.matrix.mat) as objects:
+        options = SolveOptions(settings.solver, settings.enforcement)
+        solution, system = solve_system(discrete.problem, start.displacement, options, Environment(stages, objects))
+        with stages("estimate"):
+            verdict = _judge(settings, start, discrete, solution, system, stages)
+            max_level = start.forest.comm.allreduce(int(start.forest.level.max(initial=0)), op=MPI.MAX)
+    sizes = {"step": number, "max_level": max_level, "geometry_order": discrete.leaf_mesh.order}
+    return Step(
+        record=_record(settings, start, solution, verdict, stages, partition=partition, **sizes),
+        scene=settings.scene,
+        forest=start.forest,
+        leaf_mesh=discrete.leaf_mesh,
+        elasticity=discrete.elasticity,
+        pairs=discrete.problem.rows,
+        start=start.displacement,
+        solution=solution,
+        estimate=verdict.estimate,
+        history=verdict.history,
+        contact_error=verdict.contact_error,
+        stages=stages,
+        along=start.along,
+    )
+
+
+def _discretise(settings, start, stages):
+    """Mesh, stiffness, conditions, forces and node pairs of a step: _Discrete.  Collective."""
+    scene, forest, prolongation = settings.scene, start.forest, start.prolongation
+    with stages("mesh"):
+        order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
+        mesh = create_leaf_mesh(forest, order)
+    with stages("assemble"):
+        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
+        elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
+        pairs = create_node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
+    with stages("system"):
+        prescribed = prescribed_displacements(scene, forest, prolongation)
+        forces = load(scene, forest, elasticity)
+        rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
+        motions = RigidMotions(scene, forest, prolongation) if rest and scene.contact else None
+    with stages("assemble"):
+        matrix = elasticity.stiffness(pairs)
+    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions)
+    return _Discrete(mesh, elasticity, problem)
+
+
+def _judge(settings, start, discrete, solution, system, stages):
+    """Estimate the error of a solution, of contact too where it is asked for: _Verdict.  Collective.
+
+    Raises:
+        SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
+    """
+    scene, tolerance, control = settings.scene, settings.tolerance, settings.control
+    forest, elasticity, problem = start.forest, discrete.elasticity, discrete.problem
+    pairs, history, comm = problem.rows, start.history, forest.comm
+    change = elasticity.change_norm(solution.displacement - start.displacement) if control.of_contact else None
+    elasticity.set_displacement(solution.displacement)
+    recovery = Recovery(elasticity, shear_free_components(scene, forest, start.prolongation), stages)
+    touches = comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
+    estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)
+    _check_solver(solution, estimate, tolerance)
+    state = SolvedState(scene, forest, elasticity, pairs, solution, estimate)
+    if estimate.energy_norm:
+        check_balance(state, problem.load, problem.prescribed)
+    if control.of_contact:
+        history = history.observed(estimate, change, control.least_effectivity)
+    contact = _contact_results(scene, pairs, solution, comm)
+    of_contact = ContactError.unknown(len(forest), len(scene.contact))
+    if pairs is not None and control.of_contact:
+        goals = Goals(state, system, recovery, stages)
+        of_contact = contact_error(state, goals, contact["pair_forces"], tolerance, control, history)
+    fine = control.sought(estimate, tolerance, history) is None and not of_contact.leaves
+    reached = bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2)
+    return _Verdict(estimate, history, of_contact, contact, reached)
+
+
+def _record(settings, start, solution, verdict, stages, **known):
+    """The StepRecord of a step, of which some entries are known.  Collective."""
+    prolongation, tolerance, of_contact = start.prolongation, settings.tolerance, verdict.contact_error
+    return StepRecord(
+        scene=settings.scene.name,
+        ranks=start.forest.comm.size,
+        cells=start.forest.size_global,
+        dofs=3 * prolongation.index_map.size_global,
+        degree=prolongation.space.degree,
+        hanging_nodes=prolongation.hanging_global,
+        enforcement=settings.enforcement.method,
+        control=settings.control.mode,
+        contact_iterations=solution.contact_iterations,
+        krylov_iterations=solution.krylov_iterations,
+        preconditioner=solution.preconditioner,
+        estimate=verdict.estimate.relative,
+        assumed_effectivity=settings.control.effectivity(verdict.history),
+        tolerance=tolerance,
+        ratio=verdict.estimate.relative / tolerance,
+        pair_errors=of_contact.of_pairs,
+        pair_leaves=of_contact.leaves_of_pairs,
+        unseen_contact=of_contact.unseen,
+        penalty_share=of_contact.penalty_share,
+        reached=verdict.reached,
+        versions=library_versions(),
+        **verdict.contact,
+        **stages.costs(start.forest.comm),
+        **known,
+    )
+
+
+def _check_solver(contact, error, tolerance):
+    """See that the linear solver's error is small against that prescribed.  Local.
+
+    Raises:
+        SolveError: it is not.
+    """
+    if contact.energy_error > SOLVER_SHARE * tolerance * error.energy_norm > 0:
+        raise SolveError(
+            f"linear solver and rounding leave {contact.energy_error / error.energy_norm:.1%} of the energy norm open, "
+            f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
+            "let the bodies begin closer to each other, whose rigid motions are large against their strains"
+        )
+
+
+def _contact_results(scene, pairs, contact, comm):
+    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
+    if pairs is None:
+        return dict(
+            active_pairs=0, force=0.0, pair_forces=[], contact_radius=0.0, max_pressure=0.0, max_penetration=0.0
+        )
+    force = resultants(scene, pairs, contact.force)
+    arm = pairs.position - scene.contact_centre
+    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
+    total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
+    of_pair = np.bincount(pairs.contact, weights=force, minlength=len(scene.contact)).astype(float)
+    comm.Allreduce(MPI.IN_PLACE, of_pair)
+    pressure = comm.allreduce(float((contact.force / pairs.area).max(initial=0.0)), op=MPI.MAX)
+    return {
+        "active_pairs": int(active),
+        "force": float(total * scene.symmetry),
+        "pair_forces": (of_pair * scene.symmetry).tolist(),
+        "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
+        "max_pressure": pressure,
+        "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
+    }

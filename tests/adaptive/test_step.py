@@ -1,0 +1,138 @@
+"""What a user sees of a step: fields, tags and measures of dolfinx, contact, a report; and which steps a run keeps."""
+
+import weakref
+
+import numpy as np
+import pytest
+import ufl
+from conftest import WORLD, everywhere
+from dolfinx import fem
+from model_problems import pressed, two_boxes
+from mpi4py import MPI
+
+from fx_contact import adapt, solve
+from fx_contact.adaptive import adaptive_loop
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.parallel.errors import SceneError, SolveError
+from fx_contact.scenes import shrink_fit, stack
+
+#: Areas of surfaces of two boxes, 2 x 2 x 2 on 4 x 4 x 1; `lower contact` is a part of `lower z high`.
+AREAS = {"upper z high": 4, "lower z low": 16, "lower z high": 16, "upper x low": 4, "lower contact": 4}
+SURFACE = 6 * 4 + 2 * 16 + 4 * 4
+
+
+@pytest.fixture(scope="module")
+def step():
+    """Two boxes in contact, on a mesh in which a sixth of the root cells is refined."""
+    scene = pressed(two_boxes(margin=1))
+    marked = (forest := Beginning.uniform(scene, 0).forest).cell % 6 == 0
+    forest, values = forest.refined_with(marked.astype(np.int8), np.zeros((len(marked), 8, 3)))
+    result = solve(scene, 0.01, beginning=Beginning(forest, values), max_steps=1)
+    assert result.record.hanging_nodes > 20
+    return result
+
+
+def integral(form):
+    """An integral over the cells or facets of all ranks."""
+    return WORLD.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
+
+
+def test_measure_of_a_surface(step):
+    """ds(name) has the surface's area where facets hang; plain ds is over hanging facets too."""
+    one = fem.Constant(step.mesh, 1.0)
+    for name, area in AREAS.items():
+        assert abs(integral(one * step.ds(name)) / area - 1) < 1e-12, name
+    assert abs(integral(one * step.ds("upper z high") + 2 * one * step.ds("lower contact")) - 12) < 1e-12
+    assert integral(one * ufl.Measure("ds", step.mesh)) > 1.1 * SURFACE
+    with pytest.raises(SceneError, match="no surface"):
+        step.ds("no surface")
+
+
+def test_measure_of_a_curved_surface():
+    """The Gauss rule follows the order of the geometry: quarters of a cylinder."""
+    step = solve(
+        shrink_fit(radii=(0.5, 1.0, 1.5), height=0.25, interference=0.01), 0.9, max_steps=1, geometry_order=3
+    )
+    for name, radius in (("bore", 0.5), ("shaft", 1.005), ("hub", 0.995)):
+        area = integral(fem.Constant(step.mesh, 1.0) * step.ds(name))
+        assert abs(area / (np.pi / 2 * radius * 0.25) - 1) < 1e-5, name
+
+
+def test_tags(step):
+    """Facets have the tag of a surface that they are on, cells that of their body."""
+    dx, ds = (
+        ufl.Measure(kind, step.mesh, subdomain_data=tags)
+        for kind, tags in (("dx", step.cell_tags), ("ds", step.facet_tags))
+    )
+    one = fem.Constant(step.mesh, 1.0)
+    for name, volume in (("lower", 16), ("upper", 8)):
+        assert abs(integral(one * dx(step.body_tags[name])) / volume - 1) < 1e-12
+    for name, area in (AREAS | {"lower z high": 12}).items():
+        assert abs(integral(one * ds(step.surface_tags[name])) / area - 1) < 1e-12, name
+    assert step.facet_tags.name == "surfaces" and step.facet_tags is step.facet_tags
+
+
+def test_fields():
+    """Three blocks of 1 m under a uniform pressure: their stress, and how far the top sinks."""
+    step = solve(stack(pressure=0.01), 0.2)
+    axial = ufl.as_tensor([[0, 0, 0], [0, 0, 0], [0, 0, -0.01]])
+    off = step.stress - axial
+    assert integral(ufl.inner(off, off) * ufl.dx) < 1e-12 * 0.01**2
+    assert abs(integral(step.displacement[2] * step.ds("top")) / (-0.01 * 3 * 0.25) - 1) < 1e-6
+    assert step.stress.name == "stress" and step.mesh is step.displacement.function_space.mesh
+
+
+def test_contact(step):
+    """Forces at all pairs add up to the record's; pressure is force over area, closed gaps are closed."""
+    contact, record = step.contact, step.record
+    everywhere(all(len(part) == len(contact) for part in vars(contact).values()), "rows of other numbers")
+    assert abs(WORLD.allreduce(contact.force.sum()) / record.force - 1) < 1e-12
+    assert WORLD.allreduce(contact.pressure.max(initial=0.0), op=MPI.MAX) == record.max_pressure
+    assert WORLD.allreduce(int(contact.active.sum())) == record.active_pairs == WORLD.allreduce(len(contact))
+    everywhere(np.abs(contact.gap).max(initial=0.0) < 1e-12 and (contact.normal[:, 2] > 0.999).all(), "not closed")
+    everywhere(np.abs(contact.points[:, 2]).max(initial=0.0) < 1e-12 and not contact.pair.any(), "elsewhere")
+
+
+def test_no_contact(step):
+    """A scene without contact pairs has no rows."""
+    alone = solve(pressed(two_boxes(margin=1), contact=False), 0.9, max_steps=1)
+    assert len(alone.contact) == 0 and alone.contact.points.shape == (0, 3)
+
+
+def test_reports(step):
+    """Some lines that say what there is; no array is printed."""
+    for thing in (step, step.scene, step.scene.mesh):
+        lines = repr(thing).splitlines()
+        assert 3 <= len(lines) <= 30 and max(map(len, lines)) < 120 and "array" not in repr(thing)
+    assert "two boxes" in repr(step) and "15 node pairs closed" in repr(step)
+
+
+def test_solve_keeps_the_last_step_alone(monkeypatch):
+    """While a step is being solved no other is there; `adapt` leaves it to its user."""
+    there, most = weakref.WeakSet(), []
+    solved = adaptive_loop.solve_step
+
+    def watched(*arguments):
+        most.append(len(there))
+        step = solved(*arguments)
+        there.add(step)
+        return step
+
+    monkeypatch.setattr(adaptive_loop, "solve_step", watched)
+    step = solve(pressed(two_boxes(margin=1)), 0.12)
+    assert len(most) > 1 and not any(most) and list(there) == [step]
+    assert step.record.reached and step.record.step == len(most) - 1
+    most.clear()
+    steps = list(adapt(pressed(two_boxes(margin=1)), 0.12))
+    assert most == [*range(1, len(steps) + 1)] and abs(steps[-1].record.force / step.record.force - 1) < 1e-9
+
+
+def test_a_run_that_has_failed_is_over(monkeypatch):
+    """It yields nothing more."""
+    run = adapt(pressed(two_boxes(margin=1)), 0.08)
+    next(run)
+    with monkeypatch.context() as patch:
+        patch.setattr(adaptive_loop, "solve_step", lambda *_: (_ for _ in ()).throw(SolveError("no")))
+        with pytest.raises(SolveError) as caught:
+            next(run)
+    assert caught.value.record.step == 0 and list(run) == []
