@@ -31,10 +31,10 @@ _LEVEL_BITS = 4
 
 
 class CheckpointWriter:
-    """Keeps the last step of a run in a folder, and nobody else's.
+    """Keeps the last step of a run in a folder.
 
-    Every run has an id of its own, which its checkpoints hold: a run replaces its own checkpoint, or once that which
-    it goes on from, and no other, whoever has written it in the meantime.
+    Every run has an id, which its checkpoints hold.  A run replaces its own checkpoint, or that from which it goes on,
+    and no other.
 
     Collective on comm.
 

@@ -159,8 +159,8 @@ def write_fields(step, folder):
 
     Collective.  `fields.bp` (ADIOS2, VTX) has point fields, continuous of the mesh's order: displacement [m], stress
     [Pa]; `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank; `contact.pvtu` has what `write_contact`
-    says of the contact surfaces, if there are any.  ADIOS2 ends the program where the disk is full, so the free space
-    is looked at before a file is begun.
+    says of the contact surfaces, if there are any.  On a full disk ADIOS2 ends the program or hangs, so
+    the free space is checked first.
 
     Args:
         step: Step.
@@ -182,18 +182,19 @@ def write_fields(step, folder):
     _write(
         step,
         folder / "fields.bp",
-        lambda: [
+        [
             _nodal(step.leaf_mesh, "displacement", (3,), _values_of_cells(step.elasticity.u)),
             _nodal(step.leaf_mesh, "stress", (3, 3), _values_of_cells(step.estimate.stress)[:, :, tensor]),
         ],
     )
-    _write(step, folder / "cells.bp", lambda: [_cellwise(mesh, *field) for field in cells.items()])
+    _write(step, folder / "cells.bp", [_cellwise(mesh, *field) for field in cells.items()])
     if step.pairs is not None:
         write_contact(step, folder)
 
 
 def _write(step, path, fields):
-    comm, fields = step.forest.comm, fields()
+    """Write functions into a file of ADIOS2.  Collective."""
+    comm = step.forest.comm
     size = comm.allreduce(_bytes(step.leaf_mesh.mesh, fields))
     with together(comm):
         if comm.rank == 0:
@@ -211,7 +212,7 @@ def _write(step, path, fields):
 
 
 def _bytes(mesh, fields):
-    """What this rank's part of a file takes: places, numbers and marks of the nodes, cells, fields, and a head."""
+    """Bytes of this rank's part of a file: positions, numbers and ghost marks of nodes, cells, fields, a header."""
     nodes, (cells, corners) = len(mesh.geometry.x), mesh.geometry.dofmap.shape
     return (24 + 8 + 1) * nodes + 8 * (1 + corners) * cells + sum(f.x.array.nbytes for f in fields) + _HEAD_BYTES
 
@@ -233,7 +234,7 @@ def _values_of_cells(function):
 
 
 def _nodal(leaf_mesh, name, shape, values):
-    """A function of the geometry's order, whose nodes VTX takes for the shape of the cells, from nodal values.
+    """A function of the geometry's order, as VTX needs it to draw curved cells, from nodal values.
 
     Args:
         values: (ncells, (p+1)^3, k) float64, of degree p.

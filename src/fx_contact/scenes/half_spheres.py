@@ -84,8 +84,8 @@ def _scene(mesh, radius, displacement, material, symmetry):
 _ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55, 0.6
 
 
-#: The radius with which Gmsh builds the model. Gmsh looks for the places of inner nodes on curved faces with an
-#: absolute tolerance: for a radius of 1 it leaves them 5e-4 from symmetric ones, for this one it finds them to 1e-12.
+#: The radius with which Gmsh builds the model.  Gmsh places inner nodes of curved faces with an absolute tolerance:
+#: 5e-4 off symmetry for a radius of 1, 1e-12 for this one.
 _MODEL_RADIUS = 1e-5
 
 
