@@ -1,11 +1,12 @@
 """What contact itself asks of a mesh and of a penalty, whatever else loads its bodies."""
 
+import re
 from functools import partial
 
 import numpy as np
 import pytest
 from conftest import WORLD
-from model_problems import leaves, plates
+from model_problems import DEPTH, PULL, THICKNESS, WIDTH, leaves, plates
 from mpi4py import MPI
 
 from fx_contact import Enforcement, adapt
@@ -81,12 +82,12 @@ def test_what_contact_alone_loads_needs_no_dual_solution(asked):
     assert step.record.reached and max(step.record.pair_errors) < 1e-5
     first, *_, last = (step.record for step in adapt(punch(), 0.12))
     assert first.pair_errors == [None]  # before the whole is resolved
-    error = abs(last.force / 7.676e-4 - 1)  # 7.676e-4 N: on a mesh of 705,000 unknowns
+    error = abs(last.force / 7.676e-4 - 1)  # this program's on a uniform mesh of 705,000 unknowns
     assert last.reached and last.pair_leaves == [0] and error < last.pair_errors[0] < 0.12
     assert not asked
 
 
-#: Beams, the tolerance, and the force [N] that uniform meshes of 100,000 unknowns and more tend to.
+#: Beams, the tolerance, and the force [N], this program's on uniform meshes of 100,000 unknowns or more.
 BEAMS = {
     "light force": (partial(beam, 0.9), 0.2, 4.01e-6),
     "contact that closes late": (partial(beam, 0.98), 0.2, 1.04e-6),
@@ -123,7 +124,7 @@ def test_forces_of_beams(name):
 def test_contact_with_a_block_that_sinks():
     """A coarse mesh sinks too little; the whole is resolved long before the force is known."""
     steps = [step.record for step in adapt(sinking(5e-3), 0.4)]
-    force = 6.5e-5  # uniformly fine: 5.2e-5 at 15,000 unknowns, 6.1e-5 at 110,000
+    force = 6.5e-5  # this program's on uniform meshes: 5.2e-5 at 15,000 unknowns, 6.1e-5 at 110,000
     resolved = next(step for step in steps if step.pair_errors[0] is not None)
     assert resolved.pair_leaves[0] > 0 and resolved.pair_errors[0] > abs(force / resolved.force - 1)
     assert steps[-1].reached and abs(steps[-1].force / force - 1) < 0.4
@@ -221,6 +222,7 @@ def test_forces_beside_a_weight():
     assert abs(steps[-1].force / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
 
 
+#: The forces are this program's on meshes of 150,000 unknowns and more, on which they differ by 4 %.
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance, wave, force", [(0.3, 1e-4, 1.16e-3), (0.2, 6e-5, 1.14e-3)])
 def test_waves_beside_a_pressure(tolerance, wave, force):
@@ -246,8 +248,17 @@ def test_a_penalty_too_soft_beside_a_pressure(factor, pressure):
         list(adapt(on_a_base(pressure=pressure), 0.1, enforcement=Enforcement("penalty", factor)))
 
 
-@pytest.mark.parametrize("joined, taken", [(False, "16.67"), (True, "7.78")])
-def test_each_contact_is_judged_by_its_own_energy(joined, taken):
-    """A penalty that is stiff enough for a rod, which has most of the energy, is too soft for plates with its force."""
-    with pytest.raises(SolveError, match=f"overlaps take {taken}%"):
+@pytest.mark.parametrize("joined", [False, True])
+def test_each_contact_is_judged_by_its_own_energy(joined):
+    """A penalty that is stiff enough for a rod, which has most of the energy, is too soft for plates with its force.
+
+    Springs of c E*/h give way by a share (h / (c E*)) / (2 t / E) of how far plates of the thickness t are pressed
+    together, a sixth on cells of 2.5 m; in one pair with a rod that share counts by the plates' part of the force.
+    """
+    sixth = (2.5 / (300 * 0.5)) / (2 * THICKNESS)
+    force, of_rod = WIDTH**2 * DEPTH / (2 * THICKNESS * (1 + sixth)), PULL
+    expected = sixth * (force / (force + of_rod) if joined else 1.0)
+    with pytest.raises(SolveError, match="overlaps take .*%") as caught:
         list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))
+    taken = float(re.search(r"take ([\d.]+)%", str(caught.value))[1]) / 100
+    assert abs(taken - expected) < 0.002 and abs(sixth - 1 / 6) < 1e-12
