@@ -21,12 +21,11 @@ GAP_TOLERANCE = 1e-6
 #: rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
 #: Factor of the springs in the matrix across rows that a projection constrains.  Softer ones tell the preconditioner
-#: too little of contact, stiffer ones couple the directions of oblique normals, which BoomerAMG does not see.
-#: Measured, PCG iterations of hertz 8 %, shrink fit 15 %, cylinders 15 % and indentation 12 % in all, for 1, 3, 10, 30,
-#: 100: 212, 183, 176, 188, 221.
+#: too little of contact, stiffer ones couple the directions of oblique normals, which BoomerAMG does not see.  Measured
+#: by studies/cost/contact_constants.py, iterations for 1, 3, 10, 30, 100: 212, 183, 176, 188, 221.
 HELD = 10.0
 #: Factor of a penalty above which a projection constrains its closed rows, and its springs are beside the matrix.
-#: Measured as above, springs in the matrix against projection, for 30, 100, 200, 500: 175 : 222, 203 : 202, 219 : 194,
+#: Measured likewise, springs in the matrix against projection, for 30, 100, 200, 500: 175 : 222, 203 : 202, 219 : 194,
 #: 235 : 186.
 STIFF = 2 * FACTOR
 
@@ -71,15 +70,15 @@ class Enforcement:
         if not SOFTEST <= (self.factor or FACTOR) <= STIFFEST:
             raise SceneError(
                 f"a penalty factor must lie between {SOFTEST:g} and {STIFFEST:g}, got {self.factor:g}: softer ones let "
-                "bodies through each other, the overlaps of stiffer ones are rounding; "
+                "bodies through each other, the penetrations of stiffer ones are rounding; "
                 f"{FACTOR:g} is enough, and the enforcement 'exact' needs none"
             )
         if len(given) == 2:
             raise SceneError("a penalty has a factor or a node_stiffness, not both")
         if self.gap_tolerance != GAP_TOLERANCE and self.method != "augmented-lagrangian":
             raise SceneError(
-                f"the enforcement {self.method!r} takes no gap_tolerance; 'augmented-lagrangian' does, whose overlaps "
-                "become smaller with each augmentation"
+                f"the enforcement {self.method!r} takes no gap_tolerance; 'augmented-lagrangian' does, whose "
+                "penetrations become smaller with each augmentation"
             )
         if self.gap_tolerance >= 1:
             raise SceneError(

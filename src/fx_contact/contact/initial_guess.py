@@ -9,9 +9,9 @@ from fx_contact.linalg.petsc_objects import PetscObjects
 
 #: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
 _UNRESISTED = 1e-12
-#: Iterations with block Jacobi before the active set is updated, and most updates.  Measured: iterations with hypre of
-#: hertz 8 %, shrink fit 15 %, cylinders 15 % and indentation 12 % in all, for 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5:
-#: 238, 181, 185, 176, 173.
+#: Iterations with block Jacobi before the active set is updated, and most updates.  Measured by
+#: studies/cost/contact_constants.py, iterations with hypre for 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5: 238, 181, 185,
+#: 176, 173.
 _RELAXATION, _LOOKS = 15, 5
 
 

@@ -67,7 +67,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
         raise SceneError(
             f"a node_stiffness of {enforcement.node_stiffness:g} N/m is up to {stiffest:.0e} times that of the "
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
-            "overlaps of stiffer ones are rounding; the enforcement 'exact' needs none"
+            "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
     return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
 

@@ -184,14 +184,14 @@ class Elasticity:
         forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
         return self.prolongation.restrict(self.at_nodes(forces))
 
-    def stiffness(self, pairs=None):
+    def stiffness(self, rows=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
         Collective on mesh.comm.  Cells without hanging node go straight into the matrix; for the others the product
         is taken on this rank's part of K, which has only their rows.
 
         Args:
-            pairs: NodePairs, or None without contact.
+            rows: ConstraintRows, or None without contact.
 
         Returns:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
@@ -200,7 +200,7 @@ class Elasticity:
         conforming = self.prolongation.conforming[self.node_of_block]
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
-        matrix = create_matrix(self.prolongation, self.cells, pairs)
+        matrix = create_matrix(self.prolongation, self.cells, rows)
         lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
         matrix.mat.setLGMap(lgmap, lgmap)
 

@@ -60,7 +60,7 @@ class BlockMatrix:
         return result
 
 
-def create_matrix(prolongation, cells, pairs):
+def create_matrix(prolongation, cells, rows):
     """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
 
     Collective on prolongation.comm.
@@ -68,7 +68,7 @@ def create_matrix(prolongation, cells, pairs):
     Args:
         prolongation: Prolongation.
         cells: (ncells, k) int32, position in the prolongation's space of each local cell's nodes.
-        pairs: NodePairs or None.
+        rows: ConstraintRows or None.
 
     Returns:
         BlockMatrix.
@@ -76,7 +76,7 @@ def create_matrix(prolongation, cells, pairs):
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
     """
-    imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, pairs)
+    imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, rows)
     check_memory(
         prolongation.comm,
         f"the system of {3 * imap.size_global:,} unknowns",
@@ -113,7 +113,7 @@ def clear_hypre_errors():
         clear()
 
 
-def _row_lengths(prolongation, cells, pairs):
+def _row_lengths(prolongation, cells, rows_of_contact):
     """Blocks of each owned row in columns of this rank and of others, exactly: two (owned,) int32."""
     imap, comm = prolongation.index_map, prolongation.comm
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
@@ -123,8 +123,8 @@ def _row_lengths(prolongation, cells, pairs):
     )
     touches = nodes @ prolongation.matrix.astype(bool)
     graph = touches.T @ touches
-    if pairs is not None:
-        graph = graph + pairs.couplings()
+    if rows_of_contact is not None:
+        graph = graph + rows_of_contact.couplings()
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]

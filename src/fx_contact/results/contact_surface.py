@@ -98,8 +98,9 @@ def _nodal_values(step):
     area = pairs.area
     rows = np.stack([contact.force, contact.active * area, -contact.penetration * area, area], axis=1)
     sums = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))
-    for side in (pairs.first, pairs.second):
-        np.add.at(sums, side, rows)  # a node where contact pairs of the scene meet is in several node pairs
+    blocks = pairs.blocks  # a node where contact pairs of the scene meet is in several rows
+    weight = np.linalg.norm(blocks.values, axis=1)[:, None]
+    np.add.at(sums, blocks.node, weight * rows[blocks.row])
     sums = prolongation.summed(sums)
     means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
     return prolongation.prolong(np.concatenate([contact.displacement, means], axis=1))
