@@ -31,9 +31,10 @@ from mpi4py import MPI
 from fx_contact import Enforcement, adapt
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
+from studies.stability.cases import sample
 from studies.stability.checks import LOST, Exact, State
 from studies.stability.figures import draw_matrix, rows, table
-from studies.stability.scenes import cases, sample
+from studies.stability.scenes import cases
 from studies.tables import write
 
 #: Refinement ends above so many unknowns, whether the accuracy is reached or not.

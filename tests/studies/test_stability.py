@@ -11,9 +11,11 @@ from conftest import WORLD, everywhere, outside
 from fx_contact import Enforcement, Material, adapt
 from fx_contact.scenes import stack
 from studies.stability import run as stability
+from studies.stability.cases import Case, sample
 from studies.stability.checks import Check, Exact
 from studies.stability.figures import SCORES, draw_matrix, rows, table
-from studies.stability.scenes import Case, cases, sample, stack_force
+from studies.stability.references import stack_force
+from studies.stability.scenes import cases
 from studies.stability.shapes import sheared_nodes
 
 NAMED = cases(stability.METHODS)
