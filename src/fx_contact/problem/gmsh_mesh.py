@@ -114,41 +114,42 @@ def _read_model(model):
     """Arguments of RootMesh from the current Gmsh model."""
     order, element_type = _hexahedron(model)
     tags, points = _nodes(model)
-    bodies, groups = _groups(model, 3), []
-    nameless = {tag for _, tag in model.getEntities(3)} - {tag for tags in bodies.values() for tag in tags}
+    bodies, nodes = _bodies(model), (order + 1) ** 3
+    groups = [
+        np.concatenate([_elements(model, element_type, 3, entity) for entity in entities])
+        for entities in bodies.values()
+    ]
+    body = np.repeat(np.arange(len(groups), dtype=np.int32), [len(group) // nodes for group in groups])
+    used, cells = np.unique(np.concatenate(groups), return_inverse=True)
+    cells = cells.reshape(-1, nodes)[:, _tensor_order(model, element_type, order)]
+    corners = used[cells[:, hexahedron.corner_nodes(order)]]
+    return {
+        "points": points[np.searchsorted(tags, used)],
+        "cells": cells,
+        "bodies": tuple(bodies),
+        "body": body,
+        "surfaces": _facing(model, 2, "quadrangles", corners, hexahedron.FACE_CORNERS),
+        "curves": _facing(model, 1, "lines", corners, hexahedron.EDGE_CORNERS),
+        "vertices": _vertices(model, used),
+    }
+
+
+def _bodies(model):
+    """Name -> volumes of each body; SceneError unless each volume belongs to one body."""
+    bodies = _groups(model, 3)
+    volumes, count = np.unique([tag for tags in bodies.values() for tag in tags], return_counts=True)
+    nameless = {tag for _, tag in model.getEntities(3)} - set(volumes)
     if nameless:
         raise SceneError(
             f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
             "with a name, or remove the volumes"
         )
-    holders = {}
-    for name, entities in bodies.items():
-        for entity in entities:
-            holders.setdefault(int(entity), []).append(name)
-    shared = {entity: names for entity, names in holders.items() if len(names) > 1}
-    if shared:
+    if (count > 1).any():
         raise SceneError(
-            f"volumes of the Gmsh model are in more than one physical group, {shared}: a volume belongs to one body"
+            f"volumes {volumes[count > 1].tolist()} of the Gmsh model are in more than one physical group: a volume "
+            "belongs to one body"
         )
-    for name, entities in bodies.items():
-        nodes = [_elements(model, element_type, 3, entity) for entity in entities]
-        groups.append(np.concatenate([n.reshape(-1, (order + 1) ** 3) for n in nodes]))
-    if not groups:
-        raise SceneError("the Gmsh model has no physical volumes; give each body a physical group with a name")
-    cells = np.concatenate(groups)
-    used, cells = np.unique(cells, return_inverse=True)
-    place = np.searchsorted(tags, used)
-    body = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
-    cells = cells.reshape(len(body), -1)[:, _tensor_order(model, element_type, order)]
-    return {
-        "points": points[place],
-        "cells": cells,
-        "bodies": tuple(bodies),
-        "body": body,
-        "surfaces": _surfaces(model, order, used, cells),
-        "curves": _curves(model, order, used, cells),
-        "vertices": _vertices(model, used),
-    }
+    return bodies
 
 
 def _hexahedron(model):
@@ -209,28 +210,17 @@ def _elements(model, element_type, dimension, entity):
     return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
 
 
-def _surfaces(model, order, used, cells):
-    """Name -> rows (cell, local face) of the physical surfaces."""
-    return _facing(
-        model, 2, 4, "quadrangles", used[cells[:, hexahedron.corner_nodes(order)]], hexahedron.FACE_CORNERS
-    )
-
-
-def _curves(model, order, used, cells):
-    """Name -> rows (cell, local edge) of the physical curves."""
-    return _facing(model, 1, 2, "lines", used[cells[:, hexahedron.corner_nodes(order)]], hexahedron.EDGE_CORNERS)
-
-
-def _facing(model, dimension, ncorners, kind, corners, local):
-    """Name -> rows (cell, local entity) of the physical groups of a dimension.
+def _facing(model, dimension, kind, corners, local):
+    """Name -> rows (cell, local face or edge) of the physical groups of a dimension, 2 or 1.
 
     Args:
         model: Gmsh model.
-        dimension, ncorners, kind: of the elements of the groups: 2, 4 or 1, 2, and what to call them.
-        corners: (ncells, 8) int64, Gmsh nodes at the cell corners.
-        local: (k, ncorners) int, corners of the local faces or edges.
+        dimension: of the groups.
+        kind: what to call their elements.
+        corners: (ncells, 8) int64, Gmsh's nodes at the cell corners.
+        local: (k, m) int, corners of the local faces or edges.
     """
-    k = len(local)
+    k, ncorners = local.shape
     distinct, example = np.unique(np.sort(corners[:, local], axis=2).reshape(-1, ncorners), axis=0, return_index=True)
     groups = {}
     for name, entities in _groups(model, dimension).items():
