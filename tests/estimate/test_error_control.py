@@ -90,7 +90,9 @@ def test_effectivity_is_measured_by_refinement(theta):
     history = CONTACT.begin()
     for last, now in zip(true, true[1:]):
         _, history = CONTACT.marked(spread(np.full(8, theta * last / np.sqrt(8))), 0.1, history, WORLD)
-        history = history.observed(spread(np.full(8, theta * now / np.sqrt(8))), np.sqrt(last**2 - now**2), 0.4)
+        history = history.observed(
+            spread(np.full(8, theta * now / np.sqrt(8))), np.sqrt(last**2 - now**2), CONTACT.least_effectivity
+        )
     assert abs(history.effectivity - min(max(theta, 0.4), 1.0)) < 0.02 and history.compared
     same_mesh = replace(history, refined=False)
     assert same_mesh.observed(spread(np.ones(8)), 1e9, 0.4) == same_mesh

@@ -190,7 +190,7 @@ def _record(settings, start, solution, verdict, stages, **known):
         ratio=verdict.estimate.relative / tolerance,
         pair_errors=of_contact.of_pairs,
         pair_leaves=of_contact.leaves_of_pairs,
-        unseen_contact=of_contact.unseen,
+        unseen_contact=of_contact.between_nodes,
         penalty_share=of_contact.penalty_share,
         reached=verdict.reached,
         versions=library_versions(),

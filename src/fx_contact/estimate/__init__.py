@@ -1,1 +1,6 @@
-"""How large the error is and where: recovery, effectivity, marking, dual solutions for the forces of contact."""
+"""How large the error is, where, and what to refine for it; `ErrorControl` is the user's choice of it.
+
+Of the whole: `recovery` of stresses and xi_T (3), `effectivity` of xi, `marking`, and `error_control`, which decides.
+Of contact: `contact_goals`, which calls `contact_energy` of the patches, `inter_node_gap`, `candidate_contact` zones
+and the dual solutions of `dual_weighted`.  `equilibrium` checks the solver.
+"""

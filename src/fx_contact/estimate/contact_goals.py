@@ -24,7 +24,7 @@ class ContactError:
     Attributes:
         refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever xi_T is.
         leaves: number of these leaves on all ranks.
-        unseen: number of those that penetration between nodes needs, on all ranks; None: not computed.
+        between_nodes: number of those on all ranks that the gap between nodes needs; None: not computed.
         of_pairs: list of float, for each contact pair the estimated error of its force, with what candidate places
             would add, relative to the force; without force the largest error of a gap, relative to the gap; None: not
             computed, before (6) is met [-].
@@ -35,7 +35,7 @@ class ContactError:
 
     refine: np.ndarray
     leaves: int
-    unseen: int | None
+    between_nodes: int | None
     of_pairs: list
     leaves_of_pairs: list
     penalty_share: float | None
@@ -43,8 +43,8 @@ class ContactError:
     @classmethod
     def unknown(cls, leaves, pairs):
         """That of a step of so many leaves on this rank and so many contact pairs for which it is not asked.  Local."""
-        unseen, share = (None, None) if pairs else (0, 0.0)
-        return cls(np.zeros(leaves, dtype=np.int8), 0, unseen, [None] * pairs, [0] * pairs, share)
+        between_nodes, share = (None, None) if pairs else (0, 0.0)
+        return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
 
 
 def contact_error(state, goals, forces, tolerance, control, history):
@@ -91,8 +91,8 @@ def contact_error(state, goals, forces, tolerance, control, history):
             of_leaf = np.zeros_like(refine)
             of_leaf[state.elasticity.leaf_mesh.leaf] = accuracy.refine
             np.maximum(refine, of_leaf, out=refine)
-    unseen, total = comm.allreduce(np.array([between.sum(), (refine > 0).sum()])).tolist()
-    return ContactError(refine, total, unseen, errors, leaves, float(penalty_share.max(initial=0.0)))
+    between_nodes, total = comm.allreduce(np.array([between.sum(), (refine > 0).sum()])).tolist()
+    return ContactError(refine, total, between_nodes, errors, leaves, float(penalty_share.max(initial=0.0)))
 
 
 def allowed_errors(forces, tolerance, effectivity):
@@ -192,7 +192,7 @@ class _Accuracy:
         self._mark(goal, max(allowed, self._allowed * self._force * goal.compliance))
 
     def _mark(self, goal, allowed):
-        """Mark cells for a goal whose error is more than allowed, or first for a dual solution that knows nothing."""
+        """Mark cells for a goal with more than the allowed error, or first for a dual solution that has too much."""
         dual, limit = goal.dual, self._control.dual_limit
         how = dual.child_error, self._control, self._comm
         if dual.relative > limit:

@@ -18,7 +18,7 @@ class ErrorControl:
     """What a run refines for, and when it stops.
 
     The mode "energy" is that of the paper: cells of criterion (2) are refined once, with their partners (5), until
-    xi / (e omega) <= 1 (6), on the first mesh too.  It uses none of the parameters below.
+    xi / (e omega) <= 1 (6), on the first mesh too.  It uses none of the parameters below, and judges no penalty.
 
     The mode "contact" uses the measured effectivity theta of the estimator, refines cells once or twice by the
     threshold that the tolerance needs, and holds the forces of contact pairs, open gaps, the penetration between nodes
@@ -31,18 +31,18 @@ class ErrorControl:
             more than the cells that it would spare [-].
         thresholds: number of thresholds that marking tries.
         least_loss_rate: the least loss of xi^2 that refinement is expected to bring, relative to a smooth solution:
-            marking ends also where a step has brought nothing [-].
+            with it marking is bounded where a step has brought nothing [-].
         trusted_effectivity: with a theta of this or more xi is taken at its word (6), with less it is xi / theta [-].
-        first_effectivity: theta before it is measured: 0.56 on one and two layers of tall cells between clamped ends
-            (`tests/results/test_accuracy.py`) [-].
+        first_effectivity: theta before it is measured: 0.56 was measured on one and two layers of tall cells between
+            clamped ends, where degree 1 locks in bending [-].
         least_effectivity: the least theta that is believed: 0.43 was measured in thin plates, and refinement that
             changes nothing would show ever less [-].
         goal_target: the share of the allowed error of a force or gap that its refinement aims at [-].
         goal_kept: the share of it that the cells not refined keep at most, where refining twice is not enough [-].
         gap_accuracy: allowed error of a mean gap, relative to it: the least gap is about half of the mean [-].
         dual_limit: relative error from which a dual solution is taken to know nothing: 0.69 and 0.70 were measured
-            where thin cells lock in bending, 0.59 where a single node is pressed
-            (`tests/estimate/test_candidate_contact.py`) [-].
+            where thin cells lock in bending (`test_a_mesh_that_locks_tells_nothing`), 0.59 where a single node is
+            pressed [-].
         dual_error: the relative error of a dual solution that is not computed [-].
         candidate_movement: movement by strains, relative to the gap left, from which a place is a candidate for
             contact; the most moved place of an open surface always is one [-].

@@ -1,8 +1,8 @@
-"""The gap between the nodes of contact facets, and penetration there that no node pair knows of.
+"""The gap between the nodes of contact facets, and penetration there, which node pairs do not resist.
 
 Node-to-node contact has the gap at nodes alone.  A round body that approaches a facet by less than the distance of its
 nodes is not stopped at all; and between closed pairs unlike surfaces penetrate or gape, as a sphere on coarse facets.
-xi does not see this, for it knows the strains of the discrete solution only.
+The estimate xi has no part of this: it is of the strains of the discrete solution.
 """
 
 from copy import copy
