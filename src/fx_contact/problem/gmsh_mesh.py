@@ -11,7 +11,8 @@ from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.root_mesh import MAX_ORDER, RootMesh
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 
 def root_mesh_from_gmsh(comm, build):

@@ -4,25 +4,22 @@ The geometry of every leaf is the restriction of its root cell's map of order p,
 domain (super-parametric elements, section 2 of the paper).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from mpi4py import MPI
 
-from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_label, shown, unknown
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import check_comm, unknown
 from fx_contact.problem import hexahedron
+from fx_contact.problem.dolfinx_mesh import gathered_parts
+from fx_contact.problem.root_mesh_checks import check_mesh, take_arrays
 from fx_contact.problem.summary import mesh_summary
 
-MAX_ORDER = 6
 #: Lattices evaluated at once: few enough for the processor's cache.
 _CHUNK = 1 << 12
-#: Sizes below it, and above its inverse, have volumes or inertias that are no double precision numbers [m].
-SMALLEST = 1e-60
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,14 +52,38 @@ class RootMesh:
     curves: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
-        _take_arrays(self)
-        _check_shapes(self)
-        _check_jacobian(self)
-        _check_conforming(self)
-        _check_tags(self)
+        take_arrays(self)
+        check_mesh(self)
 
     def __repr__(self):
         return mesh_summary(self)
+
+    @classmethod
+    def from_dolfinx(cls, mesh, cell_tags, facet_tags, bodies, surfaces, comm=MPI.COMM_WORLD):
+        """A dolfinx mesh of hexahedra as root mesh, gathered on all ranks; cells and nodes in the order of its input.
+
+        Collective on comm.
+
+        Args:
+            mesh: dolfinx Mesh of hexahedra of order 1 to 6; bodies in contact share no nodes.
+            cell_tags: dolfinx MeshTags that give each cell its body.
+            facet_tags: dolfinx MeshTags of facets.
+            bodies: dict, tag -> name of a body.
+            surfaces: dict, tag -> name of a surface; facets with other tags are in none.
+            comm: MPI communicator of the mesh.
+
+        Returns:
+            RootMesh, the same on all ranks.
+
+        Raises:
+            GeometryError: cells that are no complete hexahedra in 3D, or as `RootMesh`.
+            SceneError: no mesh or tags of dolfinx, tags of other entities, names that are no dict, a cell that is in
+                none of the bodies, another communicator, or as `RootMesh`.
+        """
+        check_comm(comm)
+        parts = gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces)
+        with together(comm):
+            return cls(**parts)
 
     @cached_property
     def order(self):
@@ -177,212 +198,3 @@ def _distinct(number, coordinates):
     which = np.empty(len(order), dtype=np.int64)
     which[order] = np.cumsum(new) - 1
     return order[new], which
-
-
-def _names(names):
-    return ", ".join(repr(name) for name in names) or "none"
-
-
-def _take_arrays(mesh):
-    """Turn what was given into the arrays, tuples and dicts that the attributes are."""
-    groups = {
-        name: {key: _integers(repr(key), rows, dtype) for key, rows in _mapping(name, getattr(mesh, name)).items()}
-        for name, dtype in (("surfaces", np.int32), ("vertices", np.int64), ("curves", np.int32))
-    }
-    try:
-        bodies = None if isinstance(mesh.bodies, str) else tuple(mesh.bodies)
-    except TypeError:
-        bodies = None
-    if bodies is None:
-        raise SceneError(f"bodies must be different names, got {shown(mesh.bodies)}")
-    taken = {
-        "points": _array("points", mesh.points, "fiu", np.float64),
-        "cells": _integers("cells", mesh.cells),
-        "bodies": bodies,
-        "body": _integers("body", mesh.body, np.int32),
-        **groups,
-    }
-    for name, value in taken.items():
-        object.__setattr__(mesh, name, value)
-
-
-def _array(what, value, kinds, dtype, nature="numbers"):
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise GeometryError(
-            f"{what} must be an array of {nature}, its rows equally long, got {shown(value)}"
-        ) from None
-    if array.dtype.kind not in kinds and array.size:
-        raise GeometryError(f"{what} must be an array of {nature}, got {shown(value)}")
-    return array.astype(dtype)
-
-
-def _integers(what, value, dtype=np.int64):
-    array = _array(what, value, "iu", np.int64, "whole numbers")
-    if (array.astype(dtype) != array).any():
-        raise GeometryError(
-            f"{what} has a number beyond those of cells and nodes: {array.flat[np.abs(array).argmax()]}"
-        )
-    return array.astype(dtype)
-
-
-def _mapping(name, value):
-    if not isinstance(value, Mapping):
-        raise SceneError(f"{name} must be a dict of names and arrays, got {shown(value)}")
-    for key in value:
-        check_label(f"a key of {name}", key)
-    return value
-
-
-def _check_shapes(mesh):
-    if mesh.points.ndim != 2 or mesh.points.shape[1] != 3:
-        raise GeometryError(f"points must be a (npoints, 3) array, got shape {mesh.points.shape}")
-    if not np.isfinite(mesh.points).all():
-        node = int(np.argmin(np.isfinite(mesh.points).all(axis=1)))
-        raise GeometryError(f"points must be finite, node {node} is at {mesh.points[node]}")
-    if mesh.cells.ndim != 2 or not mesh.cells.size:
-        raise GeometryError("the root mesh has no hexahedra; mesh the volumes with transfinite, recombined blocks")
-    nodes = mesh.cells.shape[1]
-    if nodes not in [(p + 1) ** 3 for p in range(1, MAX_ORDER + 1)]:
-        raise GeometryError(
-            f"cells have {nodes} nodes; complete hexahedra of order 1 to {MAX_ORDER} have (order+1)^3 nodes"
-        )
-    if mesh.body.shape != (len(mesh.cells),):
-        raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
-    if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
-        raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
-    if len(mesh.cells) > 2_000_000:
-        raise GeometryError("more than 2 million root cells: coarsen the root mesh, the leaves refine it")
-    size = np.ptp(mesh.points, axis=0).max(initial=0.0)
-    if not SMALLEST < size < 1 / SMALLEST:
-        raise GeometryError(f"the root mesh is {size:.3g} m large, its volumes are no numbers: check the units")
-
-
-def _check_jacobian(mesh):
-    """The determinant of the cell map at a lattice finer than the nodes; its smallest value must be positive."""
-    x = np.linspace(0, 1, 2 * mesh.order + 1)
-    value, slope = hexahedron.lagrange(mesh.order, x), hexahedron.lagrange_derivative(mesh.order, x)
-    smallest = np.empty(len(mesh.cells))
-    step = 1 + 50_000 // len(x) ** 3  # cells at once: few enough for the processor's cache
-    for start in range(0, len(mesh.cells), step):
-        nodal = mesh.points[mesh.cells[start : start + step]]
-        columns = [
-            hexahedron.tensor_evaluate([slope if a == axis else value for a in range(3)], nodal) for axis in range(3)
-        ]
-        determinant = np.linalg.det(np.stack(columns, axis=-1))
-        smallest[start : start + step] = determinant.min(axis=1) / np.maximum(np.abs(determinant).max(axis=1), 1e-300)
-    if smallest.min() <= 1e-8:
-        cell = int(smallest.argmin())
-        raise GeometryError(
-            f"root cell {cell} of {len(mesh.cells)} is inverted or degenerate: the smallest Jacobian determinant is "
-            f"{smallest[cell]:.2g} times the largest, near {mesh.points[mesh.cells[cell]].mean(axis=0)}; "
-            "check the node order (tensor order, x fastest) and the shape of the block"
-        )
-
-
-def _check_conforming(mesh):
-    _, kind, count = np.unique(np.sort(mesh.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
-    twice = np.flatnonzero(count[kind.ravel()] > 1)
-    if len(twice):
-        raise GeometryError(f"root cell {twice[0]} is there twice, or another cell has the same corners")
-    if mesh.face_neighbours.max() > 2:
-        cell, face = np.argwhere(mesh.face_neighbours > 2)[0]
-        raise GeometryError(f"more than two cells share face {face} of root cell {cell}")
-    nodes = mesh.cells[:, hexahedron.face_nodes(mesh.order)].reshape(len(mesh.cells) * 6, -1)
-    corners = np.sort(mesh.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
-    order = np.lexsort(corners.T)
-    twins = order[:-1][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
-    partner = order[1:][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
-    differ = (np.sort(nodes[twins], axis=1) != np.sort(nodes[partner], axis=1)).any(axis=1)
-    if differ.any():
-        first, second = twins[differ][0] // 6, partner[differ][0] // 6
-        raise GeometryError(f"root cells {first} and {second} share the corners of a face but not its inner nodes")
-    exterior = np.argwhere(mesh.face_neighbours == 1)
-    for index, name in enumerate(mesh.bodies):
-        _check_no_crack(mesh, name, exterior[mesh.body[exterior[:, 0]] == index])
-
-
-def _check_no_crack(mesh, name, facets):
-    """No corner of a body's boundary may lie on a facet of the same body that does not have it as a node."""
-    if not len(facets):
-        return
-    corners = np.unique(mesh.corners[facets[:, 0]][np.arange(len(facets))[:, None], _face_corners(facets)])
-    positions = mesh.points[corners]
-    size = np.ptp(positions, axis=0).max()
-    lattice = mesh.facet_points(facets, order=2)
-    distance, nearest = cKDTree(positions).query(lattice.reshape(-1, 3), distance_upper_bound=1e-9 * size)
-    hit = np.isfinite(distance).reshape(len(facets), 9)
-    facet, place = np.nonzero(hit)
-    found = corners[nearest.reshape(len(facets), 9)[facet, place]]
-    own = np.stack(
-        [mesh.corners[facets[facet, 0]][np.arange(len(facet)), _face_corners(facets)[facet, i]] for i in range(4)]
-    )
-    stray = (own != found).all(axis=0)
-    if stray.any():
-        cell, face = facets[facet[stray][0]]
-        raise GeometryError(
-            f"body {name!r} does not hold together near {mesh.points[found[stray][0]]}: a corner of another cell lies "
-            f"on face {face} of root cell {cell} without being one of its nodes; merge the duplicate nodes, or make "
-            "the two blocks match"
-        )
-
-
-def _face_corners(facets):
-    return hexahedron.FACE_CORNERS[facets[:, 1]]
-
-
-def _check_tags(mesh):
-    _check_bodies(mesh)
-    names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
-    if len(set(names)) < len(names):
-        raise SceneError(f"two surfaces, curves or vertices have one name, among {_names(names)}")
-    for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
-        for name, rows in groups.items():
-            if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
-                raise SceneError(f"{name!r} must have at least one row (root cell, local {kind} 0..{count - 1})")
-            if (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
-                raise SceneError(f"{name!r} names a root cell or local {kind} that the mesh does not have")
-            if len(np.unique(rows, axis=0)) < len(rows):
-                raise SceneError(f"{name!r} names a {kind} twice")
-    for name, facets in mesh.surfaces.items():
-        inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1
-        if inner.any():
-            cell, face = facets[inner][0]
-            raise SceneError(f"surface {name!r} has face {face} of root cell {cell}, which is inside a body")
-    for name, nodes in mesh.vertices.items():
-        if nodes.ndim != 1 or not len(nodes) or not np.isin(nodes, mesh.corners).all():
-            raise SceneError(f"vertex {name!r} is not a corner of root cells")
-
-
-def _check_bodies(mesh):
-    for name in mesh.bodies:
-        check_label("a body", name)
-    if len(set(mesh.bodies)) < len(mesh.bodies):
-        raise SceneError(f"bodies must be different names, got {mesh.bodies!r}")
-    if mesh.body.shape != (len(mesh.cells),):
-        raise SceneError(f"body must have one entry a cell, got shape {mesh.body.shape}")
-    if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
-        cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
-        raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
-    empty = np.setdiff1d(np.arange(len(mesh.bodies)), mesh.body)
-    if len(empty):
-        raise SceneError(f"body {mesh.bodies[empty[0]]!r} has no root cell")
-    owner = np.full(len(mesh.points), -1)
-    owner[mesh.cells] = mesh.body[:, None]
-    common = (owner[mesh.cells] != mesh.body[:, None]).any(axis=1)
-    if common.any():
-        cell = int(common.argmax())
-        raise SceneError(
-            f"body {mesh.bodies[mesh.body[cell]]!r} shares nodes with another body, near root cell {cell}: give each "
-            "body nodes of its own (bodies meet by contact only), or make them one body"
-        )
-    rows = np.repeat(np.arange(len(mesh.cells)), 8)
-    touches = coo_matrix(
-        (np.ones(len(rows)), (rows, mesh.corners.ravel())), (len(mesh.cells), len(mesh.points))
-    ).tocsr()
-    count, part = connected_components(touches @ touches.T, directed=False)
-    if count > len(np.unique(mesh.body)):
-        first = np.unique(part, return_index=True)[1]
-        body = np.flatnonzero(np.bincount(mesh.body[first], minlength=len(mesh.bodies)) > 1)[0]
-        raise SceneError(f"body {mesh.bodies[body]!r} falls into separate parts: give each part a name of its own")

@@ -7,7 +7,7 @@ import numpy as np
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_number, shown
 from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import MAX_ORDER, SMALLEST
+from fx_contact.problem.root_mesh_checks import MAX_ORDER, SMALLEST
 
 #: Most root cells along a block: the root mesh is replicated on every rank.
 _MOST = 50

@@ -1,0 +1,119 @@
+"""A dolfinx mesh of hexahedra, gathered on all ranks as the arrays of a root mesh."""
+
+from collections.abc import Mapping
+
+import basix
+import numpy as np
+from dolfinx.mesh import CellType, Mesh, MeshTags
+
+from fx_contact.parallel.errors import GeometryError, SceneError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import check_same_comm, shown
+from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh_checks import MAX_ORDER
+
+
+def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
+    """What RootMesh is made from, the same on all ranks.
+
+    Collective on comm.
+
+    Args:
+        comm, mesh, cell_tags, facet_tags, bodies, surfaces: as `RootMesh.from_dolfinx` has them.
+
+    Returns:
+        dict of points, cells, bodies, body and surfaces.
+
+    Raises:
+        GeometryError, SceneError: as there.
+    """
+    with together(comm):
+        _check_mesh(mesh, comm)
+        for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
+            if not isinstance(tags, MeshTags) or tags.dim != dimension:
+                raise SceneError(f"{name} must be MeshTags of dolfinx of dimension {dimension}, got {shown(tags)}")
+        for name, names in (("bodies", bodies), ("surfaces", surfaces)):
+            if not isinstance(names, Mapping):
+                raise SceneError(f"{name} must be a dict of tags and names, got {shown(names)}")
+    mesh.topology.create_connectivity(2, 3)
+    mesh.topology.create_connectivity(3, 2)
+    with together(comm):
+        mine = _rows(mesh, cell_tags, facet_tags, bodies, surfaces)
+    number, body, nodes, x, *facets = (np.concatenate(part) for part in zip(*comm.allgather(mine)))
+    order = np.argsort(number)
+    nodes, x = nodes[order], x[order]
+    names, cells = np.unique(nodes, return_inverse=True)
+    points = np.empty((len(names), 3))
+    points[cells.ravel()] = x.reshape(-1, 3)
+    tag, cell, face = facets
+    rows = np.stack([np.searchsorted(number[order], cell), face], axis=1).astype(np.int32)
+    return {
+        "points": points,
+        "cells": cells.reshape(nodes.shape),
+        "bodies": tuple(bodies.values()),
+        "body": body[order],
+        "surfaces": {name: np.unique(rows[tag == one], axis=0) for one, name in surfaces.items()},
+    }
+
+
+def _check_mesh(mesh, comm):
+    """Raises an error unless a mesh can be a root mesh.  Local."""
+    if not isinstance(mesh, Mesh):
+        raise SceneError(f"a Mesh of dolfinx is needed, got {shown(mesh)}")
+    check_same_comm("the mesh", mesh.comm, comm)
+    kind, cmap = mesh.topology.cell_type, mesh.geometry.cmap
+    if kind != CellType.hexahedron or mesh.geometry.dim != 3:
+        raise GeometryError(
+            f"the mesh has cells of type {kind.name!r} in {mesh.geometry.dim}D; only hexahedra in 3D can be refined"
+        )
+    if cmap.degree > MAX_ORDER or cmap.dim != (cmap.degree + 1) ** 3:
+        raise GeometryError(
+            f"the mesh has hexahedra of order {cmap.degree} with {cmap.dim} nodes; only complete ones of order 1 to "
+            f"{MAX_ORDER} are supported"
+        )
+
+
+def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
+    """This rank's cells: number, body, nodes and their positions; its tagged facets: tag, number of the cell, face.
+
+    Numbers of cells and nodes are those of the mesh's input, which do not depend on the ranks.  Local.
+    """
+    owned, numbers = mesh.topology.index_map(3).size_local, mesh.topology.original_cell_index
+    body = np.full(len(numbers), -1, dtype=np.int32)
+    for index, tag in enumerate(bodies):
+        body[cell_tags.indices[cell_tags.values == tag]] = index
+    body = body[:owned]
+    if (body < 0).any():
+        raise SceneError(
+            f"cell {numbers[np.argmin(body)]} of the mesh is in no body: give every cell one of the tags "
+            f"{shown(list(bodies))}"
+        )
+    order, to_equispaced = _tensor_order(mesh.geometry.cmap)
+    local = mesh.geometry.dofmap[:owned]
+    nodes = mesh.geometry.input_global_indices[local][:, order]
+    x = to_equispaced @ mesh.geometry.x[local][:, order]
+    named = np.isin(facet_tags.values, list(surfaces))
+    tags, facets = facet_tags.values[named], facet_tags.indices[named]
+    facets_of_cells = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)[:owned]
+    cell, face = np.nonzero(np.isin(facets_of_cells, facets))
+    place = np.searchsorted(facets, facets_of_cells[cell, face])  # MeshTags are sorted
+    return numbers[:owned], body, nodes, x, tags[place] if len(cell) else tags[:0], numbers[cell], face
+
+
+def _tensor_order(cmap):
+    """How to have the nodes of dolfinx's cells in tensor order, and equispaced.
+
+    Args:
+        cmap: dolfinx CoordinateElement of order q.
+
+    Returns:
+        ((q+1)^3,) int, the position of each node among dolfinx's, and ((q+1)^3, (q+1)^3) float64, positions of
+        equispaced nodes from those of these nodes.
+    """
+    variant = basix.LagrangeVariant(cmap.variant)
+    element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, cmap.degree, variant)
+    order = np.lexsort(np.round(element.points, 9).T)  # z slowest
+    if variant == basix.LagrangeVariant.equispaced or cmap.degree < 3:
+        return order, np.eye(len(order))
+    equispaced = hexahedron.lattice(cmap.degree) / cmap.degree
+    return order, element.tabulate(0, equispaced)[0, :, :, 0][:, order]
