@@ -1,13 +1,15 @@
-"""What differs between releases of dolfinx, decided by what they have, not by their number.
+"""What differs between releases of dolfinx, by features, not by version numbers; run with 0.9 and 0.11.
 
-Run with 0.9 and 0.11.  dolfinx main, after its split into graph, geometric
-and hybrid partitioners (pull request 4403), builds the dual graph before it calls the function given to `create_mesh`.
+dolfinx main builds the dual graph before it calls the partitioner given to `create_mesh` (pull request 4403).
 """
 
 import numpy as np
 from dolfinx import graph
 from dolfinx.common import IndexMap
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+
+#: Tag of the messages in which ranks find their neighbours.
+_TAG = 1202
 
 
 def index_map(comm, owned, ghosts, owners):
@@ -26,10 +28,6 @@ def index_map(comm, owned, ghosts, owners):
         return IndexMap(**given, tag=_TAG)
     except TypeError:
         return IndexMap(**given)
-
-
-#: Of the messages in which ranks find their neighbours.
-_TAG = 1202
 
 
 def partition_graph(comm, parts, offsets, neighbours):

@@ -11,20 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 #: Stages of an adaptive step, as they stand in the records; `other` is what none of them explains.
-STAGES = (
-    "compile",
-    "partition",
-    "mesh",
-    "hanging",
-    "assemble",
-    "system",
-    "setup",
-    "solve",
-    "estimate",
-    "refine",
-    "output",
-    "other",
-)
+STAGES = tuple("compile partition mesh hanging assemble system setup solve estimate refine output other".split())
 _STATM = Path("/proc/self/statm")
 
 
