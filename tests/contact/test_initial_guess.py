@@ -13,14 +13,14 @@ from fx_contact.scenes import punch, stack
 @pytest.fixture
 def moved(monkeypatch):
     """A list that gets the displacements before and after the bodies are moved, and what is free."""
-    found, move = [], initial_guess.RigidMotions.move
+    found, move = [], initial_guess.RigidModes.move
 
     def seen(self, matrix, base, jump, stiffness, u, free):
         result = move(self, matrix, base, jump, stiffness, u, free)
         found.extend([u, result, free])
         return result
 
-    monkeypatch.setattr(initial_guess.RigidMotions, "move", seen)
+    monkeypatch.setattr(initial_guess.RigidModes, "move", seen)
     return found
 
 

@@ -8,7 +8,7 @@ import pytest
 from conftest import WORLD, everywhere, outside
 from model_problems import nodes_of_cells
 
-import fx_contact.adaptive.step
+import fx_contact.adaptive.step_solver
 import fx_contact.contact.contact_solver
 import fx_contact.forest.partition
 import fx_contact.plot
@@ -53,11 +53,11 @@ def test_without_contact(calls):
     with_contact = patch(cells=(1, 1, 2))
     for place, name in (
         (fx_contact.problem.facet_pairing, "_match"),
-        (fx_contact.adaptive.step, "create_node_pairs"),
+        (fx_contact.adaptive.step_solver, "create_node_pairs"),
         (fx_contact.contact.contact_solver, "ActiveSet"),
         (fx_contact.contact.contact_solver, "Jump"),
         (fx_contact.contact.contact_solver, "relax"),
-        (fx_contact.adaptive.step, "RigidMotions"),
+        (fx_contact.adaptive.step_solver, "RigidModes"),
     ):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)

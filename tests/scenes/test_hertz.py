@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from fx_contact import Material, Solver, adapt
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact import contact_solver
-from fx_contact.contact.initial_guess import RigidMotions
+from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem.dirichlet import shear_free_components
 from fx_contact.linalg import conjugate_gradients
@@ -196,7 +196,7 @@ def test_fallback(monkeypatch, name, most, options):
         conjugate_gradients, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0)
     )
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
-    monkeypatch.setattr(RigidMotions, "move", lambda self, matrix, base, jump, stiffness, u, free: u)
+    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, free: u)
     monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     right, last = (

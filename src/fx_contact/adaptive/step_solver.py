@@ -12,7 +12,7 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.constraint_rows import resultants
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
-from fx_contact.contact.initial_guess import RigidMotions
+from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
@@ -132,7 +132,7 @@ def _discretise(settings, start, stages):
         prescribed = prescribed_displacements(scene, forest, prolongation)
         forces = load(scene, forest, elasticity)
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
-        motions = RigidMotions(scene, forest, prolongation) if rest and scene.contact else None
+        motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
     problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions)

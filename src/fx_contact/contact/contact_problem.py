@@ -23,7 +23,7 @@ class ContactProblem:
         energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.
         rows: ConstraintRows, B and D; None without contact.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
-        motions: RigidMotions of unloaded bodies, which are first moved as a whole; None: they stay.
+        motions: RigidModes of unloaded bodies, which are first moved as a whole; None: they stay.
     """
 
     matrix: BlockMatrix

@@ -15,8 +15,8 @@ _UNRESISTED = 1e-12
 _RELAXATION, _LOOKS = 15, 5
 
 
-class RigidMotions:
-    """The rigid motions of all bodies at the conforming nodes, for a first guess of bodies without displacement.
+class RigidModes:
+    """The rigid modes R of all bodies at the conforming nodes, for a first guess of bodies without displacement.
 
     Where displacements are prescribed, zero elsewhere has all its energy in one layer of cells: for a stiff body on a
     soft one a thousand times that of the solution, which costs PCG a dozen iterations.
