@@ -3,7 +3,6 @@
 Half of both (x >= 0) and half their thickness are modelled: mpirun -n 2 python3 demos/own_gmsh_model.py
 """
 
-from pathlib import Path
 
 import gmsh
 import numpy as np
@@ -56,5 +55,4 @@ for step in adapt(scene, tolerance=0.1):
     r = step.record
     if MPI.COMM_WORLD.rank == 0:
         print(f"{r.cells} cells, {r.active_pairs} pairs closed, error {r.estimate:.1%}, {r.force:.4g} N")
-Path("results").mkdir(exist_ok=True)
 draw_stress(step, "results/eye.png")
