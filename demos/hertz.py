@@ -9,7 +9,7 @@ drawn, and the contact pressure against Hertz's.
 
 from common import main, parser
 
-from fx_contact.problem.root_mesh import MAX_ORDER
+from fx_contact.problem.root_mesh_checks import MAX_ORDER
 from fx_contact.results.accuracy import contact_errors
 from fx_contact.results.analytic import Hertz
 from fx_contact.results.reference_values import REFERENCES
