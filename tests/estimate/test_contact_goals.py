@@ -49,7 +49,7 @@ class Watched(Goals):
 @pytest.fixture
 def asked(monkeypatch):
     """What is asked of goals: list of Goal, dual solution of a force, and |a(u, z)|."""
-    monkeypatch.setattr("fx_contact.adaptive.step.Goals", Watched)
+    monkeypatch.setattr("fx_contact.adaptive.step_solver.Goals", Watched)
     monkeypatch.setattr(Watched, "asked", [])
     return Watched.asked
 
