@@ -36,20 +36,26 @@ if _missing := COMM.bcast([path for path in _files if not Path(path).is_file()])
     sys.exit(2)
 petsc4py.init([sys.argv[0], *PETSC])  # before anything else imports PETSc
 
-from fx_contact import Enforcement, ErrorControl, Material, Solver, adapt  # noqa: E402
-from fx_contact.adaptive.beginning import Beginning  # noqa: E402
-from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
+from fx_contact import (  # noqa: E402
+    Beginning,
+    Checkpoint,
+    Enforcement,
+    ErrorControl,
+    FxContactError,
+    Material,
+    SceneError,
+    Solver,
+    adapt,
+)
 from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.estimate.error_control import MODES  # noqa: E402
 from fx_contact.forest.partition import KINDS  # noqa: E402
 from fx_contact.linalg.petsc_options import unread_options  # noqa: E402
 from fx_contact.linalg.solver_options import PRECONDITIONERS  # noqa: E402
-from fx_contact.parallel.errors import FxContactError, SceneError  # noqa: E402
 from fx_contact.parallel.validation import nearest  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
+from fx_contact.results import RecordWriter, true_error, write_fields  # noqa: E402
 from fx_contact.results.accuracy import NORMS  # noqa: E402
-from fx_contact.results.output import RecordWriter, write_fields  # noqa: E402
-from fx_contact.results.overrefined_solution import true_error  # noqa: E402
 from fx_contact.results.report import doubts, table_head, table_row, total_seconds  # noqa: E402
 
 

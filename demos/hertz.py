@@ -10,9 +10,7 @@ drawn, and the contact pressure against Hertz's.
 from common import main, parser
 
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
-from fx_contact.results.accuracy import contact_errors
-from fx_contact.results.analytic import Hertz
-from fx_contact.results.reference_values import REFERENCES
+from fx_contact.results import REFERENCES, Hertz, contact_errors
 from fx_contact.scenes import hertz
 
 options = parser(__doc__, tolerance=0.08, order=3, coarse=4, output="results/hertz")

@@ -3,14 +3,12 @@
 Half of both (x >= 0) and half their thickness are modelled: mpirun -n 2 python3 demos/own_gmsh_model.py
 """
 
-
 import gmsh
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt
+from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt, root_mesh_from_gmsh
 from fx_contact.plot import draw_stress
-from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 
 
 def ring(name, inner, outer):

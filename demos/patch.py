@@ -10,8 +10,7 @@ import numpy as np
 from common import main, parser
 from mpi4py import MPI
 
-from fx_contact import Material
-from fx_contact.adaptive.beginning import Beginning
+from fx_contact import Beginning, Material
 from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import patch
 

@@ -113,7 +113,7 @@ plt.legend(bbox_to_anchor=(1, 1));
 # %%
 from dolfinx.mesh import compute_midpoints
 
-from fx_contact.adaptive.beginning import Beginning
+from fx_contact import Beginning
 
 first = next(adapt(scene, tolerance=0.16))
 for _ in range(3):

@@ -38,7 +38,7 @@ Image(draw_mesh(steps[-1], "../results/notebooks/mesh.png", colour="level"), wid
 # `steps.jsonl`. Force, radius and pressure come much closer than 20 %.
 
 # %%
-from fx_contact.results.report import table_head, table_row
+from fx_contact.results import table_head, table_row
 
 print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
 
@@ -49,7 +49,7 @@ print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
 # same force. The dots bend away where the contact ends, within one facet.
 
 # %%
-from fx_contact.results.analytic import Hertz
+from fx_contact.results import Hertz
 from fx_contact.plot import draw_pressure
 
 *_, step = adapt(scene, tolerance=0.08)

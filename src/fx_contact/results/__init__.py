@@ -1,1 +1,27 @@
 """What comes out: records and fields on disk, contact surfaces, comparison with known and finer solutions."""
+
+from fx_contact.results.accuracy import contact_errors, field_error
+from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
+from fx_contact.results.contact_surface import write_contact
+from fx_contact.results.output import RecordWriter, write_fields
+from fx_contact.results.overrefined_solution import true_error
+from fx_contact.results.reference_values import REFERENCES, ContactReference
+from fx_contact.results.report import doubts, table_head, table_row, total_seconds
+
+__all__ = [
+    "REFERENCES",
+    "ContactReference",
+    "Hertz",
+    "HertzLine",
+    "RecordWriter",
+    "ShrinkFit",
+    "contact_errors",
+    "doubts",
+    "field_error",
+    "table_head",
+    "table_row",
+    "total_seconds",
+    "true_error",
+    "write_contact",
+    "write_fields",
+]
