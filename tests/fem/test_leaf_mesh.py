@@ -1,5 +1,7 @@
 """The dolfinx mesh of the leaves: nodes, volume, boundary, and the geometry order that suffices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ufl
@@ -226,3 +228,17 @@ def test_deep_leaves():
     cells = create_leaf_mesh(DISTRIBUTIONS["contact-sfc"](forest), 2)
     assert abs(volume(cells.mesh, 2) / exact - 1) < 1e-12
     assert WORLD.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX) == 11
+
+
+@pytest.mark.parametrize("where", [0, -1])
+def test_one_curved_cell_decides_for_all_ranks(where):
+    """The order is the same on all ranks, whichever of them has the cell that needs it."""
+    mesh = two_boxes(order=2, distortion=0.0)
+    cell, face = np.argwhere(mesh.face_neighbours == 1)[where]
+    middle = hexahedron.face_nodes(2)[face][4]
+    points = mesh.points.copy()
+    points[mesh.cells[cell, middle]] += 0.05
+    scene = pressed(two_boxes(order=2, distortion=0.0), contact=False)
+    forest = roots(replace(scene, mesh=replace(mesh, points=points)))
+    assert WORLD.allgather(sufficient_order(forest, 1e-3)) == [2] * WORLD.size
+    assert WORLD.allgather(sufficient_order(forest, 0.5)) == [1] * WORLD.size

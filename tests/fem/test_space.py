@@ -94,3 +94,30 @@ def test_names_do_not_depend_on_the_ranks():
     """All ranks together have the same nodes, however the leaves are dealt out."""
     keys = [np.unique(gathered(WORLD, Space(affine_forest(name), 2).keys)) for name in DISTRIBUTIONS]
     assert all(np.array_equal(keys[0], other) for other in keys[1:])
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_gauss_rule_of_a_facet(degree):
+    """It is exact for polynomials of degree 2 p + 1 along each axis, and not for the next even one."""
+    weights, value, *_ = Space(affine_forest(), degree).facet_rule
+    v, u = (x.ravel() / degree for x in np.mgrid[: degree + 1, : degree + 1])
+    x, y = value @ u, value @ v
+    for power in range(2 * degree + 2):
+        for other in range(2 * degree + 2):
+            assert abs(weights @ (x**power * y**other) - 1 / ((power + 1) * (other + 1))) < 1e-15
+    assert abs(weights @ x ** (2 * degree + 2) - 1 / (2 * degree + 3)) > 1e-4
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_error_of_a_child(degree):
+    """Local: of x^(p+1), interpolated, the energy of the error in a cell of half the size is the stated part."""
+    x, w = np.polynomial.legendre.leggauss(8)
+    x, w = (x + 1) / 2, w / 2
+    nodes = np.linspace(0, 1, degree + 1)
+
+    def error2(size):
+        slope = (degree + 1) * (size * x) ** degree
+        interpolated = hexahedron.lagrange_derivative(degree, x) @ (size * nodes) ** (degree + 1) / size
+        return size**3 * w @ (slope - interpolated) ** 2
+
+    assert abs(Space(affine_forest(), degree).child_error / (error2(0.5) / error2(1.0)) - 1) < 1e-12

@@ -140,6 +140,20 @@ def test_equidistributed_shares():
         assert (rows[:, 0] > 0).sum() == min(max(round(share), 1), WORLD.size - 1)
 
 
+@pytest.mark.parametrize("parts", [2, 10, 37])
+def test_equidistributed_parts(parts):
+    """The same of any number of parts, each of about the same weight as those beside it."""
+    forest = grown(roots(pressed(two_boxes(margin=1)), MPI.COMM_SELF), 4)
+    units, part = assign(forest, parts, "equidistributed")
+    contact, others = (
+        np.bincount(part[which], units.weights[which], parts) for which in (units.contact, ~units.contact)
+    )
+    assert not ((contact > 0) & (others > 0)).any()
+    assert (contact > 0).sum() == min(max(round(parts * contact.sum() / len(forest)), 1), parts - 1)
+    for weights in (contact, others):
+        assert np.ptp(weights[weights > 0]) <= 2
+
+
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_more_ranks_than_root_cells(kind):
     """Two root cells, once refined, can be spread over more ranks than two."""
