@@ -30,3 +30,16 @@ def test_stripes(distribution):
         left, right = (set().union(*WORLD.allgather(some)) for some in (left, right))
         assert len(left) == len(right) == 1 and len(left | right) == number
     assert ContactPatches(forest, pairs, np.zeros(len(pairs), dtype=bool)).number == 0
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_one_closed_vertex(distribution):
+    """Facets that are closed at one of their vertices are a patch, and so are those next to them."""
+    scene = pressed(two_boxes(upper=(6, 2, 1), distortion=0.0))
+    forest = DISTRIBUTIONS[distribution](roots(scene))
+    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
+    patches = ContactPatches(forest, pairs, np.abs(pairs.position - [1.0, 1.0, 0.0]).max(axis=1) < 1e-9)
+    assert patches.number == 1
+    # Four facets around it, and the two beyond x = 2: the surface ends on the other sides.
+    assert WORLD.allreduce(int((patches.facet[0] >= 0).sum())) == 6
+    assert WORLD.allreduce(int((patches.pair >= 0).sum())) == 9
