@@ -175,6 +175,21 @@ def test_facets_with_more_than_their_share():
     assert first > 5 and named(tolerance / 10) > first
 
 
+def test_four_times_the_energy_allow_half_the_tolerance():
+    """What patches may have between their nodes is e^2 of what they store."""
+    *_, step = adapt(punch(), 0.16)
+    patches, energy = of_patches(step)
+    most = []
+    for factor in (1.0, 4.0):
+        low, high = 1e-4, 10.0
+        for _ in range(11):
+            middle = np.sqrt(low * high)
+            named = WORLD.allreduce(int(inter_node_penetration(step, middle, patches, factor * energy).sum()))
+            low, high = (middle, high) if named else (low, middle)
+        most.append(high)
+    assert abs(most[0] / most[1] - 2) < 0.05
+
+
 def test_an_order_that_swings_between_its_nodes():
     """Polynomials of order 6 leave the range of their samples by many times that range."""
     boxes = Boxes(6)
