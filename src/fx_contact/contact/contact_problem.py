@@ -5,11 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.linalg.matrix import BlockMatrix
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +33,9 @@ class ContactProblem:
     load: np.ndarray
     prescribed: np.ndarray
     energy_norm: Callable[[np.ndarray], float]
-    rows: object = None
-    scene: object = None
-    motions: object = None
+    rows: ConstraintRows | None = None
+    scene: Scene | None = None
+    motions: RigidModes | None = None
 
 
 @dataclass(frozen=True)
