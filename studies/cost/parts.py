@@ -1,7 +1,7 @@
-"""What each part of a small scene costs: the table of the README.
+"""What each part of a small scene costs.
 
-The bare scene is two columns that do not touch, of straight cells, solved once; each row has one part more. CPU seconds
-of one core without compilation, the least of five runs.
+The bare scene: two columns of straight cells that do not touch, solved once. Each row adds one part. CPU seconds of one
+core without compilation, the least of five runs.
 
     python3 -m studies.cost.parts
 

@@ -1,7 +1,7 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
-The forests are those of real adaptive runs of both benchmarks, every leaf refined once more: over a million leaves.
-Each rank scores one benchmark at a time by itself, so two ranks halve the time:
+The forests are those of adaptive runs of both benchmarks, every leaf refined once more: over a million leaves. Each
+rank scores one benchmark by itself, so two ranks halve the time:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run

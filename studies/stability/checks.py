@@ -1,21 +1,16 @@
-"""What a solution must satisfy, each with the deviation that is allowed and where that comes from.
+"""What a solution must satisfy, and by how much it may deviate: bounds that follow from the record of the run itself.
 
-The allowed deviations are not chosen: they follow from what the run itself states.
-
-linear solver   The solver ends when its error, as the preconditioner sees it, is `energy_error` in the operator's norm.
-                The true one is larger by the square root of the condition number, which n iterations to a
-                tolerance t betray: 2 n / ln(2/t).  The sum of forces on a body is the product of the error with the
-                operator and the body's translation v, at most |v| times that in the operator's norm, where
-                |v|^2 = v^T K v + sum k.  Products with K and k round off.  1e-7 at least, the contract; 1 % at most,
-                for who loses more than that without a word fails.
-discretisation  The energy of a displacement-driven body errs by the square of the relative error in the energy norm,
-                and the force with it.  That must be what was asked for, e^2, and within 1.5 of what the record says:
-                xi^2 / omega^2, divided by the square of the part of the error that the estimate is found to see where
-                that is less than 0.8.  Uniform stresses are exact.
-round contact   Gaps are known at nodes only; between them, h apart, the sphere bulges by h^2/8R.  Against an approach
-                a^2/R with n pairs on pi a^2 and F ~ approach^(3/2) that is 1.5 pi / (8 n).
-penalty         To first order a penalty lowers the force by s = sum(f penetration) / (F approach), in a linear problem
-                from F to F (1 - s) exactly: forces are corrected by it, and what is left is of the order of s^2.
+linear solver   PCG stops at `energy_error`, the preconditioned norm of its residual. The true error is larger by
+                sqrt(cond) = 2 n / ln(2/t), from n iterations to a tolerance t. The sum of forces on a body is v^T K e,
+                with v its translation: at most |v|_K |e|_K, where |v|_K^2 = v^T K v + sum k. Rounding in products with
+                K and k is added. At least 1e-7, the contract; at most 1 %: a larger error without a warning fails.
+discretisation  With prescribed displacements, energy and force err by the square of the relative error in the energy
+                norm: at most e^2, and at most 1.5 xi^2 / (omega theta)^2 by the record, where the effectivity theta
+                counts below 0.8. Uniform stresses are exact.
+round contact   Between nodes h apart the sphere bulges by h^2/8R. Relative to the approach a^2/R, with n pairs on
+                pi a^2 and F ~ approach^(3/2), this is 1.5 pi / (8 n) of the force.
+penalty         To first order a penalty lowers the force F to F (1 - s), s = sum(f penetration) / (F approach), in a
+                linear problem exactly. Forces are corrected by it; the rest is of order s^2.
 """
 
 from dataclasses import dataclass

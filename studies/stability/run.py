@@ -1,16 +1,16 @@
-"""The stress matrix: hundreds of stiff and extreme scenes, each scored, each to be run again by one command.
+"""The stress matrix: 480 stiff and extreme scenes, each scored, each a command of its own.
 
 Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
-bodies, tilted planes, bodies that contact alone holds, gaps and overlaps, contact between nodes, order of the geometry.
-Each scene must balance its forces, have no tension and store the work done on it, and agree with a reference, or with a
-twin in other units, another direction or on another mesh; `checks.py` says how closely, and why.  Each runs
-on one rank, with a time limit, in a process that a crash or a hang ends and another one replaces: they are scores too.
+bodies, tilted planes, bodies held by contact alone, gaps and overlaps, contact between nodes, order of the geometry.
+Each scene must balance its forces, have no tension, store the work done on it, and agree with a reference, or with a
+twin: the same problem in other units, another direction or on another mesh. `checks.py` says how closely. Each runs on
+one rank, with a time limit; a crash and a hang are scores too.
 
     python3 -m studies.stability.run --quick            # a sixth of the scenes, spread over all rows
     python3 -m studies.stability.run                    # all: 6 minutes on two fast cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
 
-A run goes on where it stopped; delete the folder of results to begin anew.  It leaves there scores.jsonl, scores.csv,
+A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv,
 table.md and matrix.png.
 """
 

@@ -1,9 +1,8 @@
 """Error against run time: for a given accuracy, which settings are cheapest, and can the estimate be trusted?
 
-Every point is a command of its own, run as anyone would; it is printed in the tables, to be rerun by whoever doubts it.
-Times are those of all steps, medians of the repetitions, without compilation; errors are true ones: against references
-that do not come from this program, and in the energy norm against over-refined solutions. Runs that fail are shown as
-failed. An interrupted study goes on where it stopped.
+Every point is a command, printed in the tables. Times are those of all steps without compilation, medians of the
+repetitions. Errors are true errors: against references that do not come from this program, and in the energy norm
+against over-refined solutions. Runs that fail are shown as failed. An interrupted study goes on where it stopped.
 
     python3 -m studies.work_precision.run              # all points: under 40 minutes on two cores
     python3 -m studies.work_precision.run --quick      # a third of them, small ones, each once: under 2 minutes
