@@ -24,8 +24,8 @@ from queue import SimpleQueue
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = Path(__file__).with_name("table.tsv")
-#: Seconds after which tests that do not end count as failed.
-PATIENCE = 300
+#: Seconds after which tests that do not end count as failed, for a mutation and for all tests without any.
+PATIENCE, ALL = 600, 7200
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def faults(mutation):
     return result
 
 
-def passes(tree, ranks, tests):
+def passes(tree, ranks, tests, patience=PATIENCE):
     """Whether all of some tests pass in a tree on a number of ranks, and the last lines of what they say."""
     command = ["mpirun", "-n", str(ranks), sys.executable, "-m", "pytest", "-x", "-q", "--color=no"]
     command += ["-p", "no:cacheprovider", *(f"tests/{test}" for test in tests)]
@@ -114,7 +114,7 @@ def passes(tree, ranks, tests):
         stderr=subprocess.STDOUT,
     )
     try:
-        said, _ = process.communicate(timeout=PATIENCE)
+        said, _ = process.communicate(timeout=patience)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
@@ -163,7 +163,7 @@ def study(chosen, jobs):
         with ThreadPoolExecutor(jobs) as pool:
             for ranks in sorted({mutation.ranks for mutation in chosen}):
                 tests = {test: None for mutation in chosen if mutation.ranks == ranks for test in mutation.tests}
-                right, said = borrowed(lambda tree: passes(tree, ranks, tests))
+                right, said = borrowed(lambda tree: passes(tree, ranks, tests, ALL))
                 if not right:
                     sys.exit(f"{said}\nwithout any mutation tests fail on {ranks} rank(s)")
             return [mutation for mutation, lives in zip(chosen, pool.map(judged, chosen)) if lives]
