@@ -1,6 +1,7 @@
 """The house keeps its order: imports point downward, the library is silent, and what is optional stays optional."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -149,6 +150,34 @@ def test_files_are_short(path):
     lines = path.read_text().splitlines()
     assert len(lines) <= 400
     assert max(map(len, lines), default=0) <= 120
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_functions_are_short(path):
+    """One thought a function: no more than 60 lines beside its docstring."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.FunctionDef):
+            told = len((ast.get_docstring(node, clean=False) or "").splitlines())
+            length = node.end_lineno - node.lineno + 1 - told
+            assert length <= 60, f"{node.name} has {length} lines"
+
+
+#: Words that only their author knew, and the field's words for them.
+RETIRED = {
+    r"\bspots?\b": "contact patch",
+    r"\bunseen\b": "between nodes",
+    r"\bunrest\b": "noise",
+    r"what (it|the estimate) sees": "effectivity",
+    r"home-made": "own",
+}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_words_of_the_field(path):
+    """Code and comments use the field's words."""
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        for word, better in RETIRED.items():
+            assert not re.search(word, line, re.IGNORECASE), f"line {number}: {word} (say {better})"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
