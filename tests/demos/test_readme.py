@@ -25,6 +25,7 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 (demos/(hertz|indentation|patch|manufactured|own_gmsh_model)\.py|-m studies\.\w+\.\w+).*"
+    r"|python3 tests/mutations/run\.py .*"
 )
 #: What is not.
 SKIPPED = {
@@ -44,6 +45,7 @@ SMALLER = (
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"(mpirun -n \d )?(python3 -m studies\.\w+\.\w+)(?!.*--only).*", r"\2 --help"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
+    (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
     (r"notebooks/\w+\.ipynb", "--help"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
@@ -150,7 +152,7 @@ def test_options_exist():
         *(TOP / "demos").glob("*.py"),
         *(TOP / "studies").glob("*/*.py"),
         *(TOP / "notebooks").glob("*.py"),
-        *(TOP / "tests").glob("*.py"),
+        *(TOP / "tests").rglob("*.py"),
     ]
     known = set(re.findall(r'"(--[\w-]+)"', "".join(path.read_text() for path in sources)))
     known |= set(re.findall(r"--[\w-]+", (TOP / "with-dolfinx").read_text()))
