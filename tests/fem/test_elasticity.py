@@ -33,7 +33,6 @@ from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.dirichlet import prescribed_displacements
-from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -60,7 +59,7 @@ def gathered_matrix(matrix, names, keys):
 def full_stiffness(elasticity):
     """K on all vertices as dolfinx assembles it, gathered, ordered by key."""
     trial, test = ufl.TrialFunction(elasticity.function_space), ufl.TestFunction(elasticity.function_space)
-    dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": elasticity.quadrature_degree})
     matrix = assemble_matrix(form(ufl.inner(elasticity.stress(trial), ufl.sym(ufl.grad(test))) * dx))
     matrix.assemble()
     imap = elasticity.function_space.dofmap.index_map

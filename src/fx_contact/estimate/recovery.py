@@ -8,7 +8,6 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.fem.compilation import compiled
-from fx_contact.fem.elasticity import QUADRATURE_DEGREE
 from fx_contact.parallel.errors import SolveError
 
 #: Rows and columns of the six components of a symmetric stress in recovered fields.
@@ -58,7 +57,7 @@ class Recovery:
     def __init__(self, elasticity, shear_free, stages):
         self._prolongation, self._elasticity = elasticity.prolongation, elasticity
         self._shear_free, mesh, comm = shear_free, elasticity.mesh, self._prolongation.comm
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": elasticity.quadrature_degree})
         moments = elasticity.nodal_space(7)
         self._recovered = fem.Function(elasticity.nodal_space(6), name="stress")
         cellwise = fem.functionspace(mesh, ("DG", 0, (2,)))

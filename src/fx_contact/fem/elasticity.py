@@ -17,8 +17,6 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
 from fx_contact.fem.compilation import compiled
 from fx_contact.linalg.matrix import add_blocks, create_matrix
 
-#: Degree of the Gauss rule for Q1 on curved cells: 2 x 2 x 2 points.
-QUADRATURE_DEGREE = 3
 #: Poisson's ratio from which on the cells of a body have one volume strain each.
 LOCKING_POISSON = 0.4
 #: Cells of which P^T K P is taken at once.
@@ -43,6 +41,7 @@ class Elasticity:
         prolongation: as given.
         function_space: of displacements, a block of 3 a node.
         u: displacement, a Function [m].
+        quadrature_degree: of the Gauss rule on curved cells, 2p + 1: (p+1)^3 points.
         cells: (ncells, (p+1)^3) int32, position in the Space of the nodes of each local cell.
         node_of_block: (nblocks,) int64, the same of each local block of `function_space`; several blocks may be a node.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
@@ -53,6 +52,7 @@ class Elasticity:
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
+        self.quadrature_degree = 2 * prolongation.space.degree + 1
         self.function_space = self.nodal_space(3)
         constant = fem.functionspace(mesh, ("DG", 0))
         self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
@@ -214,7 +214,7 @@ class Elasticity:
     def _compiled(self, integrand, factor=1.0, cells=None):
         """The integral over some cells of this rank, or all, compiled."""
         where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
-        dx = ufl.Measure("dx", self.mesh, where, {"quadrature_degree": QUADRATURE_DEGREE}, domain)
+        dx = ufl.Measure("dx", self.mesh, where, {"quadrature_degree": self.quadrature_degree}, domain)
         with self._stages("compile"):
             return compiled(self.prolongation.comm, factor * integrand * dx)
 
