@@ -1,8 +1,9 @@
 """Compare two files of `records.py`: integers must agree, forces to 1e-9, other figures to 1e-6.
 
 PT-SCOTCH's partition differs from run to run, and the order of all sums with it: forces of `graph` must agree to 1e-7.
+On 3 ranks sums are in another order each time too; the folder's README says which figures then may differ.
 
-    python3 studies/equivalence/compare.py [--subset] before.json after.json
+    python3 studies/equivalence/compare.py [--subset] studies/equivalence/before_2.json after.json
 
 With `--subset` the runs of the second file alone are compared.  Ends with 1, and says where, if something differs.
 """

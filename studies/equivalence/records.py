@@ -70,6 +70,12 @@ def kept(step):
     return {name: getattr(record, name) for name in names} | {"levels": levels.tolist()}
 
 
+def as_text(result):
+    """The records as JSON, one line a step."""
+    runs = (f"{json.dumps(name)}: [\n" + ",\n".join(map(json.dumps, steps)) + "\n]" for name, steps in result.items())
+    return "{\n" + ",\n".join(runs) + "\n}\n"
+
+
 def main():
     """Run the cases, and write what they leave."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -92,7 +98,7 @@ def main():
         sys.path.insert(0, str(demos))
         result["own_gmsh_model"] = [kept(runpy.run_path(str(demos / "own_gmsh_model.py"))["step"])]
     if comm.rank == 0:
-        arguments.file.write_text(json.dumps(result, indent=1))
+        arguments.file.write_text(as_text(result))
 
 
 if __name__ == "__main__":
