@@ -84,7 +84,18 @@ def test_a_box_of_dolfinx():
     assert root.bodies == ("box",) and len(root.cells) == 16 and len(root.points) == 45
     assert len(root.surfaces["top"]) == 8 and (root.facet_points(root.surfaces["top"])[:, :, 2] == 1).all()
     assert WORLD.allgather(mesh_digest(root)) == [mesh_digest(root)] * WORLD.size
+    other = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
     bad = {
+        "cell_tags are of another mesh": (other, cell_tags, facet_tags, {3: "box"}, {}),
+        "facet_tags are of another mesh": (
+            other,
+            dolfinx_mesh.meshtags(other, 3, cells, cell_tags.values),
+            facet_tags,
+            {3: "box"},
+            {},
+        ),
+        "bodies must have whole numbers": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
+        "surfaces must have whole numbers": (mesh, cell_tags, facet_tags, {3: "box"}, {5.5: "top"}),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "no root cell": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),

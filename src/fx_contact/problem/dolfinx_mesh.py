@@ -1,6 +1,7 @@
 """A dolfinx mesh of hexahedra, gathered on all ranks as the arrays of a root mesh."""
 
 from collections.abc import Mapping
+from numbers import Integral
 
 import basix
 import numpy as np
@@ -32,9 +33,19 @@ def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
         for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
             if not isinstance(tags, MeshTags) or tags.dim != dimension:
                 raise SceneError(f"{name} must be MeshTags of dolfinx of dimension {dimension}, got {shown(tags)}")
+            if tags._cpp_object.topology is not mesh._cpp_object.topology:  # one C++ object; its wrappers are many
+                raise SceneError(
+                    f"{name} are of another mesh, whose entities have other indices: make them with "
+                    f"dolfinx.mesh.meshtags(mesh, {dimension}, ...) of the mesh that you give"
+                )
         for name, names in (("bodies", bodies), ("surfaces", surfaces)):
             if not isinstance(names, Mapping):
                 raise SceneError(f"{name} must be a dict of tags and names, got {shown(names)}")
+            for tag in names:
+                if not isinstance(tag, Integral) or isinstance(tag, bool):
+                    raise SceneError(
+                        f"{name} must have whole numbers, the tags, as keys, got {shown(tag)}: {{1: 'name'}}"
+                    )
     mesh.topology.create_connectivity(2, 3)
     mesh.topology.create_connectivity(3, 2)
     with together(comm):

@@ -77,8 +77,8 @@ class RootMesh:
 
         Raises:
             GeometryError: cells that are no complete hexahedra in 3D, or as `RootMesh`.
-            SceneError: no mesh or tags of dolfinx, tags of other entities, names that are no dict, a cell that is in
-                none of the bodies, another communicator, or as `RootMesh`.
+            SceneError: no mesh or tags of dolfinx, tags of other entities or of another mesh, names that are no dict
+                with tags as keys, a cell that is in none of the bodies, another communicator, or as `RootMesh`.
         """
         check_comm(comm)
         parts = gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces)
@@ -120,8 +120,9 @@ class RootMesh:
         Raises:
             SceneError: there is no such surface.
         """
-        if name not in self.surfaces:
-            body = f"; {name!r} is a body: name one of its surfaces" if name in self.bodies else ""
+        if not isinstance(name, str) or name not in self.surfaces:
+            is_body = isinstance(name, str) and name in self.bodies
+            body = f"; {name!r} is a body: name one of its surfaces" if is_body else ""
             raise SceneError(unknown("surface", name, self.surfaces, "the root mesh has") + body)
         return self.surfaces[name]
 
