@@ -5,6 +5,7 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_boxes
 
+from fx_contact import SceneError
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.problem import hexahedron
@@ -33,6 +34,13 @@ def test_polynomials_through_hanging_nodes(degree, distribution):
     found = prolongation.prolong(prolongation.injected(exact))
     everywhere(np.abs(found - exact).max(initial=0) < 1e-12 * 100, "a polynomial is not reproduced")
     everywhere(np.abs(prolongation.matrix.sum(axis=1) - 1).max() < 1e-14, "a row of P does not sum to one")
+
+
+@pytest.mark.parametrize("degree", [0, 3, 4, 1.0, True, "2", [2]])
+def test_other_degrees(degree):
+    """Thirds of a leaf are no points of the lattice."""
+    with pytest.raises(SceneError, match="degree 1 or 2, got .*not cut in three"):
+        Space(roots(pressed(two_boxes(upper=(1, 1, 1)), contact=True)), degree)
 
 
 @pytest.mark.parametrize("degree", [1, 2])

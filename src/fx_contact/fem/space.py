@@ -6,10 +6,13 @@ At degree 1 they are the vertices of the leaves.
 """
 
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 
 from fx_contact.forest.forest import LatticePoints
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import SIDE
 
@@ -27,7 +30,7 @@ class Space:
 
     Args:
         forest: Forest.
-        degree: p.
+        degree: p, 1 or 2.
 
     Attributes:
         forest, degree: as given.
@@ -37,9 +40,17 @@ class Space:
         directory: Directory of the keys.
         face_nodes: (6, (p+1)^2) int64, local nodes of each face of a leaf, first tangent fastest.
         edge_nodes: (12, p+1) int64, local nodes of each edge, from its low end.
+
+    Raises:
+        SceneError: another degree.
     """
 
     def __init__(self, forest, degree):
+        if not isinstance(degree, Integral) or isinstance(degree, bool) or degree not in _GAUSS:
+            raise SceneError(
+                f"a Space has degree 1 or 2, got {shown(degree)}: nodes are points of the integer lattice, on which a "
+                "leaf can be halved, but not cut in three, nor in four on the finest level"
+            )
         self.forest, self.degree = forest, degree
         self._nodes = forest.vertices if degree == 1 else LatticePoints(forest, self.points)
         self.keys, self.cells = self._nodes.keys, self._nodes.cells
