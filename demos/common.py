@@ -47,6 +47,7 @@ from fx_contact import (  # noqa: E402
     Solver,
     adapt,
 )
+from fx_contact.adaptive.settings import DEGREE  # noqa: E402
 from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
 from fx_contact.estimate.error_control import MODES  # noqa: E402
 from fx_contact.forest.partition import KINDS  # noqa: E402
@@ -89,6 +90,13 @@ def parser(description, *, tolerance, order, coarse, output):
     add = result.add_argument
     add("--help", action="help", help="show this message and exit")
     add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
+    add(
+        "--degree",
+        type=int,
+        metavar="{1,2}",
+        default=DEGREE,
+        help="of displacements; 2 is not there yet (%(default)s)",
+    )
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
@@ -126,6 +134,10 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
     """
     arguments = _parsed(options)
     with plain_errors(COMM):
+        if arguments.degree != DEGREE:
+            raise SceneError(
+                f"displacements have degree {DEGREE} only, --degree {arguments.degree} is not there yet: leave it out"
+            )
         show, progress = _voice(arguments.quiet)
         material = Material(young=arguments.young, poisson=arguments.poisson)
         scene = make_scene(arguments, material)
