@@ -1165,7 +1165,12 @@ UNLIKE = {
     "no scene": ({}, {"scene": None}, "must be a Scene, got None"),
     "geometry order": ({}, {"geometry_order": 1}, "geometry order (null on rank 0, 1 on"),
     "enforcement": ({}, {"enforcement": Enforcement("penalty")}, "enforcement ({"),
-    "enforcement as text": ({}, {"enforcement": "penalty"}, "must be a Enforcement, got 'penalty'"),
+    "control as text": (
+        {},
+        {"control": "energy"},
+        "must be an ErrorControl, got 'energy': write ErrorControl('energy')",
+    ),
+    "enforcement as text": ({}, {"enforcement": "penalty"}, "must be an Enforcement, got 'penalty'"),
     "solver": ({}, {"solver": Solver("ilu")}, "solver's preconditioner"),
     "option of the solver": ({}, {"solver": Solver(options={"pc_typ": 1})}, "solver's option pc_typ (null on rank 0"),
     "partition": ({}, {"partition_kind": "sfc"}, 'partition ("contact-sfc" on rank 0'),
@@ -1443,6 +1448,7 @@ def test_options_file_of_the_environment():
 @pytest.mark.parametrize(
     "words, code, message",
     [
+        ("--degree 2", 1, "SceneError: displacements have degree 1 only, --degree 2 is not there yet: leave it out"),
         ("--tolerence 0.1", 2, "unknown option '--tolerence'; did you mean '--tolerance'?"),
         ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
         ("-fx_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),

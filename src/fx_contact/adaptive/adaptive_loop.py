@@ -33,7 +33,7 @@ def adapt(
     geometry_order=None,
     enforcement=None,
     solver=None,
-    control=ErrorControl(),
+    control=None,
     partition_kind="contact-sfc",
     beginning=None,
     checkpoint=None,
@@ -53,7 +53,7 @@ def adapt(
             `settings.GEOMETRY_SHARE` times the tolerance.
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
-        control: ErrorControl, what is refined for and when to stop.
+        control: ErrorControl, what is refined for and when to stop; None: the default one.
         partition_kind: a key of `partition.KINDS`.
         beginning: Beginning; None: the root cells.
         checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
@@ -80,6 +80,7 @@ def adapt(
     with together(comm):
         enforcement = Enforcement() if enforcement is None else enforcement
         solver = Solver() if solver is None else solver
+        control = ErrorControl() if control is None else control
         settings = Settings(scene, tolerance, geometry_order, enforcement, solver, control)
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
@@ -102,7 +103,15 @@ def adapt(
         }
     check_alike(comm, asked)
     writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings.problem, options, restart)
-    return Run(settings, comm, max_steps, partition_kind, restart or beginning, writer, progress)
+    return Run(
+        settings,
+        comm,
+        max_steps=max_steps,
+        partition_kind=partition_kind,
+        source=restart or beginning,
+        writer=writer,
+        progress=progress,
+    )
 
 
 def _check_start(settings, comm, options, beginning, restart):
@@ -158,7 +167,7 @@ class Run:
         records: list of StepRecord, of all steps so far.
     """
 
-    def __init__(self, settings, comm, max_steps, partition_kind, source, writer, progress):
+    def __init__(self, settings, comm, *, max_steps, partition_kind, source, writer, progress):
         self.step, self.records = None, []
         self._settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress

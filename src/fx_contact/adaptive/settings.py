@@ -66,7 +66,9 @@ class Settings:
             raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
         for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
             if not isinstance(getattr(self, name), kind):
-                raise SceneError(f"{name} must be a {kind.__name__}, got {shown(getattr(self, name))}")
+                value, article = getattr(self, name), "an" if kind.__name__[0] in "AEIOU" else "a"
+                advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
+                raise SceneError(f"{name} must be {article} {kind.__name__}, got {shown(value)}{advice}")
         if order is None:
             return
         if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
