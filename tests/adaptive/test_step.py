@@ -46,6 +46,8 @@ def test_measure_of_a_surface(step):
     assert integral(one * ufl.Measure("ds", step.mesh)) > 1.1 * SURFACE
     with pytest.raises(SceneError, match="no surface"):
         step.ds("no surface")
+    with pytest.raises(SceneError, match=r"unknown surface \['upper z top'\]; the root mesh has"):
+        step.ds(["upper z top"])
 
 
 def test_measure_of_a_curved_surface():
@@ -105,6 +107,12 @@ def test_reports(step):
         lines = repr(thing).splitlines()
         assert 3 <= len(lines) <= 30 and max(map(len, lines)) < 120 and "array" not in repr(thing)
     assert "two boxes" in repr(step) and "15 node pairs closed" in repr(step)
+    contact = step.contact
+    first, second = repr(contact).splitlines()
+    assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"
+    assert second.split() == [
+        *f"force {contact.force.sum():.6g} N, largest pressure {contact.pressure.max(initial=0.0):.5g} Pa".split()
+    ]
 
 
 def test_solve_keeps_the_last_step_alone(monkeypatch):

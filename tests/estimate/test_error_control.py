@@ -196,6 +196,12 @@ def test_a_run_goes_on_with_its_own_control(tmp_path):
     assert np.array_equal(leaves(again.forest), leaves(through[-1].forest))
 
 
+def test_reports():
+    """A control shows the parameters that it uses."""
+    assert repr(ENERGY) == "ErrorControl(mode='energy')"
+    assert repr(CONTACT).startswith("ErrorControl(mode='contact', target=0.9, ") and eval(repr(CONTACT)) == CONTACT
+
+
 @pytest.mark.parametrize(
     "values, message",
     [

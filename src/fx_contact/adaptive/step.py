@@ -18,7 +18,7 @@ from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ContactState:
     """Contact at the node pairs that this rank holds; each pair is on one rank.
 
@@ -42,6 +42,12 @@ class ContactState:
 
     def __len__(self):
         return len(self.points)
+
+    def __repr__(self):
+        return (
+            f"contact on this rank alone: {len(self):,} node pairs, {int(self.active.sum()):,} closed\n"
+            f"  force {self.force.sum():.6g} N, largest pressure {self.pressure.max(initial=0.0):.5g} Pa"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,13 +145,13 @@ class Step:
         if pairs is None:
             return ContactState(*np.zeros((2, 0, 3)), *np.zeros((3, 0)), np.zeros(0, bool), np.zeros(0, np.int32))
         return ContactState(
-            pairs.position,
-            pairs.normal,
-            solution.force / pairs.area,
-            solution.force,
-            -solution.penetration,
-            solution.active,
-            pairs.contact,
+            points=pairs.position,
+            normal=pairs.normal,
+            pressure=solution.force / pairs.area,
+            force=solution.force,
+            gap=-solution.penetration,
+            active=solution.active,
+            pair=pairs.contact,
         )
 
     @property

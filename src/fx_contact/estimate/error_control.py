@@ -76,6 +76,10 @@ class ErrorControl:
             if value > 1 and field.default <= 1:
                 raise SceneError(f"{field.name} of the error control must be at most 1, got {value:g}")
 
+    def __repr__(self):
+        used = fields(self) if self.of_contact else fields(self)[:1]
+        return f"ErrorControl({', '.join(f'{field.name}={getattr(self, field.name)!r}' for field in used)})"
+
     @property
     def of_contact(self):
         """Whether contact has an error of its own to control."""
