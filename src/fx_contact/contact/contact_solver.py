@@ -98,7 +98,15 @@ def solve_system(problem, start, options, environment):
         force = np.where(active & jump.movable, trial, 0.0)
     rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
     solution = ContactSolution(
-        u, active, force, penetration, count, list(cg.iterations), cg.preconditioner, noise, rounding
+        displacement=u,
+        active=active,
+        force=force,
+        penetration=penetration,
+        contact_iterations=count,
+        krylov_iterations=list(cg.iterations),
+        preconditioner=cg.preconditioner,
+        energy_error=noise,
+        rounding=rounding,
     )
     return solution, system
 

@@ -122,14 +122,14 @@ class Judge:
         """
         pieces = self._pieces(part, parts)
         return Quality(
-            parts,
-            _imbalance(self.comm, part, np.ones(len(part)), parts),
-            _imbalance(self.comm, part, self._weights, parts),
-            self._graph.cut(part),
-            self._facing.cut(part),
-            *self._interfaces(part, parts),
-            int(pieces.max()),
-            float(pieces.mean()),
+            parts=parts,
+            imbalance=_imbalance(self.comm, part, np.ones(len(part)), parts),
+            weight_imbalance=_imbalance(self.comm, part, self._weights, parts),
+            cut_facets=self._graph.cut(part),
+            split_pairs=self._facing.cut(part),
+            **self._interfaces(part, parts),
+            pieces_max=int(pieces.max()),
+            pieces_mean=float(pieces.mean()),
         )
 
     def _pieces(self, part, parts):
@@ -149,7 +149,7 @@ class Judge:
         return _total(self.comm, np.bincount(part[first], minlength=parts))
 
     def _interfaces(self, part, parts):
-        """Interface vertices, largest and mean number of neighbours, bytes of all parts, bytes of the busiest part."""
+        """What `Quality` has of interface vertices, neighbours and halos, by name: dict."""
         count = len(part)
         chosen = csr_matrix((np.ones(count, dtype=np.int32), (part, np.arange(count))), shape=(parts, count))
         who, where = (chosen @ self._needs).nonzero()
@@ -175,8 +175,13 @@ class Judge:
         sent = np.bincount(owner, weights=several - 1, minlength=parts).astype(np.int64)
         moved = _total(self.comm, received + sent)
         shared = self.comm.allreduce(len(start))
-        bytes_ = BYTES * int(moved.sum()) // 2, BYTES * int(moved.max())
-        return shared, int(neighbours.max()), float(neighbours.mean()), *bytes_
+        return {
+            "interface_vertices": shared,
+            "neighbours_max": int(neighbours.max()),
+            "neighbours_mean": float(neighbours.mean()),
+            "halo_bytes": BYTES * int(moved.sum()) // 2,
+            "halo_bytes_max": BYTES * int(moved.max()),
+        }
 
 
 def _total(comm, values):

@@ -79,8 +79,19 @@ def ssnv104():
     digits good; Hertz's half-spaces, as published with the case, give a = 10 and p0 = 2798.3.  Local.
     """
     none = np.zeros((0, 2))
-    source = "axisymmetric computation, three digits"
-    return ContactReference("SSNV104", source, 50.0, 4.0, 20000.0, 0.3, 6.60e5, 10.47, 2912.0, none, none)
+    return ContactReference(
+        name="SSNV104",
+        source="axisymmetric computation, three digits",
+        radius=50.0,
+        displacement=4.0,
+        young=20000.0,
+        poisson=0.3,
+        force=6.60e5,
+        contact_radius=10.47,
+        max_pressure=2912.0,
+        profile=none,
+        axis=none,
+    )
 
 
 #: References by the name of the demos' option.
