@@ -261,7 +261,7 @@ def _voice(quiet):
     """What prints a line on rank 0, and on a terminal the progress for `adapt`: the stage at work, overwritten."""
     if quiet or COMM.rank:
         return (lambda _: None), None
-    # Somebody sees the standard error directly, or through the mpirun that has started this rank.
+    # A terminal shows the standard error directly, or through the mpirun that has started this rank.
     above = str(Path(f"/proc/{os.getppid()}/fd/2").resolve())
     if not sys.stderr.isatty() and not ("PMIX_RANK" in os.environ and above.startswith("/dev/pts/")):
         return partial(print, flush=True), None

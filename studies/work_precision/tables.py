@@ -151,7 +151,7 @@ def _manufactured(good):
 
 
 def _trust(good):
-    """Effectivity at e <= 8 % where the geometry is curved and the enforcement hard: there the estimate sees all."""
+    """Effectivity at e <= 8 % where the geometry is curved and the enforcement hard: the whole error is estimated."""
     lines = (DEFAULT, "order 2", "order 6", "uniform, order 3", "penalty c = 1e4", "penalty c = 1e8")
     hertz = [r.effectivity for r in good if r.point.line in lines and r.true and r.last["estimate"] <= 0.08]
     ring = [

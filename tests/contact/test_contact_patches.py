@@ -25,7 +25,7 @@ def test_stripes(distribution):
         active = (x < low) | (x > 4.9)
         patches = ContactPatches(forest, pairs, active)
         assert patches.number == number
-        everywhere((patches.pair[active] >= 0).all(), "a closed pair in no spot")
+        everywhere((patches.pair[active] >= 0).all(), "a closed pair in no patch")
         left, right = (set(patches.pair[active & side].tolist()) for side in (x < 3, x > 3))
         left, right = (set().union(*WORLD.allgather(some)) for some in (left, right))
         assert len(left) == len(right) == 1 and len(left | right) == number

@@ -1,4 +1,4 @@
-"""Bodies at rest are moved as a whole before anything is solved."""
+"""Unloaded bodies are moved as a whole before anything is solved."""
 
 import numpy as np
 import pytest

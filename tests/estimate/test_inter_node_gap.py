@@ -101,7 +101,7 @@ def in_one(scene):
 @pytest.mark.parametrize("one_pair", [False, True], ids=["two pairs", "one pair"])
 @pytest.mark.parametrize("depths, moduli", [((0.01, 1e-4), (1.0, 1.0)), ((0.01, 1e-4), (1.0, 1e-6))])
 def test_a_light_contact_beside_a_heavy_one(depths, moduli, one_pair):
-    """What is little of the whole energy is resolved as contact all the same, also as a spot of one contact pair."""
+    """What is little of the whole energy is resolved as contact all the same, also as a patch of one contact pair."""
     scene = bumps(depths, moduli)
     *_, last = adapt(in_one(scene) if one_pair else scene, 0.2)
     light = last.solution.force[last.pairs.position[:, 0] > 5].sum()
@@ -230,7 +230,7 @@ def test_bodies_that_come_close_are_not_in_contact(displacement):
 
 
 def test_restart(tmp_path):
-    """A run that stops where contact is unseen knows it after a restart."""
+    """A run that stops where contact between nodes is known to be missed knows it after a restart."""
     folder, scene = WORLD.bcast(tmp_path), bump(**HIDDEN)
     through = list(adapt(scene, 0.3, max_steps=2))
     list(adapt(scene, 0.3, max_steps=1, checkpoint=folder))

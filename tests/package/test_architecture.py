@@ -167,14 +167,20 @@ RETIRED = {
     r"\bspots?\b": "contact patch",
     r"\bunseen\b": "between nodes",
     r"\bunrest\b": "noise",
-    r"what (it|the estimate) sees": "effectivity",
+    r"\bsees\b": "effectivity, or what it knows",
+    r"\bat rest\b": "unloaded, zero displacement",
+    r"\bsquares add up": "energy errors add in squares",
     r"home-made": "own",
 }
 
+TOP = Path(__file__).parents[2]
+PAGES = [TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
+STUDIES = sorted(p for name in ("demos", "studies") for p in (TOP / name).rglob("*.*") if p.suffix in (".py", ".md"))
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+
+@pytest.mark.parametrize("path", [*MODULES, *PAGES, *STUDIES], ids=str)
 def test_words_of_the_field(path):
-    """Code and comments use the field's words."""
+    """Code, comments and pages use the field's words."""
     for number, line in enumerate(path.read_text().splitlines(), 1):
         for word, better in RETIRED.items():
             assert not re.search(word, line, re.IGNORECASE), f"line {number}: {word} (say {better})"

@@ -1,4 +1,4 @@
-"""What a scene does not need is left out: seen by what is called, imported and recorded, not by time."""
+"""Unused stages are skipped: shown by what is called, imported and recorded, not by time."""
 
 import subprocess
 import sys

@@ -70,7 +70,7 @@ class Beginning:
 
     @classmethod
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
-        """The root cells, all of them refined alike, at rest.
+        """The root cells, all of them refined alike, with zero displacement.
 
         Collective on comm.
 

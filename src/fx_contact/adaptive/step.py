@@ -1,4 +1,4 @@
-"""The state after one adaptive step, and what a user sees of it."""
+"""The state after one adaptive step, and what it offers to users."""
 
 from dataclasses import dataclass
 from functools import cached_property

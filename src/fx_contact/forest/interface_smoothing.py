@@ -2,9 +2,9 @@
 
 A space-filling curve cuts a mesh into parts with ragged surfaces.  Two steps straighten them.  On a coarse graph, of
 some dozens of boxes a part, the interfaces flow by their mean curvature: the parts' indicators diffuse, and each box
-joins the part it sees most of, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and Osher
-under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018); where parts are few, so
-that an interface is large, once more on finer graphs.  Then single vertices on an interface change sides where this
+joins the part of the largest indicator, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and
+Osher under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018); where parts are few,
+so that an interface is large, once more on finer graphs.  Then single vertices on an interface change sides where this
 shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
 
 The flow ends in a minimum near its start.  With few parts it starts from the pieces of the curve, and once more from
@@ -180,7 +180,7 @@ def _flow(graph, weights, part, parts, limit):
 
 
 def _auction(comm, seen, weights, prices, limit):
-    """Each vertex joins the part it sees most of, less its price; prices change until no part is too heavy.
+    """Each vertex joins the part of its largest indicator, less its price; prices change until no part is too heavy.
 
     Returns the parts, (n,) int32, and their weights; `prices` is changed.
     """

@@ -7,8 +7,8 @@
     sfc              the Hilbert curve, blind to contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
 
-Each is a chain of stages.  A stage sees `Units`, the graph, curve keys, weights and pairs, and where they lie, and says
-which part each of them goes to; a part is a number, of a rank in a run, of any partition in a study.
+Each is a chain of stages.  A stage takes `Units`, the graph, curve keys, weights and pairs, and where they lie, and
+says which part each of them goes to; a part is a number, of a rank in a run, of any partition in a study.
 """
 
 from dataclasses import dataclass

@@ -53,7 +53,7 @@ def cut(comm, keys, weights, parts):
     """Cut a weighted curve into parts of nearly equal weight; equal keys are never cut apart.
 
     Collective on comm.  A bisection for all cuts at once: each round is one reduction of `parts - 1` numbers, and no
-    rank sees another rank's keys.
+    rank receives another rank's keys.
 
     Args:
         comm: MPI communicator.

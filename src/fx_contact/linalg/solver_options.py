@@ -71,8 +71,8 @@ class Solver:
     Attributes:
         preconditioner: a key of `PRECONDITIONERS`; where PCG fails with it, it goes on with Cholesky's factors if they
             fit into the memory, else with "boomeramg-robust".
-        tolerance: error of the displacement, in the norm of the operator as the preconditioner sees it, relative to
-            the displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
+        tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
+            displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
             holds for any penalty; the default leaves an error below 1e-7 in the contact force; 1e-3, the largest that
             is taken, one below 1e-3.
         loose_tolerance: the same while the active set still changes.

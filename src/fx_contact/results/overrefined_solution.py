@@ -45,7 +45,8 @@ def true_error(step, tolerance, scene=None):
     for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):
         pass
     distance = energy_distance(fine, fine.along)
-    # Squares add up by Galerkin orthogonality; contact and penalty disturb it by less than the estimate's own error.
+    # Energy errors add in squares (Galerkin orthogonality), up to contact and penalty, which disturb it by less than
+    # the estimate's own error.
     relative = float(np.hypot(distance, fine.record.estimate))
     return TrueError(distance, fine.record.estimate, fine.record.dofs, relative)
 

@@ -14,7 +14,7 @@ _COLUMNS = (
     ("contact", 7, lambda r: str(r.contact_iterations)),
     ("krylov", 6, lambda r: str(sum(r.krylov_iterations))),
     ("error %", 7, lambda r: f"{100 * r.estimate:.2f}"),
-    ("seen", 4, lambda r: f"{r.assumed_effectivity:.2f}"),
+    ("eff.", 4, lambda r: f"{r.assumed_effectivity:.2f}"),
     ("force", 11, lambda r: f"{r.force:.5e}"),
     ("seconds", 7, lambda r: f"{r.seconds['total']:.2f}"),
 )
