@@ -1,1 +1,9 @@
 """The adaptive loop: one step, the loop over the steps, and what of it is kept on disk."""
+
+from fx_contact.adaptive.adaptive_loop import adapt, solve
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
+
+__all__ = ["Beginning", "Checkpoint", "Step", "StepRecord", "adapt", "solve"]

@@ -4,3 +4,9 @@ Of the whole: `recovery` of stresses and xi_T (3), `effectivity` of xi, `marking
 Of contact: `contact_goals`, which calls `contact_energy` of the patches, `inter_node_gap`, `candidate_contact` zones
 and the dual solutions of `dual_weighted`.  `equilibrium` checks the solver.
 """
+
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.recovery import Estimate, Recovery
+
+__all__ = ["ErrorControl", "Estimate", "Recovery", "RefinementHistory"]
