@@ -1,21 +1,24 @@
 """What a run refines for and when it stops: marking, effectivity, and the two modes of control."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import leaves
+from model_problems import leaves, roots, strewn
 
-from fx_contact import ErrorControl, adapt
+from fx_contact import ErrorControl, Material, adapt
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.estimate.recovery import Estimate
 from fx_contact.parallel.errors import CheckpointError, SceneError
-from fx_contact.scenes import indentation
+from fx_contact.problem.lattice import SIDE
+from fx_contact.scenes import indentation, stack
 
 CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
+HALF = SIDE // 2
 
 
 def spread(errors, energy=1.0):
@@ -161,8 +164,42 @@ def test_both_modes_by_hand():
     assert CONTACT.sought(finer, 0.5, CONTACT.begin()) == 0.25  # nothing is measured on a first mesh
 
 
+@pytest.mark.parametrize("control", [ENERGY, CONTACT], ids=["energy", "contact"])
+@pytest.mark.parametrize(
+    "marked, partner",
+    [((0, (HALF, 0, HALF)), (1, (HALF, 0, 0))), ((1, (0, HALF, 0)), (0, (0, HALF, HALF))), ((0, (HALF, 0, 0)), None)],
+)
+def test_partners_by_hand(control, marked, partner):
+    """Two root cells, one on the other, refined once: 16 leaves (root cell, anchor), eight of them in contact.
+
+    One has xi_T = 4 J^(1/2), the others 1, omega = 10 J^(1/2), e = 0.5.  Criterion (2) is xi_T > 0.5 * 10 / 16^(1/2),
+    and "contact" has to bring xi^2 = 31 down to 20.25: refined once, the one leaves 19.  It is refined, and with it (5)
+    the leaf that it faces, if it faces one.
+    """
+    start = roots(stack([Material(1.0, 0.3)] * 2, cells=(1, 1, 1)))
+    forest = strewn(start.refined(np.ones(len(start), dtype=bool))[0])
+    assert forest.size_global == 16
+    mine = (forest.cell == marked[0]) & (forest.anchor == marked[1]).all(axis=1)
+    estimate = Estimate(None, np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
+    times, _ = control.marked(estimate, 0.5, control.begin(), WORLD)
+    fine, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
+    sides, quarters = product((0, HALF), repeat=3), list(product((0, HALF // 2), repeat=3))
+    expected = set()
+    for place in product((0, 1), sides):
+        if place in (marked, partner):
+            expected |= {(place[0], 2, *np.add(place[1], quarter).tolist()) for quarter in quarters}
+        else:
+            expected.add((place[0], 1, *place[1]))
+    found = np.column_stack([fine.cell, fine.level, fine.anchor])
+    found = [tuple(row) for row in np.concatenate(WORLD.allgather(found)).tolist()]
+    assert sorted(found) == sorted(expected) and len(found) == (30 if partner else 23)
+
+
 def test_a_run_of_the_mode_energy():
-    """Marking (2), partners (5) and stop (6) of a whole run, from its own indicators; contact has no goals."""
+    """Marking (2), stop (6), and that a step refines what is marked: a whole run, from its own indicators.
+
+    Contact has no goals.
+    """
     tolerance, steps = 0.2, list(adapt(indentation(coarse=2), 0.2, control=ENERGY))
     assert len(steps) > 2
     for step, finer in zip(steps, steps[1:]):
