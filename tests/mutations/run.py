@@ -50,6 +50,11 @@ class Mutation:
     def __str__(self):
         return f"{self.file}: {self.old.strip()!r} -> {self.new.strip()!r} ({self.remark})"
 
+    @property
+    def line(self):
+        """The line of the table."""
+        return "\t".join((self.file, self.old, self.new, str(self.ranks), " ".join(self.tests), self.remark))
+
     def place(self, root):
         """The mutated file in a tree."""
         return root / "src" / "fx_contact" / self.file
@@ -182,7 +187,7 @@ def main():
         sys.exit("\n".join(wrong))
     if options.check:
         return
-    chosen = [mutation for mutation in table if mutation.ranks and (options.only or "") in str(mutation)]
+    chosen = [mutation for mutation in table if mutation.ranks and (options.only or "") in mutation.line]
     if not chosen:
         sys.exit(f"no mutation has {options.only!r} in its line")
     lives = study(chosen, options.jobs)

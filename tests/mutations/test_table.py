@@ -14,6 +14,7 @@ def test_table_fits_the_code():
     """Each piece is there, once; nothing is there twice; at least 60 mutations change results."""
     table = run.mutations()
     assert not [f"{mutation}: {fault}" for mutation in table for fault in run.faults(mutation)]
+    assert [mutation.line for mutation in table] == run.TABLE.read_text().splitlines()[1:]
     assert max(Counter((m.file, m.old, m.new) for m in table).values()) == 1
     assert sum(m.ranks > 0 for m in table) >= 60
 
