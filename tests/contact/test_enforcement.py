@@ -595,19 +595,18 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     assert max(count) <= 1.2 * min(count), count
 
 
-#: What 20 % do not hold for on 3 ranks: one takes a quarter fewer, one a quarter more.
-ON_TWO_RANKS = pytest.mark.xfail(WORLD.size > 2, reason="BoomerAMG of small parts", strict=False)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "make, levels",
-    [(make, 1) for make in (hertz, spheres, punch, cylinders, shrink_fit, stack)]
-    + [(indentation, 2)]
-    + [pytest.param(*case, marks=ON_TWO_RANKS) for case in ((indentation, 1), (shrink_fit, 2))],
+    [(make, 1) for make in (hertz, spheres, punch, cylinders, shrink_fit, stack, indentation)]
+    + [(indentation, 2), (shrink_fit, 2)],
 )
 def test_iterations_on_one_mesh(make, levels):
-    """They differ by at most 20 % from those for bodies of equal stiffness."""
+    """They differ by at most 20 % from those for bodies of equal stiffness.
+
+    On 3 ranks BoomerAMG has small parts: 12 instead of 16 iterations in one case, 50 instead of 40 in another.
+    """
+    most = 0.3 if WORLD.size > 2 and (make, levels) in ((indentation, 1), (shrink_fit, 2)) else 0.2
     scene, count = make(), []
     first, *others = scene.materials
     for ratio in (1.0, *10.0 ** np.arange(-6, 7, 3)):
@@ -616,7 +615,7 @@ def test_iterations_on_one_mesh(make, levels):
         beginning = Beginning.uniform(scaled, levels)
         count.append(iterations([next(adapt(scaled, 0.1, beginning=beginning, max_steps=1)).record]))
     equal, *unequal = count
-    assert 0.8 * equal <= min(unequal) and max(unequal) <= 1.2 * equal, count
+    assert (1 - most) * equal <= min(unequal) and max(unequal) <= (1 + most) * equal, count
 
 
 @pytest.mark.slow
