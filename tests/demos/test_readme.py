@@ -155,7 +155,8 @@ def test_options_exist():
         *(TOP / "tests").rglob("*.py"),
     ]
     known = set(re.findall(r'"(--[\w-]+)"', "".join(path.read_text() for path in sources)))
-    known |= set(re.findall(r"--[\w-]+", (TOP / "with-dolfinx").read_text()))
+    for script in ("with-dolfinx", "tests/run"):
+        known |= set(re.findall(r"--[\w-]+", (TOP / script).read_text()))
     known.add("--build-arg")  # Docker's
     spans = re.findall(r"`(--[\w-]+)[^`]*`", "".join(TEXTS.values()))
     assert len(spans) > 5 and set(spans) <= known, set(spans) - known
