@@ -1,44 +1,93 @@
 """The figures of one adaptive step, a line of `steps.jsonl`."""
 
-from dataclasses import asdict, dataclass, fields, is_dataclass
-from typing import get_args, get_type_hints
+from dataclasses import asdict, dataclass, fields
+
+from mpi4py import MPI
 
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.parallel.versions import library_versions
 
 
-class Record:
-    """A frozen dataclass of a step's figures, to and from JSON."""
+@dataclass(frozen=True, kw_only=True)
+class SolveRecord:
+    """What every solve on an adaptive mesh records, alike on all ranks.
+
+    Attributes:
+        scene: name of the scene.
+        step: number of the step, from 0.
+        ranks: number of MPI ranks.
+        cells: leaves of the forest.
+        dofs: conforming degrees of freedom.
+        degree: of the elements.
+        hanging_nodes: nodes without degrees of freedom of their own.
+        max_level: finest level of a leaf; root cells have level 0.
+        geometry_order: polynomial order of the leaf maps.
+        krylov_iterations: of PCG, for each solve.
+        estimate: estimated relative error in the energy norm, xi / omega [-].
+        tolerance: prescribed relative error e in the energy norm [-].
+        ratio: xi / (e omega), (6) [-].
+        seconds: wall time by stage (`timing.STAGES`) and `total`, the maximum over ranks [s].
+        cpu_seconds: CPU time by stage and `total`, the sum over ranks [s].
+        memory_bytes: resident memory at the end of each stage, the sum over ranks [bytes].
+        peak_memory_bytes: largest resident memory, the sum over ranks [bytes].
+        versions: of the libraries, by name.
+    """
+
+    scene: str
+    step: int
+    ranks: int
+    cells: int
+    dofs: int
+    degree: int
+    hanging_nodes: int
+    max_level: int
+    geometry_order: int
+    krylov_iterations: list[int]
+    estimate: float
+    tolerance: float
+    ratio: float
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    memory_bytes: dict[str, float]
+    peak_memory_bytes: int
+    versions: dict[str, str]
+
+    @classmethod
+    def of(cls, elasticity, solution, estimate, tolerance, stages, **further):
+        """The record of a solve.
+
+        Collective.
+
+        Args:
+            elasticity: Elasticity.
+            solution: ContactSolution.
+            estimate: Estimate.
+            tolerance: prescribed relative error [-].
+            stages: Stages of the step so far.
+            further: the other entries.
+        """
+        prolongation, forest = elasticity.prolongation, elasticity.prolongation.space.forest
+        return cls(
+            ranks=forest.comm.size,
+            cells=forest.size_global,
+            dofs=3 * prolongation.index_map.size_global,
+            degree=prolongation.space.degree,
+            hanging_nodes=prolongation.hanging_global,
+            max_level=forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
+            geometry_order=elasticity.leaf_mesh.order,
+            krylov_iterations=solution.krylov_iterations,
+            estimate=estimate.relative,
+            tolerance=tolerance,
+            ratio=estimate.relative / tolerance,
+            versions=library_versions(),
+            **stages.costs(forest.comm),
+            **further,
+        )
 
     def as_json(self):
         """The entries, without the optional ones that are not known: dict.  Local."""
         entries = asdict(self)
         return {one.name: entries[one.name] for one in fields(self) if entries[one.name] is not one.default}
-
-    @classmethod
-    def from_json(cls, entries):
-        """A record from the entries of a JSON object, those of other versions left out.
-
-        Local.
-
-        Args:
-            entries: dict, as `json.loads` makes it of a line of `steps.jsonl`.
-
-        Raises:
-            TypeError: it is no dict, or lacks an entry.
-        """
-        return _from_entries(cls, entries)
-
-
-def _from_entries(kind, entries):
-    """An instance of a dataclass from the entries that it knows, nested dataclasses likewise."""
-    if not isinstance(entries, dict):
-        raise TypeError(f"{kind.__name__} needs a JSON object, got {entries!r}")
-    known = {}
-    for name, hint in get_type_hints(kind).items():
-        if name in entries:
-            nested = [one for one in (hint, *get_args(hint)) if is_dataclass(one)]
-            known[name] = _from_entries(nested[0], entries[name]) if nested else entries[name]
-    return kind(**known)
 
 
 @dataclass(frozen=True)
@@ -59,23 +108,14 @@ class TrueError:
     relative: float
 
 
-@dataclass(frozen=True)
-class StepRecord(Record):
-    """The figures of one adaptive step, alike on all ranks.
+@dataclass(frozen=True, kw_only=True)
+class StepRecord(SolveRecord):
+    """The figures of one adaptive step.
 
     Forces, contact radius and pressure are those of the whole bodies, whatever symmetry is used.  Units are those of
     the scene, here SI.
 
     Attributes:
-        scene: name of the scene.
-        step: number of the step, from 0.
-        ranks: number of MPI ranks.
-        cells: leaves of the forest.
-        dofs: conforming degrees of freedom.
-        degree: of the elements.
-        hanging_nodes: nodes without degrees of freedom of their own.
-        max_level: finest level of a leaf; root cells have level 0.
-        geometry_order: polynomial order of the leaf maps.
         enforcement: `Enforcement.method`.
         control: `ErrorControl.mode`.
         active_pairs: closed node pairs.
@@ -85,12 +125,8 @@ class StepRecord(Record):
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest overlap of a node pair [m].
         contact_iterations: of the active set.
-        krylov_iterations: of PCG, for each solve.
         preconditioner: as asked for, or the one that took its place.
-        estimate: estimated relative error in the energy norm, xi / omega [-].
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].
-        tolerance: prescribed relative error e in the energy norm [-].
-        ratio: xi / (e omega), (6) [-].
         pair_errors: estimated error of each pair's force, relative to the force, or for an open pair to the force that
             closing it would take; None where nothing is known [-].
         pair_leaves: leaves marked for the force of each contact pair.
@@ -98,25 +134,11 @@ class StepRecord(Record):
         penalty_share: largest share of a pair's contact energy that its penetration takes [-]; None: not asked for.
         reached: whether the tolerance is reached.
         partition: PartitionSummary.
-        seconds: wall time by stage (`timing.STAGES`) and `total`, the maximum over ranks [s].
-        cpu_seconds: CPU time by stage and `total`, the sum over ranks [s].
-        memory_bytes: resident memory at the end of each stage, the sum over ranks [bytes].
-        peak_memory_bytes: largest resident memory, the sum over ranks [bytes].
-        versions: of the libraries, by name.
         errors: deviations from known values by name, relative to them [-]; None: nothing is known.
         true_error: TrueError, or None if it was not measured.
         effectivity: estimate over true error [-], or None.
     """
 
-    scene: str
-    step: int
-    ranks: int
-    cells: int
-    dofs: int
-    degree: int
-    hanging_nodes: int
-    max_level: int
-    geometry_order: int
     enforcement: str
     control: str
     active_pairs: int
@@ -126,23 +148,32 @@ class StepRecord(Record):
     max_pressure: float
     max_penetration: float
     contact_iterations: int
-    krylov_iterations: list[int]
     preconditioner: str
-    estimate: float
     assumed_effectivity: float
-    tolerance: float
-    ratio: float
     pair_errors: list[float | None]
     pair_leaves: list[int]
     unseen_contact: int | None
     penalty_share: float | None
     reached: bool
     partition: PartitionSummary
-    seconds: dict[str, float]
-    cpu_seconds: dict[str, float]
-    memory_bytes: dict[str, float]
-    peak_memory_bytes: int
-    versions: dict[str, str]
     errors: dict[str, float] | None = None
     true_error: TrueError | None = None
     effectivity: float | None = None
+
+    @classmethod
+    def from_json(cls, entries):
+        """A record from a line of `steps.jsonl`; entries of other versions are left out.
+
+        Local.
+
+        Args:
+            entries: dict, as `json.loads` makes it of the line.
+
+        Raises:
+            TypeError: it is no dict, or lacks an entry.
+        """
+        known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
+        for name, kind in (("partition", PartitionSummary), ("true_error", TrueError)):
+            if name in known:
+                known[name] = kind(**known[name])
+        return cls(**known)

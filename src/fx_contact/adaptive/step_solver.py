@@ -27,7 +27,6 @@ from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_orde
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
-from fx_contact.parallel.versions import library_versions
 
 #: Energy norms of bodies without contact that are so many times what rounding leaves are those of rigid motions.
 RIGID = 1e3
@@ -99,10 +98,8 @@ def solve_step(settings, number, start, partition, stages):
         solution, system = solve_system(discrete.problem, start.displacement, options, Environment(stages, objects))
         with stages("estimate"):
             verdict = _judge(settings, start, discrete, solution, system, stages)
-            max_level = start.forest.comm.allreduce(int(start.forest.level.max(initial=0)), op=MPI.MAX)
-    sizes = {"step": number, "max_level": max_level, "geometry_order": discrete.leaf_mesh.order}
     return Step(
-        record=_record(settings, start, solution, verdict, stages, partition=partition, **sizes),
+        record=_record(settings, discrete, solution, verdict, stages, step=number, partition=partition),
         scene=settings.scene,
         forest=start.forest,
         leaf_mesh=discrete.leaf_mesh,
@@ -169,33 +166,27 @@ def _judge(settings, start, discrete, solution, system, stages):
     return _Verdict(estimate, history, of_contact, contact, reached)
 
 
-def _record(settings, start, solution, verdict, stages, **known):
+def _record(settings, discrete, solution, verdict, stages, **known):
     """The StepRecord of a step, of which some entries are known.  Collective."""
-    prolongation, tolerance, of_contact = start.prolongation, settings.tolerance, verdict.contact_error
-    return StepRecord(
+    of_contact = verdict.contact_error
+    return StepRecord.of(
+        discrete.elasticity,
+        solution,
+        verdict.estimate,
+        settings.tolerance,
+        stages,
         scene=settings.scene.name,
-        ranks=start.forest.comm.size,
-        cells=start.forest.size_global,
-        dofs=3 * prolongation.index_map.size_global,
-        degree=prolongation.space.degree,
-        hanging_nodes=prolongation.hanging_global,
         enforcement=settings.enforcement.method,
         control=settings.control.mode,
         contact_iterations=solution.contact_iterations,
-        krylov_iterations=solution.krylov_iterations,
         preconditioner=solution.preconditioner,
-        estimate=verdict.estimate.relative,
         assumed_effectivity=settings.control.effectivity(verdict.history),
-        tolerance=tolerance,
-        ratio=verdict.estimate.relative / tolerance,
         pair_errors=of_contact.of_pairs,
         pair_leaves=of_contact.leaves_of_pairs,
         unseen_contact=of_contact.between_nodes,
         penalty_share=of_contact.penalty_share,
         reached=verdict.reached,
-        versions=library_versions(),
         **verdict.contact,
-        **stages.costs(start.forest.comm),
         **known,
     )
 

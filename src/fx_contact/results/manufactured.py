@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from fx_contact.adaptive.step_record import Record
+from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
@@ -26,7 +26,6 @@ from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.versions import library_versions
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
@@ -77,9 +76,9 @@ def bump(x):
     return [direction * height for direction in _DIRECTION]
 
 
-@dataclass(frozen=True)
-class ManufacturedRecord(Record):
-    """The figures of one step; those of a StepRecord by the same name, and errors that are known here.
+@dataclass(frozen=True, kw_only=True)
+class ManufacturedRecord(SolveRecord):
+    """The figures of one step, with the errors that are known here.
 
     Attributes:
         true_error: error relative to the solution in the energy norm [-].
@@ -87,27 +86,9 @@ class ManufacturedRecord(Record):
         effectivity: estimate over true error [-].
     """
 
-    scene: str
-    step: int
-    ranks: int
-    cells: int
-    dofs: int
-    degree: int
-    hanging_nodes: int
-    max_level: int
-    geometry_order: int
-    krylov_iterations: list[int]
-    estimate: float
-    tolerance: float
-    ratio: float
     true_error: float
     l2_error: float
     effectivity: float
-    seconds: dict[str, float]
-    cpu_seconds: dict[str, float]
-    memory_bytes: dict[str, float]
-    peak_memory_bytes: int
-    versions: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,27 +172,18 @@ def _solve(number, forest, order, tolerance, stages):
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
         guess = Recovery(elasticity, np.zeros((prolongation.owned, 3), dtype=bool), stages).estimate()
-    costs = stages.costs(forest.comm)
     true = field_error(elasticity, ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh))))
-    record = ManufacturedRecord(
+    record = ManufacturedRecord.of(
+        elasticity,
+        solution,
+        guess,
+        tolerance,
+        stages,
         scene="manufactured",
         step=number,
-        ranks=forest.comm.size,
-        cells=forest.size_global,
-        dofs=3 * prolongation.index_map.size_global,
-        degree=prolongation.space.degree,
-        hanging_nodes=prolongation.hanging_global,
-        max_level=forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
-        geometry_order=order,
-        krylov_iterations=solution.krylov_iterations,
-        estimate=guess.relative,
-        tolerance=tolerance,
-        ratio=guess.relative / tolerance,
         true_error=true.energy,
         l2_error=true.l2,
         effectivity=guess.relative / true.energy,
-        **costs,
-        versions=library_versions(),
     )
     return ManufacturedStep(record, forest, elasticity, guess)
 

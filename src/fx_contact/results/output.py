@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.io import VTXWriter
 
 from fx_contact.adaptive.step import check_step
-from fx_contact.adaptive.step_record import Record
+from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.estimate.recovery import VOIGT
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, SceneError
@@ -69,7 +69,7 @@ class RecordWriter:
                 self._try(lambda: self._write(record))
 
     def _begin(self, finished):
-        if not isinstance(finished, (list, tuple)) or not all(isinstance(record, Record) for record in finished):
+        if not isinstance(finished, (list, tuple)) or not all(isinstance(record, SolveRecord) for record in finished):
             raise SceneError(f"finished must be a list of the records of steps, got {shown(finished)}")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists() and not self.path.is_file():  # a pipe would keep us waiting
@@ -138,7 +138,7 @@ def _agree(one, other):
 def _line(record):
     """A record as a line of `steps.jsonl`.  Raises SceneError if it is none."""
     try:
-        if isinstance(record, Record):
+        if isinstance(record, SolveRecord):
             return json.dumps(record.as_json()) + "\n"
     except (TypeError, ValueError, RecursionError):
         pass
