@@ -256,9 +256,8 @@ def split(forest, marked):
     child = np.concatenate([np.empty(0, int), *(range(8) if m else [0] for m in marked)]).astype(int)
     level = (forest.level + marked)[parent].astype(np.int8)
     side = (SIDE >> level.astype(np.int32)).astype(np.int32)
-    return forest._with(
-        forest.cell[parent], level, forest.anchor[parent] + side[:, None] * CORNERS[child].astype(np.int32)
-    )
+    anchor = forest.anchor[parent] + side[:, None] * CORNERS[child].astype(np.int32)
+    return replace(forest, cell=forest.cell[parent], level=level, anchor=anchor)
 
 
 def strewn(forest, salt=3):

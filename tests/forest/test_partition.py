@@ -1,4 +1,4 @@
-"""The four kinds of partition: pairs, balance, the same result on any number of ranks; their quality by definition."""
+"""The four kinds of partition: pairs, balance, the same result on any number of ranks."""
 
 import numpy as np
 import pytest
@@ -10,28 +10,20 @@ from model_problems import (
     gathered,
     grown,
     leaves,
-    place,
     pressed,
     roots,
-    scramble,
     strewn,
     two_boxes,
-    whole,
 )
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.forest import interface_smoothing
-from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import KINDS, along_curve, assign, repartition
-from fx_contact.forest.partition_quality import BYTES, Judge, brief
+from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.hexahedron import FACE_CORNERS
-from fx_contact.problem.lattice import SIDE, face_centres
 
 KEEPING = [name for name, kind in KINDS.items() if kind.pairs]
 
@@ -68,7 +60,7 @@ def test_pairs_through_refinement(kind, make):
         cell, anchor = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
         first = forest.pairing.first[forest.cell[leaf], face]
         apart = WORLD.allreduce(int((find_leaves(forest, cell, anchor) < 0)[first].sum()))
-        assert brief(forest, kind).split_pairs == apart
+        assert PartitionSummary.of(forest, kind).split_pairs == apart
         assert apart == 0 or kind not in KEEPING
         forest, _ = forest.refined(chosen(forest, 0.1, salt))
     assert WORLD.allreduce(len(leaf)) > 30
@@ -77,7 +69,7 @@ def test_pairs_through_refinement(kind, make):
 def test_strewn_pairs_are_split():
     """The check above can fail."""
     if WORLD.size > 1:
-        assert brief(strewn(grown(roots(pressed(two_boxes(margin=1))), 3)), "strewn").split_pairs > 10
+        assert PartitionSummary.of(strewn(grown(roots(pressed(two_boxes(margin=1))), 3)), "strewn").split_pairs > 10
 
 
 @pytest.mark.parametrize("kind", ["contact-sfc", "sfc"])
@@ -221,131 +213,3 @@ def test_same_solution(kind, serial_solution):
     everywhere(np.array_equal(keys, serial_solution[0]), "other unknowns")
     error = np.linalg.norm(displacement - serial_solution[1]) / np.linalg.norm(serial_solution[1])
     everywhere(error < 1e-8, f"displacements differ by {error}")
-
-
-# ------------------------------------------------------------------------------------------- quality, by definition
-
-
-def random_parts(forest, parts, salt=5):
-    return (scramble(place(forest), salt) % np.uint64(parts)).astype(np.int32)
-
-
-@pytest.mark.parametrize("make", [lambda: pressed(two_boxes(margin=1)), corner_scene], ids=["boxes", "corner"])
-@pytest.mark.parametrize("parts", [2, 5])
-def test_quality_by_definition(make, parts):
-    """All measures are what a search through all leaves finds, for parts that have nothing to do with the ranks."""
-    forest = repartition(grown(roots(make()), 3, share=0.1), None)[0]
-    octants = (forest.anchor.astype(np.int64) // (SIDE // 2)) @ [1, 3, 5] % parts
-    for part in (random_parts(forest, parts), octants):
-        weights = 1.0 + forest.level
-        found = Judge(forest, Prolongation(Space(forest, 1)), weights).score(part, parts)
-        total = whole(forest)
-        everyone, weight = gathered(WORLD, part), gathered(WORLD, weights)
-        for value, loads in (
-            (found.imbalance, np.bincount(everyone)),
-            (found.weight_imbalance, np.bincount(everyone, weights=weight)),
-        ):
-            assert value == pytest.approx(loads.max() * parts / loads.sum(), rel=1e-14)
-        assert found.cut_facets == cut_facets(total, everyone)
-        needs, joined = by_search(total)
-        split = sum(everyone[a] != everyone[b] for a, b in joined)
-        assert found.split_pairs == split > 0
-        users = {}
-        for leaf, keys in enumerate(needs):
-            for key in keys:
-                users.setdefault(key, set()).add(everyone[leaf])
-        several = [sorted(who) for who in users.values() if len(who) > 1]
-        assert found.interface_vertices == len(several) > 0
-        assert found.halo_bytes == BYTES * sum(len(who) - 1 for who in several)
-        assert found.halo_bytes / parts <= found.halo_bytes_max <= found.halo_bytes
-        pairs = {(a, b) for who in several for a in who for b in who if a != b}
-        degree = np.bincount([a for a, _ in pairs], minlength=parts)
-        assert (found.neighbours_max, found.neighbours_mean) == (degree.max(), degree.mean())
-        graph = create_leaf_graph(total)
-        joined += [(a, b) for a, b in zip(graph.rows, graph.matrix.indices)]
-        pieces = np.bincount(everyone[components(joined, everyone)], minlength=parts)
-        assert (found.pieces_max, found.pieces_mean) == (pieces.max(), pieces.mean())
-
-
-def test_quality_of_the_ranks():
-    """For the parts that the ranks are, the halo is that of the prolongation's index map, and brief() agrees."""
-    for kind in KINDS:
-        forest, _ = repartition(grown(roots(pressed(two_boxes(margin=1))), 3), None, kind)
-        prolongation = Prolongation(Space(forest, 1))
-        found = Judge(forest, prolongation).score(np.full(len(forest), WORLD.rank), WORLD.size)
-        assert found.halo_bytes == BYTES * WORLD.allreduce(prolongation.index_map.num_ghosts)
-        short = brief(forest, kind)
-        assert (short.imbalance, short.cut_facets, short.split_pairs) == (
-            found.imbalance,
-            found.cut_facets,
-            found.split_pairs,
-        )
-        assert (found.cut_facets > 0) == (WORLD.size > 1)
-
-
-def by_search(forest):
-    """For a serial forest the keys of the conforming vertices that each leaf needs, and the pairs of facing leaves."""
-    prolongation, lattice = Prolongation(Space(forest, 1)), forest.lattice
-    column = np.empty(prolongation.matrix.shape[1], dtype=np.int64)
-    column[prolongation.conforming[~prolongation.hanging]] = prolongation.space.keys[~prolongation.hanging]
-    masters = {key: set(column[row.indices]) for key, row in zip(prolongation.space.keys, prolongation.matrix)}
-    keys = lattice.keys(forest.cell, forest.corners)
-    needs = [set().union(*(masters[key] for key in row)) for row in keys]
-    conforming, joined = set(column), []
-    for leaf, face in zip(*forest.contact_faces()):
-        if forest.pairing.first[forest.cell[leaf], face]:
-            one = np.array([leaf]), np.array([face])
-            points = forest.corners[one[0][:, None], FACE_CORNERS[one[1]]]
-            cell, _, opposite = forest.pairing.opposite(forest.cell[one[0]], one[1], points)
-            needs[leaf] |= set(lattice.keys(cell, opposite).ravel()) & conforming
-            where = forest.pairing.partners(forest.cell[one[0]], forest.level[one[0]], forest.anchor[one[0]], one[1])
-            joined.append((leaf, int(find_leaves(forest, *where)[0])))
-    return needs, joined
-
-
-def components(edges, part):
-    """One leaf of each connected piece of the parts."""
-    root = list(range(len(part)))
-
-    def find(leaf):
-        while root[leaf] != leaf:
-            leaf = root[leaf]
-        return leaf
-
-    for a, b in edges:
-        if part[a] == part[b]:
-            root[find(a)] = find(b)
-    return [leaf for leaf in range(len(part)) if root[leaf] == leaf]
-
-
-def cut_facets(forest, part):
-    """Leaf facets of a serial forest between parts, by definition: even ones once, hanging ones by each fine facet."""
-    cell, corners = forest.cell, forest.corners
-    centre = forest.lattice.keys(cell, face_centres(corners))
-    owner = {}
-    for leaf in range(len(cell)):
-        for face in range(6):
-            owner.setdefault(centre[leaf, face], set()).add(part[leaf])
-    even = sum(len(parts) == 2 for parts in owner.values())
-    # A leaf's face lies in one of its parent's if the parent's face centre is one of the corners of the leaf's face.
-    vertex = forest.lattice.keys(cell, corners)
-    hanging = 0
-    for leaf in np.flatnonzero(forest.level > 0):
-        for face in range(6):
-            for key in vertex[leaf, FACE_CORNERS[face]]:
-                if owner.get(key, {part[leaf]}) != {part[leaf]} and big(forest, cell, corners, leaf, face, key):
-                    hanging += 1
-    return even + hanging
-
-
-def big(forest, cell, corners, leaf, face, key):
-    """Whether a lattice point is the centre of the parent's face that holds a face of a leaf."""
-    points = corners[leaf, FACE_CORNERS[face]]
-    side = np.ptp(points, axis=0).max()
-    low = points.min(axis=0) // (2 * side) * (2 * side)
-    axis = int(np.argmin(np.ptp(points, axis=0)))
-    centre = low + side
-    centre[axis] = points[0, axis]
-    if points[0, axis] % (2 * side):
-        return False
-    return forest.lattice.keys(cell[[leaf]], centre[None, None].astype(np.int32))[0, 0] == key

@@ -15,7 +15,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import KINDS, repartition
-from fx_contact.forest.partition_quality import brief
+from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import FxContactError, PartitionError, SceneError, SolveError
@@ -264,7 +264,7 @@ class Run:
         with stages("partition"):
             if self._values is not None:
                 self._forest, self._values = repartition(self._forest, self._values, self._kind)
-            partition = brief(self._forest, self._kind)
+            partition = PartitionSummary.of(self._forest, self._kind)
         with stages("hanging"):
             start = self._start(Prolongation(Space(self._forest, DEGREE)))
         self._last.update(forest=self._forest, displacement=start.displacement)

@@ -12,7 +12,7 @@ from basix import CellType, LagrangeVariant
 from dolfinx.mesh import create_mesh
 from mpi4py import MPI
 
-from fx_contact.forest.partition import partitioner
+from fx_contact.parallel import compat
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE
@@ -71,7 +71,7 @@ def create_leaf_mesh(forest, order):
         "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, shape=(3,)
     )
     mesh = create_mesh(
-        forest.comm, cells=nodes[:, _basix_order(order)], e=element, x=x, partitioner=partitioner(forest.comm)
+        forest.comm, cells=nodes[:, _basix_order(order)], e=element, x=x, partitioner=compat.stay(forest.comm.rank)
     )
     first = forest.comm.exscan(len(forest)) or 0
     leaf = mesh.topology.original_cell_index - first

@@ -4,7 +4,7 @@ A leaf is (root cell, level, integer anchor).  The root mesh is replicated, the 
 the length of all leaves exists on a rank.  Forests are immutable: refining and moving return new ones.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,13 +94,13 @@ class Forest:
 
     @cached_property
     def edges(self):
-        """The distinct edges of the leaves, by their midpoints (`Entities`).  Collective on comm at first use."""
-        return Entities(self, lattice.edge_midpoints(self.corners))
+        """The distinct edges of the leaves, by their midpoints (`LatticePoints`).  Collective on comm at first use."""
+        return LatticePoints(self, lattice.edge_midpoints(self.corners))
 
     @cached_property
     def faces(self):
-        """The distinct faces of the leaves, by their centres (`Entities`).  Collective on comm at first use."""
-        return Entities(self, lattice.face_centres(self.corners))
+        """The distinct faces of the leaves, by their centres (`LatticePoints`).  Collective on comm at first use."""
+        return LatticePoints(self, lattice.face_centres(self.corners))
 
     def contact_faces(self):
         """Faces of this rank's leaves that lie on contact surfaces.
@@ -123,12 +123,7 @@ class Forest:
         Returns:
             (m,) int64 leaf indices, (m,) int64 local faces.
         """
-        wanted = np.zeros((len(self.mesh.cells), 6), dtype=bool)
-        wanted[facets[:, 0], facets[:, 1]] = True
-        side = SIDE >> self.level.astype(np.int32)
-        at = [self.anchor == 0, self.anchor + side[:, None] == SIDE]
-        on = np.stack([at[s][:, a] for a, s in zip(hexahedron.FACE_AXIS, hexahedron.FACE_SIDE)], axis=1)
-        return np.nonzero(on & wanted[self.cell])
+        return self._within(facets, lattice.root_faces(self.anchor, self.level))
 
     def boundary_edges(self, edges):
         """Edges of this rank's leaves that lie on given root edges.
@@ -141,13 +136,13 @@ class Forest:
         Returns:
             (m,) int64 leaf indices, (m,) int64 local edges.
         """
-        wanted = np.zeros((len(self.mesh.cells), 12), dtype=bool)
-        wanted[edges[:, 0], edges[:, 1]] = True
-        on = wanted[self.cell]
-        for edge, (axis, corner) in enumerate(zip(hexahedron.EDGE_AXIS, hexahedron.EDGE_CORNERS[:, 0])):
-            for across in set(range(3)) - {int(axis)}:
-                on[:, edge] &= self.corners[:, corner, across] == SIDE * hexahedron.CORNERS[corner, across]
-        return np.nonzero(on)
+        return self._within(edges, lattice.root_edges(self.anchor, self.level))
+
+    def _within(self, rows, on):
+        """Faces or edges of leaves that lie on those of root cells (k, 2), of all that lie on any (n, 6 or 12) bool."""
+        wanted = np.zeros((len(self.mesh.cells), on.shape[1]), dtype=bool)
+        wanted[rows[:, 0], rows[:, 1]] = True
+        return np.nonzero(on & wanted[self.cell])
 
     def refined(self, marked):
         """Refine marked leaves, their partners, and as many more as the balance of the forest demands.
@@ -178,7 +173,7 @@ class Forest:
         side = (SIDE >> level.astype(np.int32)).astype(np.int32)
         offset = np.where(child[:, None] >= 0, hexahedron.CORNERS[child], 0).astype(np.int32)
         anchor = self.anchor[parent] + side[:, None] * offset
-        return self._with(self.cell[parent], level, anchor), Glue(parent, child)
+        return replace(self, cell=self.cell[parent], level=level, anchor=anchor), Glue(parent, child)
 
     def refined_with(self, times, values):
         """Refine leaves, some of them repeatedly, and carry a field along.
@@ -215,7 +210,8 @@ class Forest:
             The new Forest, leaves ordered by source rank, and the Exchange that carries other leaf data likewise.
         """
         exchange = Exchange(self.comm, destination)
-        return self._with(*(exchange.forward(rows) for rows in (self.cell, self.level, self.anchor))), exchange
+        leaves = {name: exchange.forward(getattr(self, name)) for name in ("cell", "level", "anchor")}
+        return replace(self, **leaves), exchange
 
     def ordered(self, order):
         """The same forest with this rank's leaves in another order.  Local.
@@ -223,10 +219,7 @@ class Forest:
         Args:
             order: (n,) int permutation.
         """
-        return self._with(self.cell[order], self.level[order], self.anchor[order])
-
-    def _with(self, cell, level, anchor):
-        return Forest(self.comm, self.mesh, self.lattice, self.pairing, cell, level, anchor)
+        return replace(self, cell=self.cell[order], level=self.level[order], anchor=self.anchor[order])
 
     def _closure(self, marked):
         """Marked leaves and all that must be refined with them."""
@@ -257,18 +250,10 @@ class Forest:
 
     def _rim_edges(self, marked):
         """Edges of marked leaves on the rim of contact surfaces: (m,) positions in `edges`."""
-        leaf, face = self.contact_faces()
-        leaf, face = leaf[marked[leaf]], face[marked[leaf]]
-        cell, side = self.cell[leaf], (SIDE >> self.level[leaf].astype(np.int32))
-        first, second = hexahedron.FACE_TANGENTS[face].T
-        rows = np.arange(len(leaf))
-        at = [
-            (self.anchor[leaf][rows, axis] + (side if high else 0)) == (SIDE if high else 0)
-            for axis, high in ((second, 0), (second, 1), (first, 0), (first, 1))
-        ]
-        touches = np.stack(at, axis=1) & self.pairing.rim[cell, face]
-        row, which = np.nonzero(touches)
-        return self.edges.cells[leaf[row], hexahedron.FACE_EDGES[face[row], which]]
+        marked = np.flatnonzero(marked)
+        on = lattice.root_edges(self.anchor[marked], self.level[marked]) & self.pairing.rim[self.cell[marked]]
+        leaf, edge = np.nonzero(on)
+        return self.edges.cells[marked[leaf], edge]
 
 
 @dataclass(frozen=True)
@@ -299,27 +284,6 @@ class Glue:
         return result
 
 
-class Entities:
-    """Distinct edges or faces of this rank's leaves, named by the lattice point in their middle.
-
-    Collective on comm.
-
-    Attributes:
-        cells: (n, k) int32, position of each leaf's entities in `directory.keys`.
-        directory: Directory of their keys.
-        example: (m, 2) int64, a leaf and the local number there of each entity.
-    """
-
-    def __init__(self, forest, middles):
-        k = middles.shape[1]
-        keys, index, cells = np.unique(
-            forest.lattice.keys(forest.cell, middles), return_index=True, return_inverse=True
-        )
-        self.cells = cells.reshape(-1, k).astype(np.int32)
-        self.example = np.stack(np.divmod(index, k), axis=1)
-        self.directory = Directory(forest.comm, keys)
-
-
 class LatticePoints:
     """Distinct lattice points of this rank's leaves, in the order in which the leaves touch them first.
 
@@ -342,11 +306,9 @@ class LatticePoints:
             forest.lattice.keys(forest.cell, points), return_index=True, return_inverse=True
         )
         order = np.argsort(index, kind="stable")
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        self._sorted, self._rank = keys, rank
+        self._ascending = np.argsort(order)
         self.keys = keys[order]
-        self.cells = rank[cells].reshape(-1, k).astype(np.int32)
+        self.cells = self._ascending[cells].reshape(-1, k).astype(np.int32)
         self.example = np.stack(np.divmod(index[order], k), axis=1)
         self.directory = Directory(forest.comm, self.keys)
 
@@ -362,8 +324,8 @@ class LatticePoints:
         Returns:
             (...) int64.
         """
-        if not len(self._sorted):
+        if not len(self):
             return np.full(np.shape(keys), -1, dtype=np.int64)
-        slot = np.searchsorted(self._sorted, keys)
-        slot[slot == len(self._sorted)] = 0
-        return np.where(self._sorted[slot] == keys, self._rank[slot], -1)
+        slot = np.searchsorted(self.keys, keys, sorter=self._ascending)
+        place = self._ascending[np.minimum(slot, len(self) - 1)]
+        return np.where(self.keys[place] == keys, place, -1)

@@ -9,7 +9,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import coo_matrix, csr_matrix, vstack
 
-from fx_contact.parallel.mpi import Exchange
+from fx_contact.parallel.mpi import Directory, Exchange
+from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 
 
@@ -166,3 +167,23 @@ def create_leaf_graph(forest):
     rows = np.concatenate([even // 6, fine - start, exchange.forward(coarse) - start])
     columns = np.concatenate([other[even], coarse, exchange.forward(fine)])
     return Graph(comm, count, rows, columns, np.ones(len(rows), dtype=np.int64))
+
+
+def create_facing_graph(forest):
+    """The graph of facing leaves, an edge for every two facing leaf facets, on whatever ranks they are.
+
+    Collective on forest.comm.
+
+    Args:
+        forest: Forest.
+
+    Returns:
+        Graph.
+    """
+    leaf, face = forest.contact_faces()
+    offset = forest.comm.exscan(len(forest)) or 0
+    own, index = np.unique(leaf_code(forest.cell[leaf], forest.anchor[leaf]), return_index=True)
+    wanted = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+    directory = Directory(forest.comm, own)
+    other, _ = directory.lookup(leaf_code(*wanted), offset + leaf[index], np.ones(len(own), dtype=bool))
+    return Graph(forest.comm, len(forest), leaf, other, np.ones(len(leaf), dtype=np.int64))

@@ -178,15 +178,3 @@ def _meeting_place(forest):
     groups, group = np.unique(forest.representatives[paired], return_inverse=True)
     result[paired] = Directory(forest.comm, groups).lowest(np.full(len(groups), forest.comm.rank))[group]
     return result
-
-
-def partitioner(comm):
-    """The partitioner to give `dolfinx.mesh.create_mesh` for leaves that are already where they belong.
-
-    Local.  The leaves were moved with sixteen bytes each; had dolfinx to move them, it would move all geometry nodes,
-    and would compute a dual graph first.
-
-    Args:
-        comm: MPI communicator.
-    """
-    return compat.stay(comm.rank)

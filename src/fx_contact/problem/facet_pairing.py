@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, root_faces
 
 #: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
 _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
@@ -35,8 +35,7 @@ class Pairing:
         partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
         pair: (ncells, 6) int32, index of the contact pair, -1 where none.
         first: (ncells, 6) bool, whether the face belongs to the first surface of its pair.
-        rim: (ncells, 6, 4) bool, edges of paired faces that cells without a face on the surface have too, as in
-            `hexahedron.FACE_EDGES`.
+        rim: (ncells, 12) bool, edges of paired faces that cells without a face on the surface have too.
 
     Raises:
         SceneError: an unknown surface.
@@ -48,7 +47,7 @@ class Pairing:
         self.partner = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.pair = np.full((ncells, 6), -1, dtype=np.int32)
         self.first = np.zeros((ncells, 6), dtype=bool)
-        self.rim = np.zeros((ncells, 6, 4), dtype=bool)
+        self.rim = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
         for index, pair in enumerate(pairs):
             facets = mesh.surface(pair.first), mesh.surface(pair.second)
@@ -57,7 +56,7 @@ class Pairing:
             for facing, other, code in zip(facets, facets[::-1], (symmetry, _inverse(symmetry))):
                 self._insert(pair, facing, other, code)
                 self.pair[facing[:, 0], facing[:, 1]] = index
-                self.rim[facing[:, 0], facing[:, 1]] = _rim(mesh, facing)
+                self.rim[facing[:, :1], hexahedron.FACE_EDGES[facing[:, 1]]] |= _rim(mesh, facing)
             self.first[facets[0][:, 0], facets[0][:, 1]] = True
 
     def _insert(self, pair, facets, partner, symmetry):
@@ -102,12 +101,7 @@ class Pairing:
         Returns:
             (m,) int64 leaf indices and (m,) int64 local faces, by leaf then face.
         """
-        side = (SIDE >> level.astype(np.int32))[:, None]
-        low, high = anchor == 0, anchor + side == SIDE
-        on = np.stack(
-            [(high if s else low)[:, a] for a, s in zip(hexahedron.FACE_AXIS, hexahedron.FACE_SIDE)], axis=1
-        )
-        return np.nonzero(on & (self.pair[cell] >= 0))
+        return np.nonzero(root_faces(anchor, level) & (self.pair[cell] >= 0))
 
     def partners(self, cell, level, anchor, face):
         """The leaf on the other side of paired faces.
@@ -118,16 +112,12 @@ class Pairing:
         Returns:
             (n,) int32 root cells and (n, 3) int32 anchors; the level is the same.
         """
-        side = (SIDE >> level.astype(np.int32)).astype(np.int32)
-        corners = np.stack([anchor, anchor + side[:, None]], axis=1)
-        axis = hexahedron.FACE_AXIS[face][:, None, None]
-        normal = np.where(hexahedron.FACE_SIDE[face] == 1, SIDE, 0).astype(np.int32)[:, None, None]
-        np.put_along_axis(corners, axis, np.broadcast_to(normal, (len(corners), 2, 1)), axis=2)
+        ends = hexahedron.FACE_CORNERS[face][:, [0, 3]]
+        corners = np.take_along_axis(leaf_corners(anchor, level), ends[:, :, None], axis=1)
         other, other_face, points = self.opposite(cell, face, corners)
         low = points.min(axis=1)
-        rows = np.arange(len(low))
-        high_side = hexahedron.FACE_SIDE[other_face] == 1
-        low[rows[high_side], hexahedron.FACE_AXIS[other_face][high_side]] -= side[high_side]
+        high_side = np.flatnonzero(hexahedron.FACE_SIDE[other_face] == 1)
+        low[high_side, hexahedron.FACE_AXIS[other_face[high_side]]] -= SIDE >> level[high_side].astype(np.int32)
         return other, low
 
     def representatives(self, cell, level, anchor):
@@ -207,7 +197,8 @@ def _match(mesh, pair, first, second):
     symmetry = offset.argmin(axis=1)
     difference = points[0] - images[np.arange(len(match)), symmetry]
     if pair.direction is None:
-        difference -= _along_normal(mesh, first, difference)
+        normal = mesh.outward_normals(first)
+        difference -= np.einsum("nmi,ni,nj->nmj", difference, normal, normal)
     far = np.linalg.norm(difference, axis=2).max(axis=1)
     astray |= far > (_MATCH if pair.direction is not None else _ASTRAY) * size
     if astray.any():
@@ -236,14 +227,6 @@ def _check_facing(mesh, label, pair, first, second):
                 f"direction {tuple(pair.direction)} must lead from the first surface to the second: exchange them, or "
                 "turn it round"
             )
-
-
-def _along_normal(mesh, facets, vectors):
-    """The part of vectors at facet nodes along the facets' mean normals."""
-    corners = mesh.facet_points(facets, order=1)
-    normal = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    return np.einsum("nmi,ni,nj->nmj", vectors, normal, normal)
 
 
 def _face_order(order, code):
@@ -277,7 +260,7 @@ def _check_one_to_one(mesh, label, first, second, symmetry):
 
 
 def _rim(mesh, facets):
-    """`Pairing.rim` of facets: (n, 4) bool.
+    """Which of the `hexahedron.FACE_EDGES` of facets are on the rim (`Pairing`): (n, 4) bool.
 
     A cell that meets the surface in an edge only need not be refined with the facing leaves: a vertex could hang on one
     side only.

@@ -37,6 +37,9 @@ FACE_EDGES = np.array(
     ]
 )
 
+#: The two faces that meet in each local edge.
+EDGE_FACES = np.array([np.flatnonzero((FACE_EDGES == edge).any(axis=1)) for edge in range(12)])
+
 
 def lattice(order):
     """Integer coordinates of the tensor-order nodes of a cell.

@@ -121,3 +121,23 @@ def edge_midpoints(corners):
 def face_centres(corners):
     """Lattice coordinates of the centres of the 6 faces, from the corners (n, 8, 3): (n, 6, 3)."""
     return corners[:, hexahedron.FACE_CORNERS[:, [0, 3]]].sum(axis=2) // 2
+
+
+def root_faces(anchor, level):
+    """Which faces of leaves lie on faces of their root cells.
+
+    Args:
+        anchor: (n, 3) int32, low corner.
+        level: (n,) int8.
+
+    Returns:
+        (n, 6) bool.
+    """
+    side = (SIDE >> level.astype(np.int32))[:, None]
+    ends = np.stack([anchor == 0, anchor + side == SIDE], axis=1)
+    return ends[:, hexahedron.FACE_SIDE, hexahedron.FACE_AXIS]
+
+
+def root_edges(anchor, level):
+    """Which edges of leaves lie on edges of their root cells: (n, 12) bool; arguments as for `root_faces`."""
+    return root_faces(anchor, level)[:, hexahedron.EDGE_FACES].all(axis=2)

@@ -88,7 +88,7 @@ class RootMesh:
     @cached_property
     def order(self):
         """Polynomial order p of the cell maps."""
-        return round(self.cells.shape[1] ** (1 / 3)) - 1
+        return hexahedron.order_of(self.cells.shape[1])
 
     @cached_property
     def corners(self):
