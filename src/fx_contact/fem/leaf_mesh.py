@@ -71,7 +71,11 @@ def create_leaf_mesh(forest, order):
         "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, shape=(3,)
     )
     mesh = create_mesh(
-        forest.comm, cells=nodes[:, _basix_order(order)], e=element, x=x, partitioner=compat.stay(forest.comm.rank)
+        forest.comm,
+        cells=nodes[:, basix_order(CellType.hexahedron, order)],
+        e=element,
+        x=x,
+        partitioner=compat.stay(forest.comm.rank),
     )
     first = forest.comm.exscan(len(forest)) or 0
     leaf = mesh.topology.original_cell_index - first
@@ -212,9 +216,17 @@ def _face_places(corners, inner):
     return np.where(swap, v + inner * u, u + inner * v)
 
 
-def _basix_order(order):
-    """Tensor index of each node of Basix's Lagrange hexahedron, read off its points: ((q+1)^3,) int."""
-    element = basix.create_element(
-        basix.ElementFamily.P, CellType.hexahedron, order, lagrange_variant=LagrangeVariant.equispaced
-    )
-    return np.rint(element.points * order).astype(np.int64) @ [1, order + 1, (order + 1) ** 2]
+def basix_order(cell, order):
+    """Tensor index of each node of Basix's Lagrange element, read off its points.
+
+    Local.
+
+    Args:
+        cell: CellType of a quadrilateral or hexahedron.
+        order: of the element.
+
+    Returns:
+        ((order + 1)^d,) int64.
+    """
+    element = basix.create_element(basix.ElementFamily.P, cell, order, lagrange_variant=LagrangeVariant.equispaced)
+    return np.rint(element.points * order).astype(np.int64) @ (order + 1) ** np.arange(element.points.shape[1])

@@ -50,13 +50,14 @@ def partition_graph(comm, parts, offsets, neighbours):
     return destination.array[destination.offsets[:-1]]
 
 
-def stay(rank):
-    """The partitioner to give `dolfinx.mesh.create_mesh` that leaves every hexahedron where it is.
+def stay(rank, corners=8):
+    """The partitioner to give `dolfinx.mesh.create_mesh` that leaves every cell where it is.
 
     Local.  dolfinx would move all geometry nodes of a leaf, and compute a dual graph first.
 
     Args:
         rank: of the calling process.
+        corners: of a cell.
 
     Returns:
         A function for `create_mesh`: dolfinx 0.9 to 0.11 call it with the cells, main with their dual graph.
@@ -64,7 +65,7 @@ def stay(rank):
 
     def destination(_comm, _parts, first, *others):
         """Every cell on the rank that gave it."""
-        count = first.num_nodes if hasattr(first, "num_nodes") else sum(map(len, others[0])) // 8
+        count = first.num_nodes if hasattr(first, "num_nodes") else sum(map(len, others[0])) // corners
         return AdjacencyList_int32(np.full((count, 1), rank, dtype=np.int32))
 
     return destination

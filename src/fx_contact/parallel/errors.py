@@ -4,6 +4,8 @@ Every error of this package derives from `FxContactError` and is raised on all r
 (see `fx_contact.parallel.mpi.together`), so that a caller may catch it without risking a hang.
 """
 
+from contextlib import contextmanager
+
 
 class FxContactError(Exception):
     """Base of all errors raised by fx_contact.
@@ -47,3 +49,14 @@ class OutputError(FxContactError):
 
 class CheckpointError(FxContactError):
     """A checkpoint is missing, incomplete, damaged, of another format, or belongs to another problem."""
+
+
+@contextmanager
+def writing(path):
+    """Errors of the system in a block that writes become an OutputError that names the file.  Local."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"cannot write {str(path)!r}: {error.strerror}; make room, or name another folder"
+        ) from None

@@ -2,7 +2,7 @@
 
 from fx_contact.results.accuracy import contact_errors, field_error
 from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
-from fx_contact.results.contact_surface import write_contact
+from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import REFERENCES, ContactReference
@@ -16,12 +16,12 @@ __all__ = [
     "RecordWriter",
     "ShrinkFit",
     "contact_errors",
+    "contact_functions",
     "doubts",
     "field_error",
     "table_head",
     "table_row",
     "total_seconds",
     "true_error",
-    "write_contact",
     "write_fields",
 ]
