@@ -39,7 +39,7 @@ def exchanged(data):
 @pytest.mark.parametrize(
     "spoil, message",
     [
-        (exchanged, "checksum"),
+        (exchanged, "its table"),
         (lambda data: data + b"12345678", "not complete"),
         (lambda data: data[:-8], "not complete"),
     ],

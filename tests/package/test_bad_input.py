@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import everywhere, outside
-from model_problems import step_record
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -41,7 +40,6 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors
-from fx_contact.results.contact_surface import write_contact
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a
@@ -304,16 +302,6 @@ def go_on(**others):
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def with_records(action):
-    """What is done with a writer of records in a folder of its own."""
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    try:
-        action(RecordWriter(folder, COMM))
-    finally:
-        COMM.Barrier()
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 class Unspeakable:
     """A value that fails where it is to be shown."""
 
@@ -538,11 +526,6 @@ CASES = {
         SceneError,
         "the scene 'cubes' has no contact pairs",
     ),
-    "files of a contact that is none": (
-        lambda: write_contact(first(unpaired()), "/tmp"),
-        SceneError,
-        "the scene 'cubes' has no contact pairs",
-    ),
     "zoom of text": (lambda: draw_mesh(first(), "m.png", zoom="x"), SceneError, "zoom of a picture must be"),
     "zoom of nothing": (lambda: draw_stress(first(), "s.png", zoom=0), SceneError, "zoom of a picture must be"),
     "zoom at a contact that is none": (
@@ -571,19 +554,11 @@ CASES = {
     "records for no communicator": (lambda: RecordWriter("/tmp", None), SceneError, "mpi4py"),
     **{
         f"no step: {action.__name__}": (partial(action, "step", 0.1), SceneError, "a Step is needed")
-        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_contact, write_fields)
+        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_fields)
     },
     "errors of no step": (lambda: contact_errors("step", hertz_a()), SceneError, "a Step is needed"),
     "errors against no reference": (lambda: contact_errors(first(), "x"), SceneError, "ContactReference, got 'x'"),
     "vector without axes": (lambda: Traction("top", np.array(1.0)), SceneError, "three components, got array(1.)"),
-    "finished steps of text": (lambda: RecordWriter("/tmp", COMM, "x"), SceneError, "finished must be a list"),
-    "finished step without number": (lambda: RecordWriter("/tmp", COMM, [{}]), SceneError, "got [{}]"),
-    "record of text": (lambda: with_records(lambda writer: writer.write("x")), SceneError, "JSON can hold, got 'x'"),
-    "record of what JSON cannot hold": (
-        lambda: with_records(lambda writer: writer.write(step_record(0, errors={"force": 1j}))),
-        SceneError,
-        "JSON can hold, got StepRecord",
-    ),
     "exact pressure of text": (lambda: draw_pressure(first(), "p.png", "x"), SceneError, "a Hertz, got 'x'"),
     "curve of text": (lambda: draw_convergence("x", "c.png", COMM), SceneError, "of its steps, got 'x'"),
     "curve of a number": (lambda: draw_convergence(5, "c.png", COMM), SceneError, "of its steps, got 5"),

@@ -18,7 +18,7 @@ from fx_contact.estimate.recovery import Estimate
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
-from fx_contact.parallel.errors import CheckpointError, OutputError
+from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.mpi import Directory, together
 from fx_contact.parallel.validation import as_path, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
@@ -47,6 +47,7 @@ class CheckpointWriter:
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
+        CheckpointError: what is called like a checkpoint there is none, or cannot be read.
     """
 
     def __init__(self, folder, comm, problem, options, restart=None):
@@ -56,13 +57,9 @@ class CheckpointWriter:
         with together(comm):
             self._path = as_path("the folder for checkpoints", folder, OutputError) / NAME
             if comm.rank == 0:
-                try:
+                with writing(self._path):
                     self._path.parent.mkdir(parents=True, exist_ok=True)
                     self._allow()
-                except OSError as error:
-                    raise OutputError(
-                        f"cannot keep a checkpoint in {str(folder)!r}: {error.strerror}; name another folder"
-                    ) from None
 
     def save(self, step, records):
         """Replace the checkpoint in the folder by the state after a step.
@@ -107,17 +104,8 @@ class CheckpointWriter:
         self._replaceable = {self._run}
 
     def _allow(self):
-        """Raises OutputError if there is a checkpoint of another run, or what is none that can be read.  Local."""
-        if not self._path.exists():
-            return
-        try:
-            run = RowFile(self._path, MPI.COMM_SELF).content["run"]
-        except CheckpointError as error:
-            raise OutputError(
-                f"{str(self._path)!r} would be replaced, but is no checkpoint that can be read ({error}): remove it, "
-                "or name another folder"
-            ) from None
-        if run not in self._replaceable:
+        """Raises OutputError for the checkpoint of another run, CheckpointError for what is none.  Local."""
+        if self._path.exists() and RowFile(self._path, MPI.COMM_SELF).content["run"] not in self._replaceable:
             raise OutputError(
                 f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
                 "restart, remove it, or name another folder"
@@ -235,10 +223,7 @@ class Checkpoint:
         forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0]))
         keys, rows = np.unique(keys[:, 0], return_index=True)
         space = Space(forest, content["degree"])
-        values, found = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
-        with together(comm):
-            if not found.all():
-                raise CheckpointError(f"{str(self.path)!r} lacks nodes of its leaves: begin anew")
+        values, _ = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         estimate = Estimate(None, error[:, 0], None, *content["estimate"], space.child_error)
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)

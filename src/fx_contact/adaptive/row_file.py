@@ -20,14 +20,13 @@ from uuid import uuid4
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.parallel.errors import CheckpointError, OutputError
+from fx_contact.parallel.errors import CheckpointError, writing
 from fx_contact.parallel.hashing import GOLDEN, mixed
 from fx_contact.parallel.mpi import together
 
 #: How files begin, and the version of their layout and of what checkpoints keep in them.
-MAGIC, VERSION = b"fx-rows\n", 7
+MAGIC, VERSION = b"fx-rows\n", 8
 _PREAMBLE = struct.Struct("<8sQQQ")
-_ADVICE = "take a copy of it if there is one, else remove it and begin anew"
 
 
 def write_rows(path, comm, content, tables, allow=lambda: None):
@@ -49,34 +48,35 @@ def write_rows(path, comm, content, tables, allow=lambda: None):
     path = Path(path)
     new = path.with_name(f"{path.name}.new-{comm.bcast(uuid4().hex)}")  # not shared by two runs in one folder
     tables = {name: np.ascontiguousarray(rows, rows.dtype.newbyteorder("<")) for name, rows in tables.items()}
-    layout, first = {}, {}
+    layout, pieces, end = {}, [], 0
     for name, rows in tables.items():
-        first[name] = comm.exscan(rows.size) or 0
+        count, first = comm.allreduce(len(rows)), comm.exscan(rows.size) or 0
         layout[name] = {
-            "rows": comm.allreduce(len(rows)),
+            "start": end,
+            "rows": count,
             "columns": rows.shape[1],
             "type": rows.dtype.str,
-            "checksum": _checksum(rows, first[name], comm),
+            "checksum": _checksum(rows, first, comm),
         }
-    header = json.dumps({"content": content, "tables": layout}, default=float).encode()
-    header = comm.bcast(header + b" " * (-len(header) % 8))
-    starts, _ = _places(len(header), layout)
-    pieces = [(starts[name] + 8 * first[name], rows) for name, rows in tables.items()]
+        pieces.append((end + 8 * first, rows))
+        end += 8 * count * rows.shape[1]
+    header = json.dumps({"content": content, "tables": layout, "bytes": end}, default=float).encode()
+    header = comm.bcast(_PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header)) + header)
     if comm.rank == 0:
-        pieces.insert(0, (0, _PREAMBLE.pack(MAGIC, VERSION, len(header), zlib.crc32(header)) + header))
+        pieces.insert(0, (-len(header), header))
     try:
-        with together(comm), _written(path):
+        with together(comm), writing(path):
             if comm.rank == 0:
                 for left in path.parent.glob(f"{path.name}.new-{32 * '[0-9a-f]'}"):  # by killed runs
                     left.unlink()
                 new.touch()
-        with together(comm), _written(path):
+        with together(comm), writing(path):
             # O_DSYNC: each write is on the disk when it returns, and over NFS leaves the bytes beside it alone.
             with open(os.open(new, os.O_WRONLY | os.O_DSYNC), "wb") as file:
                 for place, data in pieces:
-                    file.seek(place)
+                    file.seek(len(header) + place)
                     file.write(data)
-        with together(comm), _written(path):
+        with together(comm), writing(path):
             if comm.rank == 0:
                 allow()
                 _rename(new, path)
@@ -123,7 +123,7 @@ class RowFile:
             if comm.rank == 0:
                 header = _header(self.path, self._file)
         header = comm.bcast(header)
-        self.content, self.tables, self._starts = header["content"], header["tables"], header["starts"]
+        self.content, self.tables, self._begin = header["content"], header["tables"], header["begin"]
 
     def table(self, name):
         """This rank's share of a table: about as many rows for each rank, in the order of the file.
@@ -144,48 +144,41 @@ class RowFile:
         low, high = (table["rows"] * (comm.rank + i) // comm.size for i in (0, 1))
         rows = np.empty((high - low, columns), table["type"])
         with together(comm), _read(path):
-            self._file.seek(self._starts[name] + 8 * low * columns)
+            self._file.seek(self._begin + table["start"] + 8 * low * columns)
             self._file.readinto(rows)
         if _checksum(rows, low * columns, comm) != table["checksum"]:
-            raise CheckpointError(f"{str(path)!r} is damaged: the checksum of its table {name!r} is wrong; {_ADVICE}")
+            raise _damaged(path, f"its table {name!r}")
         return rows
 
 
 def _header(path, file):
-    """The checked header of an open file, and where its tables start.  Local."""
+    """The checked header of an open file, and where its tables begin.  Local."""
     size = os.fstat(file.fileno()).st_size
-    if size < _PREAMBLE.size:
-        raise _incomplete(path, size)
-    magic, version, length, checksum = _PREAMBLE.unpack(file.read(_PREAMBLE.size))
-    if magic != MAGIC:
+    preamble = file.read(_PREAMBLE.size)
+    if preamble[: len(MAGIC)] != MAGIC[: len(preamble)]:
         raise CheckpointError(f"{str(path)!r} is no checkpoint of this program")
+    if len(preamble) < _PREAMBLE.size:
+        raise _damaged(path, "its length")
+    _, version, length, checksum = _PREAMBLE.unpack(preamble)
     if version != VERSION:
         raise CheckpointError(
             f"{str(path)!r} has version {version} of the format, this program reads {VERSION}: go on with the release "
             "that wrote it, or begin anew"
         )
-    header = file.read(min(length, size))
-    if len(header) < length:
-        raise _incomplete(path, size)
-    if zlib.crc32(header) != checksum:
-        raise CheckpointError(f"{str(path)!r} is damaged: the checksum of its header is wrong; {_ADVICE}")
-    header = json.loads(header)
-    header["starts"], end = _places(length, header["tables"])
-    if size != end:
-        raise _incomplete(path, size, f" of {end}")
+    text = file.read(min(length, size))
+    if len(text) < length or zlib.crc32(text) != checksum:
+        raise _damaged(path, "its header")
+    header = json.loads(text) | {"begin": file.tell()}
+    if size != header["begin"] + header["bytes"]:
+        raise _damaged(path, "its length")
     return header
 
 
-def _incomplete(path, size, expected=""):
-    return CheckpointError(f"{str(path)!r} is not complete: it has {size}{expected} bytes; {_ADVICE}")
-
-
-def _places(length, layout):
-    """Where each table starts, after a header of some length, and where the file ends [bytes]."""
-    starts, end = {}, _PREAMBLE.size + length
-    for name, table in layout.items():
-        starts[name], end = end, end + 8 * table["rows"] * table["columns"]
-    return starts, end
+def _damaged(path, what):
+    return CheckpointError(
+        f"{str(path)!r} is damaged or not complete, as {what} shows: take a copy of it if there is one, else remove it "
+        "and begin anew"
+    )
 
 
 def _checksum(rows, first, comm):
@@ -204,15 +197,3 @@ def _read(path):
         yield
     except OSError as error:
         raise CheckpointError(f"cannot read the checkpoint {str(path)!r}: {error.strerror}") from None
-
-
-@contextmanager
-def _written(path):
-    """Errors of the system become an OutputError that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(
-            f"cannot write {str(path)!r}: {error.strerror}; what was there before still is: make room, or name another "
-            "folder"
-        ) from None
