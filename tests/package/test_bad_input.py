@@ -931,9 +931,9 @@ CASES = {
     "folder that cannot be written": (
         lambda: RecordWriter("/dev/null/run", COMM),
         OutputError,
-        "name another output",
+        "name another folder",
     ),
-    "fields that cannot be written": (unwritable_fields, OutputError, "name another output"),
+    "fields that cannot be written": (unwritable_fields, OutputError, "name another folder"),
 }
 
 

@@ -53,7 +53,16 @@ class CheckpointError(FxContactError):
 
 @contextmanager
 def writing(path):
-    """Errors of the system in a block that writes become an OutputError that names the file.  Local."""
+    """A block that writes a file.
+
+    Local.
+
+    Args:
+        path: of the file, for the error.
+
+    Raises:
+        OutputError: the system does not let it.
+    """
     try:
         yield
     except OSError as error:
