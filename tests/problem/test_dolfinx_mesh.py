@@ -94,13 +94,10 @@ def test_a_box_of_dolfinx():
             {3: "box"},
             {},
         ),
-        "bodies must have whole numbers": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
-        "surfaces must have whole numbers": (mesh, cell_tags, facet_tags, {3: "box"}, {5.5: "top"}),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "no root cell": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
         "cell_tags must be MeshTags of dolfinx of dimension 3": (mesh, facet_tags, facet_tags, {3: "box"}, {}),
-        "bodies must be a dict": (mesh, cell_tags, facet_tags, "box", {}),
         "a Mesh of dolfinx is needed": (root, cell_tags, facet_tags, {3: "box"}, {}),
     }
     for words, arguments in bad.items():

@@ -5,7 +5,7 @@ from mpi4py import MPI
 
 from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import Prescribed
+from fx_contact.problem.boundary_conditions import merged
 from fx_contact.problem.lattice import SIDE
 
 #: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all:
@@ -35,7 +35,8 @@ def prescribed_displacements(scene, forest, prolongation):
     with together(forest.comm):
         said = [_said(condition, scene, prolongation) for condition in scene.conditions]
     largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
-    result = Prescribed(prolongation.owned, _SAME * forest.comm.allreduce(largest, op=MPI.MAX))
+    same = _SAME * forest.comm.allreduce(largest, op=MPI.MAX)
+    result = np.full((prolongation.owned, 3), np.nan)
     imap = prolongation.index_map
     for condition, (at, values) in zip(scene.conditions, said):
         # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
@@ -45,8 +46,8 @@ def prescribed_displacements(scene, forest, prolongation):
         ours = np.flatnonzero(total[:, 3])
         mean = np.where(condition.held, total[ours, :3] / total[ours, 3:], np.nan)
         with together(forest.comm):
-            result.add(condition.where, ours, mean, lambda node: _position(prolongation, node))
-    return result.values
+            result[ours] = merged(result[ours], condition, mean, same, lambda row: _position(prolongation, ours[row]))
+    return result
 
 
 def _said(condition, scene, prolongation):

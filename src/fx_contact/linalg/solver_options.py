@@ -96,17 +96,16 @@ class Solver:
     def __post_init__(self):
         check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
         for name in ("tolerance", "loose_tolerance"):
-            value = check_number(f"the solver's {name}", getattr(self, name), positive=True)
-            object.__setattr__(self, name, value)
-            if value >= 1:
-                raise SceneError(f"the solver's {name} must lie between 0 and 1, got {value!r}")
+            object.__setattr__(self, name, check_number(f"the solver's {name}", getattr(self, name), positive=True))
         if self.tolerance > _LOOSEST:
             raise SceneError(
                 f"the solver's tolerance must be {_LOOSEST:g} at most, got {self.tolerance!r}: a looser one leaves "
                 "contact forces wrong by percents; the error that the mesh may have is the tolerance of adapt"
             )
-        if self.loose_tolerance < self.tolerance:
-            raise SceneError(f"loose_tolerance {self.loose_tolerance} is tighter than the tolerance {self.tolerance}")
+        if not self.tolerance <= self.loose_tolerance < 1:
+            raise SceneError(
+                f"loose_tolerance {self.loose_tolerance} must lie between tolerance {self.tolerance} and 1"
+            )
         for name in ("max_krylov", "max_contact"):
             check_count(f"the solver's {name}", getattr(self, name))
         if not isinstance(self.options, Mapping):

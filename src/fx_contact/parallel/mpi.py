@@ -37,7 +37,7 @@ def together(comm, timeout=None):
     error = None
     try:
         yield
-    except Exception as caught:
+    except (Exception, SystemExit) as caught:  # an exit of one rank alone would leave the others waiting
         error = caught
     lowest = np.empty(1, dtype=np.int64)
     request = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), lowest, MPI.MIN)

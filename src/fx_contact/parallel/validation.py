@@ -4,7 +4,6 @@ All are local: what is checked is the same on all ranks, or the caller raises to
 """
 
 import os
-from collections.abc import Sized
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
@@ -35,13 +34,9 @@ def check_count(what, value, least=1):
 
 def check_vector(what, value):
     """Raises SceneError unless a value is three finite numbers."""
-    try:
-        components = tuple(value) if isinstance(value, Sized) and not isinstance(value, (str, bytes)) else ()
-    except TypeError:  # an array without axes
-        components = ()
-    if len(components) != 3:
+    if np.array(value, dtype=object).shape != (3,):
         raise SceneError(f"{what} must have three components, got {shown(value)}")
-    for component in components:
+    for component in value:
         check_number(what, component)
 
 
@@ -93,12 +88,8 @@ def as_path(what, value, error=SceneError):
     Raises:
         SceneError, or the error given: it is none.
     """
-    if not isinstance(value, (str, os.PathLike)) or not str(value) or "\0" in str(value):
+    if not isinstance(value, (str, os.PathLike)) or not str(value):
         raise error(f"{what} must be a path, got {shown(value)}")
-    try:
-        os.fsencode(value)
-    except UnicodeEncodeError:
-        raise error(f"{what} has a character that no file system knows, got {shown(value)}") from None
     return Path(value)
 
 

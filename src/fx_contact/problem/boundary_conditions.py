@@ -1,7 +1,7 @@
 """Conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
 Values are numbers, or functions of position as in dolfinx: of an array (3, n) of points.  Numbers are checked when the
-condition is made; functions, at points of their place, when the Scene is.
+condition is made, functions where they are evaluated.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_label, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_number, check_vector, shown
 
 COMPONENTS = "xyz"
 
@@ -33,7 +33,6 @@ class Dirichlet:
     z: object = None
 
     def __post_init__(self):
-        check_label("the place of a displacement condition", self.where)
         if not self.held.any():
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
         for component, value in zip(COMPONENTS, (self.x, self.y, self.z)):
@@ -65,50 +64,33 @@ class Dirichlet:
         return result
 
 
-class Prescribed:
-    """Displacement components at points, from one condition after the other.
+def merged(before, condition, values, same, position):
+    """Displacements that several conditions prescribe at some points.
 
     Local.
 
     Args:
-        count: number of points.
+        before: (n, 3) float64, what others prescribe there [m], NaN where free.
+        condition: Dirichlet, one more.
+        values: (n, 3) float64, what it prescribes [m], NaN where free.
         same: largest difference of two conditions on one component [m].
+        position: function of the number of a point that gives where it is (3,) [m].
 
-    Attributes:
-        values: (count, 3) float64 [m], NaN where free.
+    Returns:
+        (n, 3) float64 [m], NaN where free.
+
+    Raises:
+        SceneError: another condition prescribes another value of a component.
     """
-
-    def __init__(self, count, same):
-        self.values, self._same = np.full((count, 3), np.nan), same
-        self._places, self._place = [], np.full((count, 3), -1)
-
-    def add(self, where, at, values, position):
-        """Add a condition.
-
-        Args:
-            where: name of its place.
-            at: (n,) int64, its points.
-            values: (n, 3) float64 [m], NaN where free.
-            position: function of one of the points (int) that gives where it is (3,) [m].
-
-        Raises:
-            SceneError: another condition prescribes another value of a component.
-        """
-        before = self.values[at]
-        clash = np.argwhere(np.abs(before - values) > self._same)
-        if len(clash):
-            row, component = clash[0]
-            other = self._places[self._place[at[row], component]]
-            place = ", ".join(f"{x:.6g}" for x in position(at[row]))
-            raise SceneError(
-                f"component {COMPONENTS[component]} on {where!r} is prescribed as {values[row, component]} m where "
-                f"another condition says {before[row, component]} m, that on {other!r}, at ({place}): let them agree, "
-                "or leave one out where they meet"
-            )
-        held = ~np.isnan(values)
-        self.values[at] = np.where(held, values, before)
-        self._place[at] = np.where(held, len(self._places), self._place[at])
-        self._places.append(where)
+    clash = np.argwhere(np.abs(before - values) > same)
+    if len(clash):
+        point, component = clash[0]
+        raise SceneError(
+            f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {values[point, component]} m "
+            f"where another condition says {before[point, component]} m, at {position(point)}: let them agree, or "
+            "leave one out where they meet"
+        )
+    return np.where(condition.held, values, before)
 
 
 @dataclass(frozen=True)
@@ -117,15 +99,9 @@ class SymmetryPlane:
 
     Attributes:
         surface: name of a surface of the root mesh, plane and across x, y or z.
-
-    Raises:
-        SceneError: the name is none.
     """
 
     surface: str
-
-    def __post_init__(self):
-        check_label("the surface of a symmetry plane", self.surface)
 
     def on(self, mesh):
         """The same as a displacement condition.
@@ -181,7 +157,6 @@ class Traction:
     value: object
 
     def __post_init__(self):
-        check_label("the surface of a traction", self.surface)
         if not callable(self.value):
             check_vector(self.what, self.value)
 
@@ -223,7 +198,6 @@ class Pressure:
     value: object
 
     def __post_init__(self):
-        check_label("the surface of a pressure", self.surface)
         if not callable(self.value):
             check_number(self.what, self.value)
 
@@ -254,7 +228,6 @@ class BodyForce:
     value: object
 
     def __post_init__(self):
-        check_label("the body of a body force", self.body)
         if not callable(self.value):
             check_vector(self.what, self.value)
 
@@ -283,28 +256,18 @@ def evaluated(what, value, points, components):
         (n, components) float64.
 
     Raises:
-        SceneError: a function that fails, or gives something else or a number that is not finite.
+        SceneError: a function that gives something else, or a number that is not finite.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))
     shape = (len(points),) if components == 1 else (components, len(points))
     if not len(points):
         return np.empty((0, components))
-    try:
-        given = value(points.T.copy())
-        if np.ma.is_masked(given):
-            raise ValueError("it gives masked values, and a value is needed everywhere")
-        result = np.asarray(given)
-    except (Exception, SystemExit) as error:  # one that ends the program would end it on this rank alone
-        raise SceneError(
-            f"{what} is a function that fails at {len(points)} points, an array of shape {(3, len(points))}: "
-            f"{type(error).__name__}: {error}"
-        ) from error
+    result = np.asarray(np.ma.filled(value(points.T.copy()), np.nan))
     if result.shape != shape or result.dtype.kind not in "fiu":
-        given = f"shape {result.shape}" if result.dtype.kind in "fiu" else shown(result)
         raise SceneError(
             f"{what} is a function that must give an array of shape {shape} for points of shape {(3, len(points))}, "
-            f"got {given}" + ("; for a constant give a number" if not result.shape else "")
+            f"got {shown(result)}"
         )
     result = result.reshape(components, -1).T.astype(np.float64)
     bad = ~np.isfinite(result).all(axis=1)

@@ -1,8 +1,5 @@
 """A dolfinx mesh of hexahedra, gathered on all ranks as the arrays of a root mesh."""
 
-from collections.abc import Mapping
-from numbers import Integral
-
 import basix
 import numpy as np
 from dolfinx.mesh import CellType, Mesh, MeshTags
@@ -38,14 +35,6 @@ def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
                     f"{name} are of another mesh, whose entities have other indices: make them with "
                     f"dolfinx.mesh.meshtags(mesh, {dimension}, ...) of the mesh that you give"
                 )
-        for name, names in (("bodies", bodies), ("surfaces", surfaces)):
-            if not isinstance(names, Mapping):
-                raise SceneError(f"{name} must be a dict of tags and names, got {shown(names)}")
-            for tag in names:
-                if not isinstance(tag, Integral) or isinstance(tag, bool):
-                    raise SceneError(
-                        f"{name} must have whole numbers, the tags, as keys, got {shown(tag)}: {{1: 'name'}}"
-                    )
     mesh.topology.create_connectivity(2, 3)
     mesh.topology.create_connectivity(3, 2)
     with together(comm):

@@ -9,7 +9,7 @@ import numpy as np
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, shown
+from fx_contact.parallel.validation import check_comm
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
@@ -29,16 +29,12 @@ def root_mesh_from_gmsh(comm, build):
         RootMesh, the same on all ranks.
 
     Raises:
-        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6, a function that
-            ends the program.
+        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6.
+        Exception: what the function raises on rank 0, on all ranks.
     """
     check_comm(comm)
-    parts = None
     with together(comm):
-        if comm.rank == 0:
-            if not callable(build):
-                raise SceneError(f"what builds the Gmsh model must be a function of no argument, got {shown(build)}")
-            parts = _with_gmsh(build)
+        parts = _with_gmsh(build) if comm.rank == 0 else None
     parts = comm.bcast(parts, root=0)
     with together(comm):
         return RootMesh(**parts)
@@ -57,7 +53,7 @@ def root_mesh_from_file(comm, path):
         RootMesh, the same on all ranks.
 
     Raises:
-        SceneError: there is no such file, Gmsh cannot read it, or a name in it is not in UTF-8.
+        SceneError: there is no such file, or Gmsh cannot read it.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
@@ -67,32 +63,22 @@ def root_mesh_from_file(comm, path):
         """The file becomes Gmsh's current model."""
         import gmsh
 
-        _check_mesh_file(path)
+        try:
+            with path.open("rb") as file:
+                if file.read(1) != b"$":  # Gmsh would run it as a script
+                    raise SceneError(f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat")
+        except OSError as error:
+            raise SceneError(f"cannot read the mesh file: {error}") from None
         try:
             gmsh.open(str(path))
-        except Exception as error:
-            reason = str(error).strip() or "its numbers make no sense"
-            raise SceneError(f"Gmsh cannot read {str(path)!r}: {reason}; is it whole? write it again") from None
+        except Exception as error:  # gmsh raises nothing more special
+            raise SceneError(f"Gmsh cannot read {str(path)!r}: {error}; is it whole? write it again") from None
 
     return root_mesh_from_gmsh(comm, read)
 
 
-def _check_mesh_file(path):
-    """Raises SceneError for what is no mesh file: Gmsh begins a new model, or runs it as a script.  Local."""
-    try:
-        if not path.is_file():
-            raise SceneError(f"there is no mesh file {str(path)!r}: give a .msh file of Gmsh")
-        with path.open("rb") as file:
-            if file.read(1) != b"$":
-                raise SceneError(
-                    f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat; for a script use "
-                    "root_mesh_from_gmsh"
-                )
-    except OSError as error:
-        raise SceneError(f"cannot read the mesh file {str(path)!r}: {error.strerror}") from None
-
-
 def _with_gmsh(build):
+    """Arguments of RootMesh from the model that a function builds.  Local."""
     import gmsh
 
     ours = not gmsh.isInitialized()
@@ -102,10 +88,6 @@ def _with_gmsh(build):
     try:
         build()
         return _read_model(gmsh.model)
-    except SystemExit as error:  # it would end this rank alone
-        raise SceneError(
-            f"what builds the Gmsh model ends the program, by SystemExit: {error}; let it raise another error"
-        ) from error
     finally:
         if ours:
             gmsh.finalize()
@@ -113,144 +95,91 @@ def _with_gmsh(build):
 
 def _read_model(model):
     """Arguments of RootMesh from the current Gmsh model."""
-    order, element_type = _hexahedron(model)
-    tags, points = _nodes(model)
-    bodies, nodes = _bodies(model), (order + 1) ** 3
+    element_type, order, tensor_order = _hexahedron(model)
+    bodies = _bodies(model)
     groups = [
-        np.concatenate([_elements(model, element_type, 3, entity) for entity in entities])
+        np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
         for entities in bodies.values()
     ]
-    body = np.repeat(np.arange(len(groups), dtype=np.int32), [len(group) // nodes for group in groups])
-    used, cells = np.unique(np.concatenate(groups), return_inverse=True)
-    cells = cells.reshape(-1, nodes)[:, _tensor_order(model, element_type, order)]
+    body = np.repeat(np.arange(len(groups)), [len(group) // len(tensor_order) for group in groups])
+    used, cells = np.unique(np.concatenate(groups).astype(np.int64), return_inverse=True)
+    cells = cells.reshape(-1, len(tensor_order))[:, tensor_order]
     corners = used[cells[:, hexahedron.corner_nodes(order)]]
+    tags, points, _ = model.mesh.getNodes()
+    tags = tags.astype(np.int64)
+    by_tag = np.argsort(tags)
     return {
-        "points": points[np.searchsorted(tags, used)],
+        "points": points.reshape(-1, 3)[by_tag[np.searchsorted(tags, used, sorter=by_tag)]],
         "cells": cells,
         "bodies": tuple(bodies),
         "body": body,
-        "surfaces": _facing(model, 2, "quadrangles", corners, hexahedron.FACE_CORNERS),
-        "curves": _facing(model, 1, "lines", corners, hexahedron.EDGE_CORNERS),
+        "surfaces": _facing(model, 2, ("Quadrangle", order), corners, hexahedron.FACE_CORNERS),
+        "curves": _facing(model, 1, ("Line", order), corners, hexahedron.EDGE_CORNERS),
         "vertices": _vertices(model, used),
     }
 
 
 def _bodies(model):
-    """Name -> volumes of each body; SceneError unless each volume belongs to one body."""
+    """Name -> volumes of each body; SceneError unless every volume is in one."""
     bodies = _groups(model, 3)
-    volumes, count = np.unique([tag for tags in bodies.values() for tag in tags], return_counts=True)
-    nameless = {tag for _, tag in model.getEntities(3)} - set(volumes)
+    nameless = {tag for _, tag in model.getEntities(3)}.difference(*bodies.values())
     if nameless:
         raise SceneError(
             f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
             "with a name, or remove the volumes"
         )
-    if (count > 1).any():
-        raise SceneError(
-            f"volumes {volumes[count > 1].tolist()} of the Gmsh model are in more than one physical group: a volume "
-            "belongs to one body"
-        )
     return bodies
 
 
 def _hexahedron(model):
-    """Order and Gmsh type of the volume elements."""
+    """Gmsh's type of the volume elements, their order, and Gmsh's number of each of their nodes in tensor order."""
     types = model.mesh.getElementTypes(3)
-    if not len(types):
-        raise GeometryError("the Gmsh model has no volume mesh; call gmsh.model.mesh.generate(3)")
-    properties = [model.mesh.getElementProperties(t) for t in types]
-    for name, _, order, nodes, *_ in properties:
-        if "hexahedron" not in name.lower():
-            raise GeometryError(
-                f"the mesh has cells of type {name!r}; only hexahedra can be refined: use transfinite volumes and "
-                "recombine their surfaces"
-            )
-        if order > MAX_ORDER or nodes != (order + 1) ** 3:
-            raise GeometryError(
-                f"the mesh has cells of type {name!r}; only complete hexahedra of order 1 to {MAX_ORDER} are supported"
-            )
-    if len(types) > 1:
-        raise GeometryError(f"the mesh mixes {', '.join(repr(p[0]) for p in properties)}; use one order")
-    return properties[0][2], types[0]
-
-
-def _tensor_order(model, element_type, order):
-    """Gmsh's local number of each node in tensor order."""
-    _, dimension, _, nodes, coordinates, _ = model.mesh.getElementProperties(element_type)
-    ijk = np.rint((np.reshape(coordinates, (nodes, dimension)) + 1) / 2 * order).astype(np.int64)
-    return np.argsort(ijk @ [1, order + 1, (order + 1) ** 2])
-
-
-def _nodes(model):
-    tags, points, _ = model.mesh.getNodes()
-    order = np.argsort(tags)
-    return tags[order].astype(np.int64), points.reshape(-1, 3)[order]
+    properties = [model.mesh.getElementProperties(kind) for kind in types]
+    complete = ["hexahedron" in name.lower() and n == (order + 1) ** 3 for name, _, order, n, *_ in properties]
+    if complete != [True]:
+        raise GeometryError(
+            f"the volume mesh has elements of type {[p[0] for p in properties]}; only hexahedra can be refined, "
+            f"complete ones of order 1 to {MAX_ORDER}, all of one: use transfinite volumes, recombine their surfaces, "
+            "and call gmsh.model.mesh.generate(3)"
+        )
+    (_, _, order, nodes, coordinates, _), (element_type,) = properties[0], types
+    steps = np.rint((coordinates.reshape(nodes, 3) + 1) / 2 * order)
+    return element_type, order, np.lexsort(steps.T)
 
 
 def _groups(model, dimension):
-    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number.
-
-    Gmsh takes a name away from a group where another one of the dimension has it.
-    """
-    groups = {}
-    for _, tag in model.getPhysicalGroups(dimension):
-        try:
-            name = model.getPhysicalName(dimension, tag) or str(tag)
-        except UnicodeDecodeError as error:
-            raise SceneError(
-                f"the name {error.object!r} of a physical group is not in UTF-8: save the file in this encoding, or "
-                "use letters without accents"
-            ) from None
-        groups[name] = model.getEntitiesForPhysicalGroup(dimension, tag)
-    return groups
+    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number."""
+    return {
+        model.getPhysicalName(dimension, tag) or str(tag): model.getEntitiesForPhysicalGroup(dimension, tag)
+        for _, tag in model.getPhysicalGroups(dimension)
+    }
 
 
-def _elements(model, element_type, dimension, entity):
-    types, _, nodes = model.mesh.getElements(dimension, entity)
-    found = [n for t, n in zip(types, nodes) if t == element_type]
-    return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
-
-
-def _facing(model, dimension, kind, corners, local):
+def _facing(model, dimension, family, corners, local):
     """Name -> rows (cell, local face or edge) of the physical groups of a dimension, 2 or 1.
 
     Args:
         model: Gmsh model.
         dimension: of the groups.
-        kind: what to call their elements.
+        family: Gmsh's name for their elements, and the order.
         corners: (ncells, 8) int64, Gmsh's nodes at the cell corners.
         local: (k, m) int, corners of the local faces or edges.
     """
-    k, ncorners = local.shape
-    distinct, example = np.unique(np.sort(corners[:, local], axis=2).reshape(-1, ncorners), axis=0, return_index=True)
+    (k, m), (name, order) = local.shape, family
+    element_type = model.mesh.getElementType(name, order)
+    known = np.sort(corners[:, local], axis=2).reshape(-1, m)
     groups = {}
     for name, entities in _groups(model, dimension).items():
-        wanted = np.concatenate([_corner_tags(model, name, dimension, e, ncorners, kind) for e in entities])
+        nodes = np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
+        wanted = np.sort(nodes.reshape(-1, (order + 1) ** dimension)[:, :m].astype(np.int64), axis=1)
         if not len(wanted):
             continue
-        both, where = np.unique(np.concatenate([distinct, np.sort(wanted, axis=1)]), axis=0, return_inverse=True)
-        where = where.ravel()
-        place = np.full(len(both), -1, dtype=np.int64)
-        place[where[: len(distinct)]] = example
-        found = place[where[len(distinct) :]]
-        if (found < 0).any():
-            raise SceneError(f"group {name!r} has {kind} that belong to no cell of any body")
-        groups[name] = np.stack(np.divmod(np.unique(found), k), axis=1).astype(np.int32)
+        _, first, which = np.unique(np.concatenate([known, wanted]), axis=0, return_index=True, return_inverse=True)
+        found = first[which.ravel()[len(known) :]]
+        if found.max() >= len(known):
+            raise SceneError(f"group {name!r} of the Gmsh model has elements that belong to no cell of any body")
+        groups[name] = np.stack(np.divmod(np.unique(found), k), axis=1)
     return groups
-
-
-def _corner_tags(model, name, dimension, entity, ncorners, kind):
-    """Corner nodes of the elements of an entity: (n, ncorners)."""
-    types, _, nodes = model.mesh.getElements(dimension, entity)
-    rows = [np.empty((0, ncorners), np.int64)]
-    for element_type, tags in zip(types, nodes):
-        what, _, _, count, _, corners = model.mesh.getElementProperties(element_type)
-        if corners != ncorners:
-            raise GeometryError(
-                f"group {name!r} has elements of type {what!r}; recombine the surface into quadrangles"
-            )
-        rows.append(tags.reshape(-1, count)[:, :ncorners].astype(np.int64))
-    return np.concatenate(rows)
 
 
 def _vertices(model, used):
@@ -258,8 +187,7 @@ def _vertices(model, used):
     vertices = {}
     for name, entities in _groups(model, 0).items():
         tags = np.concatenate([model.mesh.getNodes(0, entity)[0] for entity in entities]).astype(np.int64)
-        place = np.minimum(np.searchsorted(used, tags), len(used) - 1)
-        vertices[name] = place[used[place] == tags]
-        if len(vertices[name]) < len(tags) or not len(tags):
+        if not np.isin(tags, used).all():
             raise SceneError(f"point {name!r} of the Gmsh model is not a corner of the mesh of any body")
+        vertices[name] = np.searchsorted(used, tags)
     return vertices

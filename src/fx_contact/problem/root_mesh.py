@@ -77,8 +77,8 @@ class RootMesh:
 
         Raises:
             GeometryError: cells that are no complete hexahedra in 3D, or as `RootMesh`.
-            SceneError: no mesh or tags of dolfinx, tags of other entities or of another mesh, names that are no dict
-                with tags as keys, a cell that is in none of the bodies, another communicator, or as `RootMesh`.
+            SceneError: no mesh or tags of dolfinx, tags of other entities or of another mesh, a cell that is in none of
+                the bodies, another communicator, or as `RootMesh`.
         """
         check_comm(comm)
         parts = gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces)
@@ -102,11 +102,15 @@ class RootMesh:
         return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
 
     @cached_property
+    def faces(self):
+        """(ncells, 6) int64: a number for each local face, the same in all cells that share it."""
+        corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
+        return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
+
+    @cached_property
     def face_neighbours(self):
-        """(ncells, 6) int32: how many cells share each local face (1: exterior)."""
-        faces = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
-        _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
-        return count[inverse.ravel()].reshape(-1, 6).astype(np.int32)
+        """(ncells, 6) int64: how many cells share each local face (1: exterior)."""
+        return np.bincount(self.faces.ravel())[self.faces]
 
     def surface(self, name):
         """Facets of a named surface.

@@ -3,15 +3,13 @@
 Local.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_label, shown
+from fx_contact.parallel.validation import check_label
 from fx_contact.problem import hexahedron
 
 #: Highest order of cell maps.
@@ -32,64 +30,35 @@ def check_mesh(mesh):
     _check_tags(mesh)
 
 
-def _names(names):
-    return ", ".join(repr(name) for name in names) or "none"
-
-
 def take_arrays(mesh):
     """Turn what was given to a RootMesh into the arrays, tuples and dicts that its attributes are.
 
     Raises:
-        SceneError, GeometryError: it cannot be turned into them.
+        GeometryError: it cannot be turned into them.
     """
-    groups = {
-        name: {key: _integers(repr(key), rows, dtype) for key, rows in _mapping(name, getattr(mesh, name)).items()}
-        for name, dtype in (("surfaces", np.int32), ("vertices", np.int64), ("curves", np.int32))
-    }
     try:
-        bodies = None if isinstance(mesh.bodies, str) else tuple(mesh.bodies)
-    except TypeError:
-        bodies = None
-    if bodies is None:
-        raise SceneError(f"bodies must be different names, got {shown(mesh.bodies)}")
-    taken = {
-        "points": _array("points", mesh.points, "fiu", np.float64),
-        "cells": _integers("cells", mesh.cells),
-        "bodies": bodies,
-        "body": _integers("body", mesh.body, np.int32),
-        **groups,
-    }
+        taken = {
+            "points": np.asarray(mesh.points, np.float64),
+            "cells": _integers(mesh.cells, np.int64),
+            "bodies": tuple(mesh.bodies),
+            "body": _integers(mesh.body, np.int32),
+            "surfaces": {name: _integers(rows, np.int32) for name, rows in dict(mesh.surfaces).items()},
+            "vertices": {name: _integers(nodes, np.int64) for name, nodes in dict(mesh.vertices).items()},
+            "curves": {name: _integers(rows, np.int32) for name, rows in dict(mesh.curves).items()},
+        }
+    except (TypeError, ValueError) as error:
+        raise GeometryError(
+            "points must be an array of numbers, cells and body of whole numbers, bodies a tuple of names, and "
+            f"surfaces, vertices and curves dicts of names and arrays of whole numbers: {error}"
+        ) from error
     for name, value in taken.items():
         object.__setattr__(mesh, name, value)
 
 
-def _array(what, value, kinds, dtype, nature="numbers"):
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise GeometryError(
-            f"{what} must be an array of {nature}, its rows equally long, got {shown(value)}"
-        ) from None
-    if array.dtype.kind not in kinds and array.size:
-        raise GeometryError(f"{what} must be an array of {nature}, got {shown(value)}")
-    return array.astype(dtype)
-
-
-def _integers(what, value, dtype=np.int64):
-    array = _array(what, value, "iu", np.int64, "whole numbers")
-    if (array.astype(dtype) != array).any():
-        raise GeometryError(
-            f"{what} has a number beyond those of cells and nodes: {array.flat[np.abs(array).argmax()]}"
-        )
-    return array.astype(dtype)
-
-
-def _mapping(name, value):
-    if not isinstance(value, Mapping):
-        raise SceneError(f"{name} must be a dict of names and arrays, got {shown(value)}")
-    for key in value:
-        check_label(f"a key of {name}", key)
-    return value
+def _integers(value, dtype):
+    """An array of whole numbers; TypeError if it is of others."""
+    array = np.asarray(value)
+    return array.astype(dtype, casting="same_kind" if array.size else "unsafe")
 
 
 def _check_shapes(mesh):
@@ -109,8 +78,6 @@ def _check_shapes(mesh):
         raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
     if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
-    if len(mesh.cells) > 2_000_000:
-        raise GeometryError("more than 2 million root cells: coarsen the root mesh, the leaves refine it")
     size = np.ptp(mesh.points, axis=0).max(initial=0.0)
     if not SMALLEST < size < 1 / SMALLEST:
         raise GeometryError(f"the root mesh is {size:.3g} m large, its volumes are no numbers: check the units")
@@ -146,14 +113,13 @@ def _check_conforming(mesh):
     if mesh.face_neighbours.max() > 2:
         cell, face = np.argwhere(mesh.face_neighbours > 2)[0]
         raise GeometryError(f"more than two cells share face {face} of root cell {cell}")
-    nodes = mesh.cells[:, hexahedron.face_nodes(mesh.order)].reshape(len(mesh.cells) * 6, -1)
-    corners = np.sort(mesh.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
-    order = np.lexsort(corners.T)
-    twins = order[:-1][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
-    partner = order[1:][(corners[order[:-1]] == corners[order[1:]]).all(axis=1)]
-    differ = (np.sort(nodes[twins], axis=1) != np.sort(nodes[partner], axis=1)).any(axis=1)
+    order = np.argsort(mesh.faces, axis=None, kind="stable")
+    one, other = order[:-1], order[1:]
+    common = mesh.faces.flat[one] == mesh.faces.flat[other]
+    nodes = np.sort(mesh.cells[:, hexahedron.face_nodes(mesh.order)], axis=2).reshape(mesh.faces.size, -1)
+    differ = common & (nodes[one] != nodes[other]).any(axis=1)
     if differ.any():
-        first, second = twins[differ][0] // 6, partner[differ][0] // 6
+        first, second = one[differ][0] // 6, other[differ][0] // 6
         raise GeometryError(f"root cells {first} and {second} share the corners of a face but not its inner nodes")
     exterior = np.argwhere(mesh.face_neighbours == 1)
     for index, name in enumerate(mesh.bodies):
@@ -164,18 +130,15 @@ def _check_no_crack(mesh, name, facets):
     """No corner of a body's boundary may lie on a facet of the same body that does not have it as a node."""
     if not len(facets):
         return
-    corners = np.unique(mesh.corners[facets[:, 0]][np.arange(len(facets))[:, None], _face_corners(facets)])
+    own = mesh.corners[facets[:, :1], hexahedron.FACE_CORNERS[facets[:, 1]]]
+    corners = np.unique(own)
     positions = mesh.points[corners]
     size = np.ptp(positions, axis=0).max()
-    lattice = mesh.facet_points(facets, order=2)
-    distance, nearest = cKDTree(positions).query(lattice.reshape(-1, 3), distance_upper_bound=1e-9 * size)
-    hit = np.isfinite(distance).reshape(len(facets), 9)
-    facet, place = np.nonzero(hit)
-    found = corners[nearest.reshape(len(facets), 9)[facet, place]]
-    own = np.stack(
-        [mesh.corners[facets[facet, 0]][np.arange(len(facet)), _face_corners(facets)[facet, i]] for i in range(4)]
-    )
-    stray = (own != found).all(axis=0)
+    lattice = mesh.facet_points(facets, order=2).reshape(-1, 3)
+    distance, nearest = cKDTree(positions).query(lattice, distance_upper_bound=1e-9 * size)
+    hit = np.flatnonzero(np.isfinite(distance))
+    facet, found = hit // 9, corners[nearest[hit]]
+    stray = (own[facet] != found[:, None]).all(axis=1)
     if stray.any():
         cell, face = facets[facet[stray][0]]
         raise GeometryError(
@@ -185,15 +148,13 @@ def _check_no_crack(mesh, name, facets):
         )
 
 
-def _face_corners(facets):
-    return hexahedron.FACE_CORNERS[facets[:, 1]]
-
-
 def _check_tags(mesh):
     _check_bodies(mesh)
     names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
+    for name in (*mesh.bodies, *names):
+        check_label("a body, surface, curve or vertex", name)
     if len(set(names)) < len(names):
-        raise SceneError(f"two surfaces, curves or vertices have one name, among {_names(names)}")
+        raise SceneError(f"two surfaces, curves or vertices have one name, among {names}")
     for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
         for name, rows in groups.items():
             if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
@@ -213,15 +174,11 @@ def _check_tags(mesh):
 
 
 def _check_bodies(mesh):
-    for name in mesh.bodies:
-        check_label("a body", name)
     if len(set(mesh.bodies)) < len(mesh.bodies):
-        raise SceneError(f"bodies must be different names, got {mesh.bodies!r}")
-    if mesh.body.shape != (len(mesh.cells),):
-        raise SceneError(f"body must have one entry a cell, got shape {mesh.body.shape}")
-    if mesh.body.min() < 0 or mesh.body.max() >= len(mesh.bodies):
-        cell = int(np.flatnonzero((mesh.body < 0) | (mesh.body >= len(mesh.bodies)))[0])
-        raise SceneError(f"root cell {cell} belongs to no body; the bodies are {_names(mesh.bodies)}")
+        raise SceneError(f"bodies must have different names, got {mesh.bodies!r}")
+    nowhere = (mesh.body < 0) | (mesh.body >= len(mesh.bodies))
+    if nowhere.any():
+        raise SceneError(f"root cell {nowhere.argmax()} belongs to no body; the bodies are {mesh.bodies}")
     empty = np.setdiff1d(np.arange(len(mesh.bodies)), mesh.body)
     if len(empty):
         raise SceneError(f"body {mesh.bodies[empty[0]]!r} has no root cell")
@@ -234,12 +191,11 @@ def _check_bodies(mesh):
             f"body {mesh.bodies[mesh.body[cell]]!r} shares nodes with another body, near root cell {cell}: give each "
             "body nodes of its own (bodies meet by contact only), or make them one body"
         )
-    rows = np.repeat(np.arange(len(mesh.cells)), 8)
-    touches = coo_matrix(
-        (np.ones(len(rows)), (rows, mesh.corners.ravel())), (len(mesh.cells), len(mesh.points))
-    ).tocsr()
-    count, part = connected_components(touches @ touches.T, directed=False)
-    if count > len(np.unique(mesh.body)):
-        first = np.unique(part, return_index=True)[1]
-        body = np.flatnonzero(np.bincount(mesh.body[first], minlength=len(mesh.bodies)) > 1)[0]
+    rows, points = np.repeat(np.arange(len(mesh.cells)), 8), len(mesh.cells) + mesh.corners.ravel()
+    size = len(mesh.cells) + len(mesh.points)
+    graph = coo_matrix((np.ones(len(rows)), (rows, points)), shape=(size, size))
+    _, part = connected_components(graph, directed=False)
+    parts = np.unique(np.stack([mesh.body, part[: len(mesh.cells)]]), axis=1)
+    body = np.bincount(parts[0]).argmax()
+    if len(parts[0]) > len(mesh.bodies):
         raise SceneError(f"body {mesh.bodies[body]!r} falls into separate parts: give each part a name of its own")

@@ -9,12 +9,12 @@ import numpy as np
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Prescribed, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction, merged
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene_validation import check_forces, check_held, check_units
+from fx_contact.problem.scene_validation import check_held, check_units
 from fx_contact.problem.summary import scene_summary
 
 
@@ -37,8 +37,6 @@ class ContactPair:
     direction: tuple[float, float, float] | None = None
 
     def __post_init__(self):
-        for surface in (self.first, self.second):
-            check_label("a contact surface", surface)
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         if self.direction is not None:
@@ -49,8 +47,7 @@ class ContactPair:
     @property
     def unit_direction(self):
         """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
-        given = None if self.direction is None else np.array([float(component) for component in self.direction])
-        return None if given is None else (scaled := given / np.abs(given).max()) / np.linalg.norm(scaled)
+        return None if self.direction is None else (d := np.array(self.direction, np.float64)) / np.linalg.norm(d)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,8 +68,8 @@ class Scene:
 
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
-            place, a function that fails or is not finite on its place, a symmetry plane that is none across an axis, a
-            body that nothing holds.
+            place, a prescribed displacement that is not finite, a symmetry plane that is none across an axis, a body
+            that nothing holds.
     """
 
     name: str
@@ -112,7 +109,6 @@ class Scene:
         for force in self.body_forces:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
-        check_forces(self)
         check_held(self)
 
     def __repr__(self):
@@ -211,10 +207,10 @@ class Scene:
         places = [self.place(condition.where) for condition in self.conditions]
         said = [condition.at(points[nodes]) for condition, nodes in zip(self.conditions, places)]
         largest = max((np.nanmax(np.abs(values), initial=0.0) for values in said), default=0.0)
-        result = Prescribed(len(points), _SAME * largest)
+        result = np.full((len(points), 3), np.nan)
         for condition, nodes, values in zip(self.conditions, places, said):
-            result.add(condition.where, nodes, values, points.__getitem__)
-        return result.values
+            result[nodes] = merged(result[nodes], condition, values, _SAME * largest, points[nodes].__getitem__)
+        return result
 
 
 #: What the parts of a scene may be.
