@@ -90,13 +90,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add = result.add_argument
     add("--help", action="help", help="show this message and exit")
     add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
-    add(
-        "--degree",
-        type=int,
-        metavar="{1,2}",
-        default=DEGREE,
-        help="of displacements; 2 is not there yet (%(default)s)",
-    )
+    add("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
@@ -105,7 +99,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
     add("--control", metavar=one_of(MODES), default=MODES[0], help="of the error; energy: the paper's (%(default)s)")
     add("--partition", metavar=one_of(KINDS), default="contact-sfc", help="kind of partition (%(default)s)")
-    add("--preconditioner", metavar=one_of(PRECONDITIONERS), default="boomeramg", help="of PCG (%(default)s)")
+    add("--preconditioner", metavar=one_of(PRECONDITIONERS), help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
     add("--symmetry", metavar=one_of(("quarter", "full")), default="quarter", help="what is modelled (%(default)s)")
     add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
@@ -134,10 +128,6 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
     """
     arguments = _parsed(options)
     with plain_errors(COMM):
-        if arguments.degree != DEGREE:
-            raise SceneError(
-                f"displacements have degree {DEGREE} only, --degree {arguments.degree} is not there yet: leave it out"
-            )
         show, progress = _voice(arguments.quiet)
         material = Material(young=arguments.young, poisson=arguments.poisson)
         scene = make_scene(arguments, material)
@@ -205,6 +195,7 @@ def _adapted(arguments, scene, beginning, show, progress):
         scene,
         arguments.tolerance,
         COMM,
+        degree=arguments.degree,
         max_steps=arguments.max_steps if arguments.uniform is None else 1,
         geometry_order=arguments.geometry_order,
         enforcement=Enforcement(method, *stiffness),

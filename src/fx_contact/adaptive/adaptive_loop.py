@@ -29,6 +29,7 @@ def adapt(
     tolerance,
     comm=MPI.COMM_WORLD,
     *,
+    degree=DEGREE,
     max_steps=20,
     geometry_order=None,
     enforcement=None,
@@ -48,6 +49,7 @@ def adapt(
         scene: Scene.  It and all that follows must be the same on all ranks, but for progress.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
         comm: MPI communicator.
+        degree: p of the displacements, 1 or 2.
         max_steps: most solves, with those before a restart.
         geometry_order: order of the leaf maps; None: the lowest that holds the root map to
             `settings.GEOMETRY_SHARE` times the tolerance.
@@ -81,7 +83,7 @@ def adapt(
         enforcement = Enforcement() if enforcement is None else enforcement
         solver = Solver() if solver is None else solver
         control = ErrorControl() if control is None else control
-        settings = Settings(scene, tolerance, geometry_order, enforcement, solver, control)
+        settings = Settings(scene, tolerance, geometry_order, enforcement, solver, control, degree)
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
         if progress is not None and not callable(progress):
@@ -89,6 +91,7 @@ def adapt(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
         options = {
+            "degree": settings.degree,
             "geometry order": settings.geometry_order,
             "enforcement": asdict(enforcement),
             "error control": asdict(control),
@@ -219,7 +222,7 @@ class Run:
             with stages("refine"):
                 self._resume(source)
         elif source is not None:
-            self._forest, self._values = source.forest, source.values
+            self._forest, self._values = source.forest, source.of_degree(self._settings.degree)
             self._history = source.history or self._history
         else:
             with stages("partition"):
@@ -266,7 +269,7 @@ class Run:
                 self._forest, self._values = repartition(self._forest, self._values, self._kind)
             partition = PartitionSummary.of(self._forest, self._kind)
         with stages("hanging"):
-            start = self._start(Prolongation(Space(self._forest, DEGREE)))
+            start = self._start(Prolongation(Space(self._forest, self._settings.degree)))
         self._last.update(forest=self._forest, displacement=start.displacement)
         self.step = solve_step(self._settings, len(self.records), start, partition, stages)
         self._last.update(record=self.step.record, displacement=self.step.solution.displacement)

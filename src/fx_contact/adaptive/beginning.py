@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.settings import DEGREE
 from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.forest.forest import Forest
@@ -14,6 +13,7 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_count, check_same_comm, shown
+from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.problem.scene import check_scene
@@ -25,9 +25,9 @@ class Beginning:
 
     Attributes:
         forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
-        values: (n, (p+1)^3, 3 + k) float64 at the nodes of its leaves, p the degree of displacements (`DEGREE`): a
-            first guess of the displacement [m], then any continuous fields of degree p, which go along through
-            refinement and partition.
+        values: (n, (p+1)^3, 3 + k) float64 at the nodes of its leaves, p = 1 or 2: a first guess of the displacement
+            [m], then any continuous fields of degree p, which go along through refinement and partition.  In a run of
+            another degree they are interpolated.
         history: RefinementHistory; None: nothing is known of the estimate, as on root cells.
     """
 
@@ -59,14 +59,21 @@ class Beginning:
             raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
         if not isinstance(values, np.ndarray) or values.dtype != np.float64:
             raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
-        shape = len(forest), (DEGREE + 1) ** 3
-        if values.ndim != 3 or values.shape[:2] != shape or values.shape[2] < 3:
+        if values.ndim != 3 or len(values) != len(forest) or values.shape[1] not in (8, 27) or values.shape[2] < 3:
             raise SceneError(
-                f"the values of a Beginning must be an array of shape ({shape[0]}, {shape[1]}, 3 or more), three "
+                f"the values of a Beginning must be an array of shape ({len(forest)}, 8 or 27, 3 or more), three "
                 f"components of the displacement and other fields at the nodes of each leaf, got one of {values.shape}"
             )
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
+
+    def of_degree(self, degree):
+        """The values as the nodal values of a degree: (n, (degree+1)^3, 3 + k) float64.  Local."""
+        own = hexahedron.order_of(self.values.shape[1])
+        if own == degree:
+            return self.values
+        functions = hexahedron.lagrange(own, np.linspace(0, 1, degree + 1))
+        return hexahedron.tensor_evaluate((functions,) * 3, self.values)
 
     @classmethod
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
@@ -95,7 +102,7 @@ class Beginning:
         check_leaves(comm, len(forest) * 8 ** int(levels))
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-        return cls(forest, np.zeros((len(forest), (DEGREE + 1) ** 3, 3)))
+        return cls(forest, np.zeros((len(forest), 8, 3)))
 
     @classmethod
     def after(cls, step, marked):

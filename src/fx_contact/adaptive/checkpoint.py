@@ -11,7 +11,6 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.row_file import RowFile, write_rows
-from fx_contact.adaptive.settings import DEGREE
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
@@ -215,8 +214,6 @@ class Checkpoint:
             CheckpointError: the file is damaged.
         """
         scene, comm, content = self._scene, self.comm, self._file.content
-        if content["degree"] != DEGREE:
-            raise CheckpointError(f"{str(self.path)!r} has displacements of degree {content['degree']}, not {DEGREE}")
         leaves, keys, values, error, refine = map(
             self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
         )

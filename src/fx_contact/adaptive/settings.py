@@ -12,7 +12,7 @@ from fx_contact.parallel.validation import check_number, shown
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.scene import Scene, check_scene
 
-#: Degree of the displacements.
+#: Degree of the displacements where none is given.
 DEGREE = 1
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
@@ -44,9 +44,10 @@ class Settings:
         enforcement: Enforcement of the contact conditions.
         solver: Solver.
         control: ErrorControl.
+        degree: p of the displacements, 1 or 2.
 
     Raises:
-        SceneError: a value of another type, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
+        SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
             that of the root mesh.
     """
 
@@ -56,6 +57,7 @@ class Settings:
     enforcement: Enforcement
     solver: Solver
     control: ErrorControl
+    degree: int = DEGREE
 
     def __post_init__(self):
         check_scene(self.scene)
@@ -69,6 +71,10 @@ class Settings:
                 value, article = getattr(self, name), "an" if kind.__name__[0] in "AEIOU" else "a"
                 advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
                 raise SceneError(f"{name} must be {article} {kind.__name__}, got {shown(value)}{advice}")
+        degree = self.degree
+        if isinstance(degree, bool) or not isinstance(degree, Integral) or degree not in (1, 2):
+            raise SceneError(f"the degree of displacements must be 1 or 2, got {shown(degree)}")
+        object.__setattr__(self, "degree", int(degree))
         if order is None:
             return
         if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
@@ -76,6 +82,11 @@ class Settings:
                 f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
             )
         object.__setattr__(self, "geometry_order", int(order))
+
+    @property
+    def multigrid(self):
+        """Whether the preconditioner needs the level of degree 1.  Local."""
+        return self.degree == 2 and self.solver.preconditioner in (None, "p-multigrid")
 
     @cached_property
     def problem(self):
@@ -91,6 +102,7 @@ class Settings:
             "scene": self.scene.name,
             **self.problem,
             "tolerance": self.tolerance,
+            "degree": self.degree,
             "geometry order": self.geometry_order,
             "enforcement": asdict(self.enforcement),
             "error control": asdict(self.control),

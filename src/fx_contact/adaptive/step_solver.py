@@ -20,6 +20,7 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import check_balance
 from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
@@ -93,7 +94,8 @@ def solve_step(settings, number, start, partition, stages):
         SolveError: the solve fails, or is not as accurate as the tolerance needs.
     """
     discrete = _discretise(settings, start, stages)
-    with PetscObjects(discrete.problem.matrix.mat) as objects:
+    held = [thing for thing in (discrete.problem.matrix.mat, discrete.problem.coarse) if thing is not None]
+    with PetscObjects(*held) as objects:
         options = SolveOptions(settings.solver, settings.enforcement)
         solution, system = solve_system(discrete.problem, start.displacement, options, Environment(stages, objects))
         with stages("estimate"):
@@ -132,7 +134,8 @@ def _discretise(settings, start, stages):
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
-    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions)
+        coarse = create_coarse_level(elasticity, prescribed) if settings.multigrid else None
+    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions, coarse)
     return _Discrete(mesh, elasticity, problem)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidModes
+from fx_contact.linalg.coarse_level import CoarseLevel
 from fx_contact.linalg.matrix import BlockMatrix
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -27,6 +28,7 @@ class ContactProblem:
         rows: ConstraintRows, B and D; None without contact.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
         motions: RigidModes of unloaded bodies, which are first moved as a whole; None: they stay.
+        coarse: CoarseLevel below the matrix, for p-multigrid; None: there is none.
     """
 
     matrix: BlockMatrix
@@ -36,6 +38,7 @@ class ContactProblem:
     rows: ConstraintRows | None = None
     scene: Scene | None = None
     motions: RigidModes | None = None
+    coarse: CoarseLevel | None = None
 
 
 @dataclass(frozen=True)

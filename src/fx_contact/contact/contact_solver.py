@@ -115,7 +115,9 @@ def _solve_linear(problem, base, u, options, environment):
     """The displacement without contact, and the ConjugateGradients that found it."""
     stages = environment.stages
     with stages("system"):
-        cg = ConjugateGradients(problem.matrix, options.solver, problem.energy_norm, environment.objects)
+        cg = ConjugateGradients(
+            problem.matrix, options.solver, problem.energy_norm, environment.objects, problem.coarse
+        )
     with stages("setup"):
         cg.set_up()
     with stages("solve"):

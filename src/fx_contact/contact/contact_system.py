@@ -43,7 +43,10 @@ class ContactSystem:
         self._projected = np.ones_like(active) if exact else self._rows.stiffness > self._rows.bounded_stiffness
         self._bounded, self._term, self._projection = self._enforced(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
-        self._cg = ConjugateGradients(problem.matrix, self._solver, problem.energy_norm, environment.objects)
+        objects, self._coarse = environment.objects, problem.coarse
+        self._cg = ConjugateGradients(problem.matrix, self._solver, problem.energy_norm, objects, self._coarse)
+        if self._coarse is not None:
+            self._coarse.couple(jump.matrix.distributed())
         # What changes: the closed rows, their forces in the augmented Lagrangian, and the set in the matrix.
         self._active, self._forces = active, np.zeros(len(active))
         self._known, self._is_set_up = active, False
@@ -88,6 +91,8 @@ class ContactSystem:
         if not self._is_set_up or late or self._cg.stops_paying():
             with self._stages("setup"):
                 self._bounded.change(self._cg.matrix, self._known, active)
+                if self._coarse is not None:
+                    self._coarse.stiffen(active * self._rows.bounded_stiffness)
                 self._cg.set_up()
             self._known, self._is_set_up = active, True
         with self._stages("system"):

@@ -8,6 +8,8 @@ from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from fx_contact.linalg.matrix import distributed
+
 
 class Products:
     """Products with a matrix of rows and with its transpose.
@@ -30,6 +32,15 @@ class Products:
         self._transposed = self._matrix.T.tocsr()
         away = bool((node >= self._prolongation.owned).any())
         self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
+
+    def distributed(self):
+        """The matrix as one of PETSc's, rows by unknowns: PETSc AIJ.  Collective."""
+        imap = self._prolongation.index_map
+        width = 3 * (imap.size_local + imap.num_ghosts)
+        whole = csr_matrix(
+            (self._matrix.data, self._dofs[self._matrix.indices], self._matrix.indptr), (self._matrix.shape[0], width)
+        )
+        return distributed(self._prolongation.comm, whole, imap)
 
     def times(self, u):
         """The product with a displacement.

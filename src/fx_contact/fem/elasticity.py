@@ -8,6 +8,7 @@ on distorted cells.
 
 import numpy as np
 import ufl
+from basix import CellType
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
@@ -15,6 +16,7 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
 
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.leaf_mesh import basix_order
 from fx_contact.linalg.matrix import add_blocks, create_matrix
 
 #: Poisson's ratio from which on the cells of a body have one volume strain each.
@@ -50,6 +52,7 @@ class Elasticity:
     """
 
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
+        self._bodies = materials, body
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
         self.quadrature_degree = 2 * prolongation.space.degree + 1
@@ -58,7 +61,8 @@ class Elasticity:
         self.leaf_mesh, self._stages, self._energy = leaf_mesh, stages, None
         imap, self.cells = self.function_space.dofmap.index_map, prolongation.space.cells[leaf_mesh.leaf]
         self.node_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
-        self.node_of_block[self.function_space.dofmap.list] = self.cells
+        self._order = basix_order(CellType.hexahedron, prolongation.space.degree)
+        self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self._order]
         count = len(self.node_of_block)
         entries = np.ones(count), (self.node_of_block, np.arange(count))
         self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
@@ -89,6 +93,14 @@ class Elasticity:
 
         return u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * mean, update
 
+    def on(self, prolongation):
+        """The same bodies with displacements of another degree: Elasticity.  Collective.
+
+        Args:
+            prolongation: Prolongation of a Space on the same forest.
+        """
+        return Elasticity(self.leaf_mesh, *self._bodies, prolongation, self._stages)
+
     def nodal_space(self, components):
         """Continuous functions of the displacement's degree with some components.  Collective."""
         return fem.functionspace(self.mesh, ("Lagrange", self.prolongation.space.degree, (components,)))
@@ -114,7 +126,7 @@ class Elasticity:
         """Values of a Function of a nodal space at the nodes of this rank's leaves: (n, (p+1)^3, k).  Local."""
         values = function.x.array.reshape(len(self.node_of_block), -1)[function.function_space.dofmap.list]
         result = np.empty_like(values)
-        result[self.leaf_mesh.leaf] = values
+        result[self.leaf_mesh.leaf[:, None], self._order] = values
         return result
 
     def stress(self, u, volume_strain=None):

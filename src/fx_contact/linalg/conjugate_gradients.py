@@ -53,6 +53,7 @@ class ConjugateGradients:
         solver: Solver.
         energy_norm: function of a displacement (owned, 3) float64 [m], its energy norm omega (4) [J^(1/2)]; collective.
         objects: PetscObjects, with which what is made here is freed.
+        coarse: CoarseLevel, for p-multigrid, or None.
 
     Attributes:
         matrix: PETSc Mat with its values, in the format that suits the preconditioner; `set_up` must follow a change.
@@ -66,21 +67,26 @@ class ConjugateGradients:
         SolveError: options that PETSc cannot work with, or a solver that this one cannot be; no memory for factors.
     """
 
-    def __init__(self, matrix, solver, energy_norm, objects):
+    def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
+        self._coarse = coarse
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
         self.iterations, self._failures, self._best = [], [], None
         self._unknowns = matrix.mat.getSize()[0]
-        defaults = preconditioner_options(solver.preconditioner, self._unknowns)
+        name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
+        defaults = preconditioner_options(name, self._unknowns)
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         self._krylov = KrylovSolver(self._comm, self._options, objects)
-        self.preconditioner, kind = _name(self._krylov.pc, solver.preconditioner), self._krylov.pc.getType()
+        self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:
             what = f"the preconditioner {kind!r} of {self._unknowns:,} unknowns"
             check_memory(self._comm, what, self._factor_bytes(), "take 'boomeramg', the default, or more hosts")
-        hypre = kind == PETSc.PC.Type.HYPRE
-        self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
-        matrix.mat.destroy()
+        if kind == PETSc.PC.Type.MG:
+            self._hold(matrix.mat)
+        else:
+            hypre = kind == PETSc.PC.Type.HYPRE
+            self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
+            matrix.mat.destroy()
         self._x, self._b = map(objects.add, self.matrix.createVecs())
         self._scale = objects.add(self._x.duplicate())
 
@@ -108,7 +114,7 @@ class ConjugateGradients:
             SceneError: an option of the user that PETSc does not read.
             SolveError: PETSc cannot build it.
         """
-        self._krylov.set_up(self._operator, self.matrix)
+        self._krylov.set_up(self._operator, self.matrix, self._coarse)
         self.matrix.getDiagonal(self._scale)
         self._scale.sqrtabs()
         self._best = None
@@ -213,7 +219,7 @@ class ConjugateGradients:
         self._krylov.pc.reset()
         self._krylov = KrylovSolver(self._comm, self._options, self._objects)
         self.preconditioner = name
-        if direct and self.matrix.type == PETSc.Mat.Type.HYPRE:
+        if self.matrix.type != PETSc.Mat.Type.AIJ and (direct or self.matrix.type != PETSc.Mat.Type.HYPRE):
             before, correction = self.matrix, self._product.correction
             self._operator.destroy()
             self._hold(before.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))

@@ -89,7 +89,7 @@ class KrylovSolver:
             self._objects.leak()
             raise
 
-    def set_up(self, operator, matrix):
+    def set_up(self, operator, matrix, coarse=None):
         """Build the preconditioner for the present values of the matrix, and keep it.
 
         Collective on comm.
@@ -97,6 +97,7 @@ class KrylovSolver:
         Args:
             operator: PETSc Mat to solve with.
             matrix: PETSc Mat to build the preconditioner from.
+            coarse: CoarseLevel below the matrix, for a multigrid of two levels.
 
         Raises:
             SceneError: an option of the user that PETSc does not read.
@@ -105,6 +106,9 @@ class KrylovSolver:
         self.pc.setReusePreconditioner(False)
         self._ksp.setPC(self.pc)
         self._ksp.setOperators(operator, matrix)
+        if self.pc.getType() == PETSc.PC.Type.MG:
+            self.pc.setMGInterpolation(1, coarse.interpolation)
+            self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
         with self._options.there(), self._errors_on_all_ranks():
             self._ksp.setUp()
         self._options.check_read()

@@ -106,6 +106,26 @@ def add_blocks(mat, product, number):
     )
 
 
+def distributed(comm, matrix, columns):
+    """This rank's rows of a matrix as a part of one of PETSc's.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        matrix: (n, 3 m) scipy CSR float64, rows of this rank.
+        columns: IndexMap of m nodes, owned and ghosts, of three unknowns each.
+
+    Returns:
+        PETSc Mat of type AIJ.
+    """
+    number = columns.local_to_global(np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32))
+    number = (3 * number[:, None] + np.arange(3)).ravel().astype(PETSc.IntType)
+    sizes = (matrix.shape[0], None), (3 * columns.size_local, 3 * columns.size_global)
+    csr = matrix.indptr.astype(PETSc.IntType), number[matrix.indices], matrix.data
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+
+
 def clear_hypre_errors():
     """Clear hypre's error flag: it stays after a failure, and every later call would report it.  Local."""
     clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)

@@ -20,6 +20,13 @@ PRECONDITIONERS = {
         "pc_hypre_boomeramg_agg_nl": 1,
         "pc_hypre_boomeramg_relax_type_all": "Chebyshev",
     },
+    "p-multigrid": {
+        "pc_type": "mg",
+        "pc_mg_levels": 2,
+        "mg_levels_ksp_type": "chebyshev",
+        "mg_levels_ksp_max_it": 2,
+        "mg_levels_pc_type": "pbjacobi",
+    },
     "ilu": {
         "pc_type": "hypre",
         "pc_hypre_type": "ilu",
@@ -61,6 +68,9 @@ def preconditioner_options(name, unknowns):
         dict.
     """
     options = PRECONDITIONERS[name]
+    if name == "p-multigrid":
+        below = preconditioner_options("boomeramg", unknowns // 8)
+        return options | {f"mg_coarse_{option}": value for option, value in below.items()}
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 
 
@@ -69,7 +79,7 @@ class Solver:
     """How the linear systems are solved.
 
     Attributes:
-        preconditioner: a key of `PRECONDITIONERS`; where PCG fails with it, it goes on with Cholesky's factors if they
+        preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.  Where PCG fails with it, it goes on with Cholesky's factors if they
             fit into the memory, else with "boomeramg-robust".
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
@@ -86,7 +96,7 @@ class Solver:
             that is neither a text nor a number.
     """
 
-    preconditioner: str = "boomeramg"
+    preconditioner: str | None = None
     tolerance: float = 1e-8
     loose_tolerance: float = 1e-3
     max_krylov: int = 500
@@ -94,7 +104,8 @@ class Solver:
     options: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
+        if self.preconditioner is not None:
+            check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
         for name in ("tolerance", "loose_tolerance"):
             object.__setattr__(self, name, check_number(f"the solver's {name}", getattr(self, name), positive=True))
         if self.tolerance > _LOOSEST:

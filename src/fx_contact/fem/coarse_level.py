@@ -1,0 +1,64 @@
+"""The level of degree 1 below a matrix of degree 2, on the same leaves: the coarse level of p-multigrid.
+
+Conforming functions of degree 1 are conforming functions of degree 2, on hanging nodes and curved cells too.  So the
+interpolation I takes the values of the former at the conforming nodes of the latter, and the coarse matrix is I^T K I,
+here assembled at degree 1.  The idea: E. M. Ronquist, A. T. Patera, J. Sci. Comput. 2(4), 1987.
+"""
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix, diags, identity, kron
+
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.linalg.coarse_level import CoarseLevel
+from fx_contact.linalg.matrix import distributed
+from fx_contact.problem import hexahedron
+
+
+def create_coarse_level(elasticity, prescribed):
+    """The level of degree 1 of an elasticity of degree 2.
+
+    Collective.
+
+    Args:
+        elasticity: Elasticity.
+        prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
+
+    Returns:
+        CoarseLevel.
+    """
+    fine = elasticity.prolongation
+    coarse = Prolongation(Space(fine.space.forest, 1))
+    own = np.flatnonzero((coarse.conforming >= 0) & (coarse.conforming < coarse.owned))
+    place = np.empty(coarse.owned, dtype=np.int64)
+    place[coarse.conforming[own]] = fine.find(coarse.space.keys[own])
+    free = np.isnan(prescribed)
+    coarse_free = fine.ghosted(free.astype(float))[place] > 0
+
+    matrix = elasticity.on(coarse).stiffness().mat
+    matrix.assemble()
+    diagonal = matrix.getDiagonal()
+    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~coarse_free.ravel()).astype(PETSc.IntType)
+    matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
+    diagonal.destroy()
+    matrix.convert(PETSc.Mat.Type.AIJ)
+    return CoarseLevel(fine.comm, matrix, _interpolation(fine, coarse, free, coarse_free))
+
+
+def _interpolation(fine, coarse, free, coarse_free):
+    """I from the coarse unknowns that are free to the fine ones: PETSc AIJ."""
+    own = np.flatnonzero((fine.conforming >= 0) & (fine.conforming < fine.owned))
+    example = np.empty((fine.owned, 2), dtype=np.int64)
+    example[fine.conforming[own]] = fine.space.example[own]
+    corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
+    weights = np.kron(corners, np.kron(corners, corners))[example[:, 1]]
+    nodes = coarse.space.cells[example[:, 0]]
+    values = csr_matrix(
+        (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
+    )
+    values.eliminate_zeros()
+    mask = coarse.ghosted(coarse_free.astype(float)).ravel()
+    matrix = diags(free.astype(float).ravel()) @ kron(values @ coarse.matrix, identity(3), format="csr") @ diags(mask)
+    matrix.eliminate_zeros()
+    return distributed(fine.comm, matrix, coarse.index_map)
