@@ -47,8 +47,8 @@ class Settings:
         degree: p of the displacements, 1 or 2.
 
     Raises:
-        SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an order above
-            that of the root mesh.
+        SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an
+            order above that of the root mesh.
     """
 
     scene: Scene

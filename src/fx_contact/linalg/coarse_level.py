@@ -1,7 +1,6 @@
 """The coarse level of p-multigrid: its matrix, with the springs of closed contact, and the interpolation from it."""
 
 
-
 class CoarseLevel:
     """A coarse matrix K_c and the interpolation I from its unknowns; with springs K_c + (B I)^T k B I.
 
