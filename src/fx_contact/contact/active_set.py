@@ -33,7 +33,8 @@ class ActiveSet:
     #: Bands of rows closest to touching that close to hold a loose body, relative to the range of the gaps: from
     #: rounding to all of them, in factors of 4.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
-    #: Penetrations and gaps up to this part of the largest displacement are rounding: 1e4 times that of a double.
+    #: Penetrations and gaps up to this part of the largest displacement are rounding: 1e4 times that of a double.  Rows
+    #: that were closed on the coarser mesh have no other: they begin closed.
     _TOUCHING = 1e-12
 
     def __init__(self, rows, scene, u, most):
@@ -42,7 +43,7 @@ class ActiveSet:
         self.updates, self._loose = 1, []
         penetration = rows.penetration(u)
         deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
-        closed = penetration > 0 if deepest > rounding else penetration >= deepest - rounding
+        closed = penetration >= min(deepest, 0.0) - rounding
         self.active = self._held(closed, penetration)
         self.forget()
 
