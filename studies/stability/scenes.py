@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from fx_contact.results.analytic import Hertz
-from fx_contact.scenes import indentation, punch, scaled, stack, swapped, turned
+from fx_contact.scenes import indentation, punch, stack
 from studies.stability.cases import Case, exponent
 from studies.stability.checks import Exact, Twin
 from studies.stability.references import (
@@ -41,6 +41,7 @@ from studies.stability.shapes import (
     waves,
     without,
 )
+from studies.stability.twins import scaled, swapped, turned
 
 FACTORS = [10.0**n for n in range(13)]
 RATIOS = [10.0**n for n in range(-6, 7)]

@@ -19,7 +19,8 @@ from fx_contact.parallel.timing import Stages
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.hexahedron import corner_nodes
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.scenes import punch, scaled, stack, turned
+from fx_contact.scenes import punch, stack
+from studies.stability.twins import scaled, turned
 
 SIDES = [f"upper {axis} {end}" for axis in "xyz" for end in ("low", "high")]
 

@@ -1,24 +1,11 @@
-"""Ready scenes, each a file that may be read as an example, and their twins in other units or directions."""
+"""Ready scenes, each a file that may be read as an example."""
 
 from fx_contact.scenes.columns import patch, stack
 from fx_contact.scenes.cube_indentation import indentation
 from fx_contact.scenes.half_spheres import hertz
 from fx_contact.scenes.shrunk_rings import shrink_fit
 from fx_contact.scenes.spherical_punch import punch
-from fx_contact.scenes.twins import scaled, swapped, turned
 from fx_contact.scenes.two_cylinders import cylinders
 from fx_contact.scenes.two_spheres import spheres
 
-__all__ = [
-    "cylinders",
-    "hertz",
-    "indentation",
-    "patch",
-    "punch",
-    "scaled",
-    "shrink_fit",
-    "spheres",
-    "stack",
-    "swapped",
-    "turned",
-]
+__all__ = ["cylinders", "hertz", "indentation", "patch", "punch", "shrink_fit", "spheres", "stack"]

@@ -1,11 +1,10 @@
 """Blocks one on another between plates: as many bodies as wanted, in uniform compression."""
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_cells, check_length, check_list, check_material, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -41,14 +40,11 @@ def stack(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    _check_blocks(materials, side, height, cells)
-    check_mesh_size(order, coarse=1)
-    for name, value in (
-        ("displacement", displacement),
-        ("gap", gap),
-        ("pressure", 0.0 if pressure is None else pressure),
-    ):
-        check_number(name, value)
+    if len(materials) < 2:
+        raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
+    numbers = {"displacement": displacement, "gap": gap, "pressure": pressure or 0.0}
+    for count in cells:
+        check_arguments(order, count, {"side": side, "height": height}, numbers)
     names = [f"block {number}" for number in range(len(materials))]
     boxes, surfaces, pairs = _unit_blocks(names, order, cells)
 
@@ -68,18 +64,6 @@ def stack(
         tractions=() if pressure is None else (Traction("top", (0.0, 0.0, -float(pressure))),),
         symmetry=4,
     )
-
-
-def _check_blocks(materials, side, height, cells):
-    """Raises SceneError or GeometryError for what is no stack of blocks.  Local."""
-    check_list("materials", materials)
-    for material in materials:
-        check_material("the material of a block", material)
-    if len(materials) < 2:
-        raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
-    for name, value in (("side", side), ("height", height)):
-        check_length(name, value)
-    check_cells(cells, len(materials))
 
 
 def _unit_blocks(names, order, cells):

@@ -1,13 +1,11 @@
 """A stiff cube pressed into a soft block: the paper's second benchmark, affine geometry."""
 
-from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
-from fx_contact.scenes.symmetry import check_symmetry, sideways
+from fx_contact.scenes.symmetry import sideways
 
 
 def indentation(
@@ -37,12 +35,7 @@ def indentation(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    check_symmetry(symmetry)
-    check_length("side", side)
-    check_number("displacement", displacement)
-    check_mesh_size(order, coarse)
-    if coarse % 2:
-        raise SceneError(f"coarse must be even, for a vertex on the axis, got {coarse}")
+    check_arguments(order, coarse, {"side": side}, {"displacement": displacement}, symmetry, even=True)
     return Scene(
         name="indentation",
         mesh=cube_on_block(order, coarse, symmetry, lambda body, points: side * points),

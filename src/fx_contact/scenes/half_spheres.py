@@ -5,15 +5,15 @@ from mpi4py import MPI
 
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, check_number
+from fx_contact.parallel.validation import check_comm
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 from fx_contact.problem.hexahedron import CORNERS, FACE_CORNERS
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.roundness import check_roundness
-from fx_contact.scenes.symmetry import check_symmetry, sideways
+from fx_contact.scenes.symmetry import sideways
 
 
 def hertz(
@@ -47,17 +47,8 @@ def hertz(
     """
     check_comm(comm)
     with together(comm):
-        check_symmetry(symmetry)
-        check_length("radius", radius)
-        check_number("displacement", displacement)
-        check_mesh_size(order, coarse)
-        asked = {
-            "radius": radius,
-            "displacement": displacement,
-            "order": order,
-            "coarse": coarse,
-            "symmetry": symmetry,
-        }
+        check_arguments(order, coarse, {"radius": radius}, {"displacement": displacement}, symmetry)
+    asked = {"radius": radius, "displacement": displacement, "order": order, "coarse": coarse, "symmetry": symmetry}
     check_alike(comm, asked)
     mesh = root_mesh_from_gmsh(comm, lambda: _half_balls(float(radius), order, coarse, symmetry))
     with together(comm):

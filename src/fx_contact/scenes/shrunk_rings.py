@@ -3,11 +3,10 @@
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number, shown
 from fx_contact.problem.boundary_conditions import SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 
@@ -41,20 +40,13 @@ def shrink_fit(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    check_list("radii", radii, 3)
-    for radius in radii:
-        check_length("radius", radius)
-    if not 0 < radii[0] < radii[1] < radii[2]:
-        raise SceneError(f"radii must be three growing positive numbers, got {shown(radii)}")
-    check_number("interference", interference)
-    check_length("height", height)
-    check_mesh_size(order, coarse)
-    if order == 1:
-        raise SceneError("rings need a root mesh of order 2 at least to be round, got order 1")
+    lengths = dict(zip(("inner radius", "common radius", "outer radius"), radii)) | {"height": height}
+    check_arguments(order, coarse, lengths, {"interference": interference}, least_order=2)
+    bore, common, rim = radii
     half = interference / 2
-    ends = {"inner": (radii[0], radii[1] + half), "outer": (radii[1] - half, radii[2])}
+    ends = {"inner": (bore, common + half), "outer": (common - half, rim)}
     if any(not 0 < low < high for low, high in ends.values()):
-        raise SceneError(f"an interference of {interference} m leaves no ring between the radii {shown(radii)}")
+        raise SceneError(f"an interference of {interference} m leaves no ring between the radii {tuple(radii)}")
     boxes = Boxes(order)
     for start, body in enumerate(ends):
         boxes.add(body, (start, 0.0, 0.0), (start + 1.0, 1.0, 1.0), (coarse, 2 * coarse, 1))

@@ -3,15 +3,14 @@
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.results.analytic import Hertz
-from fx_contact.scenes.arguments import check_length, check_material, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.cube_indentation import cube_on_block
 from fx_contact.scenes.roundness import check_roundness, sagitta
-from fx_contact.scenes.symmetry import check_symmetry, sideways
+from fx_contact.scenes.symmetry import sideways
 
 
 def punch(
@@ -49,16 +48,8 @@ def punch(
         SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a load.
     """
     side = radius if side is None else side
-    check_symmetry(symmetry)
-    for name, value in (("radius", radius), ("side", side)):
-        check_length(name, value)
-    for name, value in (("displacement", displacement), ("gap", gap), ("force", 0.0 if force is None else force)):
-        check_number(name, value)
-    for name, material in (("block", block), ("punch", punch)):
-        check_material(f"the material of the {name}", material)
-    check_mesh_size(order, coarse)
-    if coarse % 2:
-        raise SceneError(f"coarse must be even, for a vertex on the axis, got {coarse}")
+    numbers = {"displacement": displacement, "gap": gap, "force": force or 0.0}
+    check_arguments(order, coarse, {"radius": radius, "side": side}, numbers, symmetry, even=True)
     if side >= np.sqrt(2) * radius:
         raise SceneError(f"a punch of side {side} m has no end of radius {radius} m: at most sqrt(2) radius")
 
@@ -70,19 +61,19 @@ def punch(
             points[:, 2] += gap + rise * (1 - points[:, 2] / side)
         return points
 
-    mesh = cube_on_block(order, coarse, symmetry, place)
-    modulus = 1 / (1 / block.plane_strain_modulus + 1 / punch.plane_strain_modulus)
-    approach = displacement - gap if force is None else Hertz(radius, modulus, max(force, 0.0)).approach
-    if approach > 0:
-        contact_radius = np.sqrt(radius * approach)
-        check_roundness(mesh, "base", (0.0, 0.0, gap + radius), radius, contact_radius, approach)
     held = Dirichlet("bottom", z=0.0), *sideways(symmetry, ("block", "cube"))
-    return Scene(
+    scene = Scene(
         name="punch",
-        mesh=mesh,
+        mesh=cube_on_block(order, coarse, symmetry, place),
         materials={"block": block, "cube": punch},
         dirichlet=held if force is not None else (Dirichlet("top", z=-float(displacement)), *held),
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
         tractions=() if force is None else (Traction("top", (0.0, 0.0, -float(force) / side**2)),),
         symmetry=4 if symmetry == "quarter" else 1,
     )
+    modulus = 1 / (1 / block.plane_strain_modulus + 1 / punch.plane_strain_modulus)
+    approach = displacement - gap if force is None else Hertz(radius, modulus, max(force, 0.0)).approach
+    if approach > 0:
+        contact_radius = np.sqrt(radius * approach)
+        check_roundness(scene.mesh, "base", (0.0, 0.0, gap + radius), radius, contact_radius, approach)
+    return scene

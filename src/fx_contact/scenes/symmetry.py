@@ -1,12 +1,6 @@
 """Quarter models and whole bodies: what stops sideways motion."""
 
-from fx_contact.parallel.validation import check_name
 from fx_contact.problem.boundary_conditions import Dirichlet
-
-
-def check_symmetry(symmetry):
-    """Raises SceneError unless symmetry is "quarter" or "full".  Local."""
-    check_name("symmetry", symmetry, ("quarter", "full"))
 
 
 def sideways(symmetry, bodies, line="side"):

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.boxes import BACK, facing_columns
 from fx_contact.scenes.roundness import sagitta
 
@@ -41,17 +39,8 @@ def cylinders(
     Raises:
         SceneError, GeometryError: an argument outside its range.
     """
-    check_list("radii", radii, 2)
-    for name, value in (
-        ("radius of the lower cylinder", radii[0]),
-        ("radius of the upper", radii[1]),
-        ("length", length),
-    ):
-        check_length(name, value)
-    check_number("displacement", displacement)
-    check_mesh_size(order, coarse)
-    if order == 1:
-        raise SceneError("cylinders need a root mesh of order 2 at least to be round, got order 1")
+    lengths = dict(zip(("radius of the lower cylinder", "radius of the upper"), radii)) | {"length": length}
+    check_arguments(order, coarse, lengths, {"displacement": displacement}, least_order=2)
     side = min(radii)
     boxes, surfaces = facing_columns(order, (coarse, 1, 2 * coarse), 1.0, "face")
     surfaces["y = length"] = boxes.facets(BACK, 1.0)

@@ -3,11 +3,10 @@
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number, shown
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_length, check_list, check_mesh_size
+from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.boxes import facing_columns
 from fx_contact.scenes.roundness import check_roundness, sagitta
 
@@ -42,9 +41,8 @@ def spheres(
     """
     curvature = _curvatures(radii)
     side = 1 / np.abs(curvature).max() if side is None else side
-    check_length("side", side)
-    check_number("displacement", displacement)
-    check_mesh_size(order, coarse)
+    lengths = {"radius": 1 / np.abs(curvature).max(), "side": side}
+    check_arguments(order, coarse, lengths, {"displacement": displacement})
     if side * np.abs(curvature).max() >= np.sqrt(2):
         raise SceneError(
             f"a column of side {side} m has no end of radius {1 / np.abs(curvature).max()} m: take a smaller side"
@@ -75,16 +73,11 @@ def spheres(
 
 
 def _curvatures(radii):
-    """1/R of both ends: (2,) float64 [1/m]; SceneError or GeometryError for what are no radii of such ends.  Local."""
-    check_list("radii", radii, 2)
-    for radius in radii:
-        if isinstance(radius, float) and np.isinf(radius):
-            continue
-        if check_number("radius", radius) == 0:
-            raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {shown(radii)}")
-        check_length("radius", abs(radius))
+    """1/R of both ends: (2,) float64 [1/m]; SceneError for what are no radii of such ends.  Local."""
+    if 0 in radii:
+        raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
     curvature = 1 / np.array(radii, dtype=np.float64)
-    if curvature.sum() <= 0:
+    if not curvature.sum() > 0:
         raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
     return curvature
 
