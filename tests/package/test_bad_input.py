@@ -747,9 +747,6 @@ CASES = {
         )
         for name in ("ksp_view", "ksp_monitor", "ksp_converged_reason")
     },
-    "options in a list": (lambda: Solver(options=["pc_type"]), SceneError, "must be a dict"),
-    "option of another type": (lambda: Solver(options={"pc_type": object}), SceneError, "a text or a number"),
-    "option without name": (lambda: Solver(options={3: "jacobi"}), SceneError, "must be a name, got 3"),
     "points of text": (
         lambda: RootMesh("points", [list(range(8))], ("a",), [0]),
         GeometryError,

@@ -1,14 +1,16 @@
 """Shorter interfaces between the parts of a partition, at equal balance.
 
-A space-filling curve cuts a mesh into parts with ragged surfaces.  Two steps straighten them.  On a coarse graph, of
-some dozens of boxes a part, the interfaces flow by their mean curvature: the parts' indicators diffuse, and each box
-joins the part of the largest indicator, at prices that keep the parts equally heavy (the scheme of Merriman, Bence and
-Osher under volume constraints: M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018); where parts are few,
-so that an interface is large, once more on finer graphs.  Then single vertices on an interface change sides where this
-shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49, 1970).
+A space-filling curve cuts a mesh into parts with ragged interfaces.  Two steps straighten them.
 
-The flow ends in a minimum near its start.  With few parts it starts from the pieces of the curve, and once more from
-shells around the finest leaves, which is where the bodies touch or stress is singular; the shorter result counts.
+1. Flow by mean curvature on a coarse graph, whose vertices are octree cells, some dozens a part: the indicators of the
+   parts diffuse, then each cell joins the part of its largest indicator less a price; the prices keep the parts equally
+   heavy.  This is auction dynamics (M. Jacobs, E. Merkurjev, S. Esedoglu, J. Comput. Phys. 354, 2018).  Where parts are
+   few, and interfaces large, it is repeated on finer graphs.
+2. Single vertices on an interface change sides where this shortens it (B. Kernighan, S. Lin, Bell Syst. Tech. J. 49,
+   1970).
+
+The flow ends in a minimum near its start.  With few parts it starts twice: from the pieces of the curve, and from
+shells around the finest leaves, which lie where the bodies touch or stress is singular.  The shorter result counts.
 
 Integers only, and sums that do not depend on their order: the result is the same on any number of ranks.
 """
@@ -20,23 +22,23 @@ from scipy.sparse import csr_matrix
 from fx_contact.forest import space_filling_curve
 from fx_contact.parallel.mpi import Exchange
 
-#: Boxes of the coarse graphs in a part of mean weight, and in all: on finer ones than that the interfaces do not flow,
-#: but for the first, and none finer is brought together on a rank.
+#: Cells of the coarse graphs in a part of mean weight, one graph after the other.  All but the first graph must have
+#: fewer cells than the second number; smaller graphs are gathered on every rank.  Measured in studies/partition.
 BOXES, MOST_BOXES = (32, 128, 512), 1 << 14
-#: Leaves in a box of a coarse graph but the first: on smaller meshes finer graphs cost more than they bring.
+#: Least leaves in a cell of a coarse graph but the first: on smaller meshes finer graphs cost more than they bring.
 LEAST = 128
-#: Parts that are lighter are not worth it.
+#: Least mean weight of a part for which interfaces flow.
 WORTHWHILE = 1000
-#: Most parts for which shells are tried as a second start, if the finest graph has enough leaves in a box.
+#: Most parts for which shells are tried as a second start.
 FEW = 16
 #: Diffusion steps between two decisions, and the most decisions.
 STEPS, DECISIONS = 16, 10
-#: How much heavier than the mean a part may become while the interfaces flow.
+#: Weight of a part over the mean that is allowed while the interfaces flow.
 SLACK = 1.05
 #: Rounds in which single vertices change sides, and most rounds while a part is still too heavy.
 ROUNDS, PATIENCE = 16, 64
+#: The indicator 1 as an integer.
 _ONE = 1 << 20
-"""The indicator of a part, where it is certain, as an integer."""
 
 
 def smoothed(graph, keys, weights, part, parts, limit):
@@ -70,7 +72,7 @@ def smoothed(graph, keys, weights, part, parts, limit):
 
 
 def graphs(parts, mean):
-    """Boxes a part of the coarse graphs on which interfaces flow, one after the other.
+    """Cells a part of the coarse graphs on which interfaces flow, one after the other.
 
     Local.
 
@@ -85,9 +87,10 @@ def graphs(parts, mean):
 
 
 def _straight(graph, keys, weights, home, parts, shells=False):
-    """The parts after the flow of their interfaces on graphs of boxes; some may be too heavy, by `SLACK`.
+    """The parts after the flow of their interfaces on coarse graphs; some may be too heavy, by `SLACK`.
 
-    Boxes keep to the parts `home`, each of which lies on one rank: so they are the same on any number of ranks.
+    A cell of a coarse graph lies in one part of `home`, and each of these on one rank.  So the cells are the same on
+    any number of ranks.
     """
     comm, part = graph.comm, home
     mean = comm.allreduce(int(weights.sum())) / parts
@@ -96,7 +99,7 @@ def _straight(graph, keys, weights, home, parts, shells=False):
         coarse = graph.contracted(group, len(first))
         heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
         state = [keys[first], heavy, part[first], bits]
-        if boxes * parts <= MOST_BOXES:  # every rank does all of it, rather than wait for hundreds of messages
+        if boxes * parts <= MOST_BOXES:  # all of it on every rank costs less than hundreds of messages
             mine = slice(coarse.offset, coarse.offset + coarse.size)
             state = [np.concatenate(comm.allgather(values)) for values in state]
             coarse = coarse.gathered()
@@ -107,7 +110,7 @@ def _straight(graph, keys, weights, home, parts, shells=False):
 
 
 def _flowed(graph, keys, weights, start, bits, parts, mean, shells):
-    """The parts of boxes after the flow of their interfaces.  Collective on graph.comm."""
+    """The parts of the cells after the flow of their interfaces.  Collective on graph.comm."""
     if shells:
         start = _shells(graph.comm, keys, bits, weights, parts)
     heaviest = graph.comm.allreduce(int(weights.max(initial=0)), op=MPI.MAX)
@@ -116,7 +119,7 @@ def _flowed(graph, keys, weights, start, bits, parts, mean, shells):
 
 
 def _shells(comm, keys, bits, weights, parts):
-    """Parts of equal weight from the smallest boxes to the largest: (n,) int32.  Collective on comm."""
+    """Parts of equal weight from the smallest cells to the largest: (n,) int32.  Collective on comm."""
     order = keys | bits // 3 << 58
     return np.searchsorted(space_filling_curve.cut(comm, order, weights, parts), order, side="right").astype(np.int32)
 
@@ -129,10 +132,11 @@ def _loads(comm, part, weights, parts):
 
 
 def _boxes(keys, weights, part, most):
-    """The largest boxes of the forest, restricted to a part, that are not heavier than a limit.
+    """The largest octree cells, restricted to a part, that are not heavier than a limit.
 
-    Returns (n,) int64 box of each vertex, and the first vertex of each box and the bits of a key in which its vertices
-    may differ.
+    Returns:
+        (n,) int64, cell of each vertex; (m,) int64, first vertex of each cell; (m,) int64, number of low bits of the
+        key in which the vertices of a cell may differ.
     """
     order = np.lexsort((keys, part))
     along, parts, heavy = keys[order], part[order], weights[order]
@@ -145,7 +149,7 @@ def _boxes(keys, weights, part, most):
         if not fits.any():
             break
         size[fits] = bits
-        kept = new | ~fits  # a box that is too heavy stays in pieces, and so do all that hold it
+        kept = new | ~fits  # a cell that is too heavy stays in pieces, and so do all that contain it
         number = np.cumsum(kept) - 1
         box, heavy = number[box], np.bincount(number, weights=heavy)
         along, parts, size, first = along[kept], parts[kept], size[kept], first[kept]
@@ -155,7 +159,7 @@ def _boxes(keys, weights, part, most):
 
 
 def _flow(graph, weights, part, parts, limit):
-    """Let the interfaces flow by their mean curvature; the parts of the shortest state within the limit."""
+    """Let the interfaces flow by their mean curvature: the parts of the least cut within the limit, (n,) int32."""
     comm = graph.comm
     degree = np.maximum(graph.degree, 1)
     prices = np.zeros(parts, dtype=np.int64)
@@ -182,7 +186,10 @@ def _flow(graph, weights, part, parts, limit):
 def _auction(comm, seen, weights, prices, limit):
     """Each vertex joins the part of its largest indicator, less its price; prices change until no part is too heavy.
 
-    Returns the parts, (n,) int32, and their weights; `prices` is changed.
+    Collective on comm.  `prices` is changed.
+
+    Returns:
+        (n,) int32 parts, (parts,) int64 their weights.
     """
     parts = len(prices)
     bits = int(parts).bit_length()
@@ -202,9 +209,10 @@ def _auction(comm, seen, weights, prices, limit):
 
 
 def _exchanged(graph, keys, weights, part, parts, limit):
-    """Let vertices on an interface change sides as long as this helps.
+    """The parts, (n,) int32, after vertices on interfaces have changed sides as long as this helps.
 
-    In one round they go to parts of higher number only, in the next to lower ones: neighbours do not swap places.
+    Collective on graph.comm.  In one round vertices go to parts of higher number only, in the next to lower ones:
+    neighbours do not swap places.
     """
     part = part.copy()
     loads = _loads(graph.comm, part, weights, parts)
@@ -230,7 +238,11 @@ def _exchanged(graph, keys, weights, part, parts, limit):
 
 
 def _offers(graph, weights, part, loads, most, upward):
-    """The best change of side of each vertex on an interface, where it helps: vertices, targets, facets gained."""
+    """The best change of side of each vertex on an interface, where it helps.
+
+    Returns:
+        (k,) int64 vertices, (k,) int32 parts to go to, (k,) int64 weight of the edges that are cut no more.
+    """
     parts = len(loads)
     everywhere = graph.ghosted(part)
     differs = np.flatnonzero(everywhere[graph.matrix.indices] != part[graph.rows])

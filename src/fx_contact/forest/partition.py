@@ -1,4 +1,4 @@
-"""Where each leaf goes: four kinds of partition behind one door, repeated after every refinement.
+"""Four kinds of partition of the leaves, made anew after every refinement.
 
     contact-sfc      the Hilbert curve; facing leaves are one super-element with the weight of both (section 3 of the
                      paper); then the interfaces between the parts are straightened
@@ -7,8 +7,8 @@
     sfc              the Hilbert curve, blind to contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
 
-Each is a chain of stages.  A stage takes `Units`, the graph, curve keys, weights and pairs, and where they lie, and
-says which part each of them goes to; a part is a number, of a rank in a run, of any partition in a study.
+Each is a sequence of stages.  A stage takes `Units` and their present parts, and returns new ones.  A part is a number:
+of a rank in a run, of any partition in a study.
 """
 
 from dataclasses import dataclass
@@ -52,9 +52,9 @@ def by_graph(units, parts, _home):
 def dealt_out(units, parts, home):
     """Units with contact on some parts, the others on the rest, block by block of the units' local numbers.
 
-    Collective on units.comm: two numbers are summed, to give the contact its share of the parts.  What was on one part
-    before is cut into as many blocks as there are parts to serve, one for each of them.  Parts start at different
-    blocks, so that what does not divide evenly spreads.
+    Collective on units.comm.  Contact gets its share of the parts by weight.  The units of each present part are cut
+    into as many blocks as there are new parts, one block for each.  Present parts start dealing at different new parts,
+    so that remainders spread.
 
     Args:
         units: Units.

@@ -1,7 +1,6 @@
-"""What a partition must keep whole, in the order of the curve: leaves, or super-elements of facing leaves.
+"""The units of a partition, in the order of the space-filling curve: leaves, or super-elements of facing leaves.
 
-A paired leaf takes the curve key of the leaf that stands for its group of facing leaves: the super-elements of the
-paper (section 3) without a merging step.
+Facing leaves take the curve key of one of them: these are the super-elements of the paper (section 3).
 """
 
 from functools import cached_property
@@ -56,9 +55,9 @@ def _root_curve(mesh):
 
 
 class Units:
-    """What a partition keeps whole: groups of facing leaves and single leaves, in curve order on each rank.
+    """Groups of facing leaves and single leaves, in curve order on each rank.
 
-    Local; facing leaves that shall stay together are on one rank.
+    Local; the leaves of a group must be on one rank.
 
     Args:
         forest: Forest.

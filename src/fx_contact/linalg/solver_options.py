@@ -1,11 +1,9 @@
 """What the user decides of the linear solver: preconditioner, tolerances, further options of PETSc."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from numbers import Real
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_count, check_label, check_name, check_number, shown
+from fx_contact.parallel.validation import check_count, check_name, check_number
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
 PRECONDITIONERS = {
@@ -93,8 +91,7 @@ class Solver:
             numbers of iterations are not among them: they are above.
 
     Raises:
-        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1, an option
-            that is neither a text nor a number.
+        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1.
     """
 
     preconditioner: str | None = None
@@ -120,9 +117,3 @@ class Solver:
             )
         for name in ("max_krylov", "max_contact"):
             check_count(f"the solver's {name}", getattr(self, name))
-        if not isinstance(self.options, Mapping):
-            raise SceneError(f"the solver's options must be a dict of PETSc options, got {shown(self.options)}")
-        for name, value in self.options.items():
-            check_label("a PETSc option", name)
-            if not isinstance(value, (str, Real, type(None))):
-                raise SceneError(f"the PETSc option {name!r} must be a text or a number, got {shown(value)}")

@@ -27,33 +27,35 @@ class Stages:
     """
 
     def __init__(self, watch=None):
-        self._watch, self._open = watch, []
-        self._spent = dict.fromkeys(STAGES, np.zeros(2))
+        self._watch, self._logged, self._open = watch, _log_stages(), ["other"]
+        self._spent = {name: np.zeros(2) for name in STAGES}
         self._memory = dict.fromkeys(STAGES, 0)
-        self._inner, self._logged = [], _log_stages()
-        self._start = _clocks()
+        self._start = self._since = _clocks()
 
     @contextmanager
     def __call__(self, name):
-        start = _clocks()
-        self._inner.append(np.zeros(2))
+        self._charge()
         self._logged[name].push()
         self._open.append(name)
         self._tell()
         try:
             yield
         finally:
+            self._charge()
             self._logged[name].pop()
-            elapsed = _clocks() - start
-            self._spent[name] = self._spent[name] + elapsed - self._inner.pop()
-            if self._inner:
-                self._inner[-1] += elapsed
             self._memory[name] = max(self._memory[name], _resident())
             self._open.pop()
             self._tell()
 
+    def _charge(self):
+        """The time since the last change of stage is that of the innermost stage, of "other" outside of all."""
+        now = _clocks()
+        self._spent[self._open[-1]] += now - self._since
+        self._since = now
+
     def _tell(self):
-        if self._watch and self._open:
+        """Tell who watches of the innermost stage."""
+        if self._watch and len(self._open) > 1:
             self._watch(self._open[-1])
 
     def costs(self, comm):
@@ -69,10 +71,8 @@ class Stages:
             sum of the ranks), `memory_bytes` (by stage, resident at its end on all ranks together; 0 for a stage that
             was not entered) and `peak_memory_bytes` (of all ranks together, since the program began).
         """
-        total = _clocks() - self._start
-        spent = np.array([*self._spent.values(), total])
-        spent[STAGES.index("other")] = total - spent[:-1].sum(axis=0)
-        wall, cpu = spent.T.copy()
+        self._charge()
+        wall, cpu = np.array([*self._spent.values(), self._since - self._start]).T.copy()
         comm.Allreduce(MPI.IN_PLACE, wall, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, cpu, op=MPI.SUM)
         memory = [*(self._memory | {"other": _resident()}).values()]

@@ -16,10 +16,12 @@ from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, root_faces
 #: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
 _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
 
+#: Distance within which nodes coincide, projected along a given direction, over the facet's size.
 _MATCH = 1e-6
-"""Distance within which projected nodes coincide, relative to the facet's size."""
+#: Largest tangential offset t of facing nodes over the facet's size d, where no direction is given.  On a surface of
+#: radius R it changes the gap by t d^2/(2 R), at 0.1 less than half of d^2/(8 R), the distance between the facet and
+#: its chord.  Concentric surfaces with a gap g have t = g/(2 R).
 _ASTRAY = 0.1
-"""Largest tangential offset of paired nodes, relative to the facet's size, where no direction is given."""
 
 
 class Pairing:
