@@ -26,7 +26,7 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
     config.addinivalue_line(
         "markers",
-        "whole_run(*ranks): adaptive runs; with --whole-runs-on on these numbers of ranks, or on one of the option",
+        "whole_run(*ranks): adaptive runs; with --whole-runs-on on these numbers of ranks, else on one of the option",
     )
 
 
@@ -42,7 +42,7 @@ def pytest_collection_modifyitems(config, items):
         if mark is None or not share:
             return False
         one = share[zlib.crc32(item.nodeid.encode()) % len(share)]
-        return WORLD.size not in (set(mark.args) & set(share) or {one})
+        return WORLD.size not in (mark.args or [one])
 
     left = [item for item in items if left_out(item)]
     config.hook.pytest_deselected(items=left)

@@ -571,8 +571,8 @@ COMPARED = [
     pytest.param(make, id=name, marks=pytest.mark.whole_run(*ranks))
     for name, make, ranks in (
         ("hertz", hertz, (1,)),
-        ("spheres", spheres, (2,)),
-        ("punch", punch, (3,)),
+        ("spheres", spheres, (1,)),
+        ("punch", punch, (2,)),
         ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), ()),
         ("stack of three", stack, ()),
         ("stack of four", lambda: stack([Material(1.0, 0.3)] * 4), ()),
@@ -588,7 +588,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
     scene, count = make(), []
     first, second, *others = scene.materials
-    for ratio in 10.0 ** np.arange(-6, 7, 2):
+    for ratio in 10.0 ** np.arange(-6, 7, 4):
         materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
         steps = adapt(replace(scene, materials=materials), 0.16)
         count.append(iterations([step.record for step in steps]))
@@ -609,7 +609,7 @@ def test_iterations_on_one_mesh(make, levels):
     most = 0.3 if WORLD.size > 2 and (make, levels) in ((indentation, 1), (shrink_fit, 2)) else 0.2
     scene, count = make(), []
     first, *others = scene.materials
-    for ratio in (1.0, *10.0 ** np.arange(-6, 7, 3)):
+    for ratio in (1.0, 1e-6, 1e-3, 1e3, 1e6):
         materials = dict.fromkeys(others, Material(1.0, 0.3)) | {first: Material(ratio, 0.3)}
         scaled = replace(scene, materials=materials)
         beginning = Beginning.uniform(scaled, levels)
@@ -623,7 +623,7 @@ def test_iterations_on_one_mesh(make, levels):
 def test_iterations_do_not_depend_on_the_penalty(make):
     """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
     scene, count = make(), []
-    for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 2, 3, 6, 9, 12))):
+    for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 3, 6, 12))):
         *_, last = records = [step.record for step in adapt(scene, 0.16, enforcement=enforcement)]
         count.append(iterations(records))
         if enforcement.method == "exact":

@@ -101,8 +101,7 @@ BEAMS = {
         0.3,
         5.79e-6,
     ),
-    "a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.3, 2.29e-5),
-    "the same, closer": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
+    "a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
 }
 
 
@@ -240,8 +239,7 @@ def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pressure", [0.02, 0.5])
-@pytest.mark.parametrize("factor", [None, 300.0])
+@pytest.mark.parametrize("factor, pressure", [(None, 0.02), (300.0, 0.5)])
 def test_a_penalty_too_soft_beside_a_pressure(factor, pressure):
     """Nor does what a load along the normal stores next to the plates count for them."""
     with pytest.raises(SolveError, match="too soft"):

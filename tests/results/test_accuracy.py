@@ -106,7 +106,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
     assert errors[1] < 0.2**2 < errors[0]
 
 
-@pytest.mark.whole_run(2)
+@pytest.mark.whole_run(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
     bodies = [Material(1.0, 0.4), Material(3.0, 0.4)]
@@ -119,7 +119,7 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(2)
+@pytest.mark.whole_run(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
     bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]
