@@ -35,7 +35,7 @@ from fx_contact.parallel.errors import (
     SolveError,
 )
 from fx_contact.parallel.mpi import together
-from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
 from fx_contact.problem import hexahedron
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
@@ -562,10 +562,6 @@ CASES = {
     "errors of no step": (lambda: contact_errors("step", hertz_a()), SceneError, "a Step is needed"),
     "errors against no reference": (lambda: contact_errors(first(), "x"), SceneError, "ContactReference, got 'x'"),
     "vector without axes": (lambda: Traction("top", np.array(1.0)), SceneError, "three components, got array(1.)"),
-    "exact pressure of text": (lambda: draw_pressure(first(), "p.png", "x"), SceneError, "a Hertz, got 'x'"),
-    "curve of text": (lambda: draw_convergence("x", "c.png", COMM), SceneError, "of its steps, got 'x'"),
-    "curve of a number": (lambda: draw_convergence(5, "c.png", COMM), SceneError, "of its steps, got 5"),
-    "curve of records of nothing": (lambda: draw_convergence([{}], "c.png", COMM), SceneError, "got [{}]"),
     "cells of no body": (lambda: RootMesh(*grid(), ("a",), ()), GeometryError, "body must have one number"),
     "body of too many cells": (lambda: RootMesh(*grid(), ("a",), [0, 0]), GeometryError, "of shape (2,)"),
     "bodies without axes": (lambda: RootMesh(*grid(), np.array("a"), [0]), GeometryError, "a tuple of names"),

@@ -11,22 +11,21 @@ from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.problem import hexahedron
 
-#: Ten colours that differ in hue and lightness (Okabe and Ito, then paler ones), for ranks.
-RANK_COLOURS = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#D55E00",
-    "#F0E442",
-    "#999999",
-    "#A6CEE3",
-    "#B2DF8A",
-)
+
+def _number_colour(number):
+    """Hues in golden-section steps around the circle, so that near numbers differ."""
+    return colorsys.hsv_to_rgb(number * 0.618034 % 1.0, 0.45 + 0.4 * (number % 2), 0.95 - 0.25 * (number // 2 % 2))
+
+
+def _level_colour(level):
+    """From light to dark, a level the same in all pictures."""
+    from matplotlib import colormaps
+
+    return colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)[:3]
+
 
 #: What leaves can be coloured by.
-COLOURINGS = ("rank", "level")
+_COLOURS = {"rank": _number_colour, "level": _level_colour}
 
 
 def draw_mesh(step, path, zoom=3.0, colour="rank"):
@@ -50,7 +49,7 @@ def draw_mesh(step, path, zoom=3.0, colour="rank"):
     check_step(step, contact=True)
     check_number("the zoom of a picture", zoom, positive=True)
     centre = np.asarray(step.scene.contact_centre)
-    return _draw_leaves(step.forest, centre, centre, zoom * contact_size(step), colour, path)
+    return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path)
 
 
 def contact_size(step):
@@ -87,7 +86,7 @@ def draw_partition(step, path, colour="rank"):
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
     cut = np.asarray(step.scene.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))
-    return _draw_leaves(step.forest, cut, (low + high) / 2, reach, colour, path)
+    return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path)
 
 
 def draw_parts(forest, part, centre, reach, path):
@@ -108,43 +107,44 @@ def draw_parts(forest, part, centre, reach, path):
     Raises:
         OutputError: the picture cannot be written.
     """
-    faces, leaf = _visible_faces(forest, np.asarray(centre), reach)
-    shown, count = part[leaf], int(part.max()) + 1
-    # Golden-section steps around the circle of hues, so that parts of near numbers differ.
-    hues = np.arange(count) * 0.618034 % 1.0
-    colours = [colorsys.hsv_to_rgb(h, 0.45 + 0.4 * (i % 2), 0.95 - 0.25 * (i // 2 % 2)) for i, h in enumerate(hues)]
-    groups = [faces[shown == p] for p in range(count)]
-    return draw_on_first(MPI.COMM_SELF, path, lambda path: _draw_faces(groups, colours, [], centre, reach, path))
+    return _draw_groups(forest, part, _number_colour, "", np.asarray(centre), np.asarray(centre), reach, path)
 
 
-def _draw_leaves(forest, cut, centre, reach, colour, path):
-    """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by one of `COLOURINGS`."""
-    check_name("colouring", colour, COLOURINGS)
-    comm = forest.comm
+def _draw_leaves(forest, colour, cut, centre, reach, path):
+    """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by rank or level."""
+    check_name("colouring", colour, _COLOURS)
+    group = forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
+    return _draw_groups(forest, group, _COLOURS[colour], colour, cut, centre, reach, path)
+
+
+def _draw_groups(forest, group, colour, word, cut, centre, reach, path):
+    """Draw groups of leaves, each in the colour of its number; with a word before the number in the legend."""
     faces, leaf = _visible_faces(forest, cut, reach)
-    group = np.full(len(leaf), comm.rank) if colour == "rank" else forest.level[leaf].astype(int)
-    parts = comm.gather((faces, group), root=0)
+    parts = forest.comm.gather((faces, group[leaf]), root=0)
 
     def draw(path):
         """The picture, on the first rank."""
         faces, group = (np.concatenate(column) for column in zip(*parts))
-        numbers = range(comm.size) if colour == "rank" else range(group.min(), group.max() + 1)
-        colours = _rank_colours(comm.size) if colour == "rank" else _level_colours(numbers)
-        legend = [[f"{colour} {number}", shade] for number, shade in zip(numbers, colours)]
-        _draw_faces([faces[group == number] for number in numbers], colours, legend, centre, reach, path)
+        with plotter_for(path) as plotter:
+            for number in np.unique(group):
+                corners = faces[group == number]
+                quads = np.arange(4 * len(corners)).reshape(-1, 4)[:, [0, 1, 3, 2]]
+                plotter.add_mesh(
+                    import_pyvista().PolyData.from_regular_faces(corners.reshape(-1, 3), quads),
+                    color=colour(number),
+                    label=f"{word} {number}",
+                    show_edges=True,
+                    edge_color="#202020",
+                    ambient=0.65,
+                    diffuse=0.4,
+                )
+            if word and np.ptp(group):
+                size = (0.16, 0.045 * len(np.unique(group)))
+                plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
+            plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
+            plotter.camera.parallel_scale = 0.7 * reach
 
-    return draw_on_first(comm, path, draw)
-
-
-def _rank_colours(count):
-    return [RANK_COLOURS[rank % len(RANK_COLOURS)] for rank in range(count)]
-
-
-def _level_colours(levels):
-    """From light to dark, a level the same in all pictures."""
-    from matplotlib import colormaps
-
-    return [colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)[:3] for level in levels]
+    return draw_on_first(forest.comm, path, draw)
 
 
 def _visible_faces(forest, centre, reach):
@@ -161,28 +161,3 @@ def _visible_faces(forest, centre, reach):
     outer[leaf, face] = True
     seen = in_plane | outer[near]
     return corners[seen], np.flatnonzero(near)[np.nonzero(seen)[0]]
-
-
-def _draw_faces(faces, colours, legend, centre, reach, path):
-    pyvista = import_pyvista()
-
-    with plotter_for(path) as plotter:
-        for corners, colour in zip(faces, colours):
-            if not len(corners):
-                continue
-            quads = np.arange(4 * len(corners)).reshape(-1, 4)[:, [0, 1, 3, 2]]
-            cells = np.hstack([np.full((len(quads), 1), 4), quads])
-            plotter.add_mesh(
-                pyvista.PolyData(corners.reshape(-1, 3), faces=cells.ravel()),
-                color=colour,
-                show_edges=True,
-                edge_color="#202020",
-                line_width=1,
-                ambient=0.65,
-                diffuse=0.4,
-            )
-        if len(legend) > 1:
-            size = (0.16, 0.045 * len(legend))
-            plotter.add_legend(legend, bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
-        plotter.camera_position = [centre + reach * np.array([-2.2, -4.0, 1.2]), centre, (0, 0, 1)]
-        plotter.camera.parallel_scale = 0.7 * reach

@@ -75,7 +75,6 @@ def cut_by_body(corners, values, body, y):
         list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
     """
     pyvista = import_pyvista()
-
     sections = []
     for which in np.unique(body):
         ours = body == which
@@ -88,7 +87,6 @@ def cut_by_body(corners, values, body, y):
 
 def _draw_cut(corners, values, body, centre, reach, y, path):
     pyvista = import_pyvista()
-
     section = pyvista.merge(cut_by_body(corners, values, body, y), merge_points=False)
     with plotter_for(path, 1500, 1000) as plotter:
         plotter.add_mesh(
@@ -104,12 +102,8 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
                 "background_color": "white",
                 "vertical": False,
                 "n_labels": 2,
-                "width": 0.5,
-                "height": 0.12,
-                "position_x": 0.25,
-                "position_y": 0.01,
+                "position_x": 0.2,
                 "title_font_size": 22,
-                "label_font_size": 20,
                 "fmt": "%.2g",
             },
         )
@@ -132,8 +126,8 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
 def _outlines(corners, y):
     """The lines in which a plane across y cuts the faces of leaves."""
     pyvista = import_pyvista()
-
     quads = corners[:, hexahedron.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
     quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
-    faces = np.hstack([np.full((len(quads), 1), 4), np.arange(4 * len(quads)).reshape(-1, 4)])
-    return pyvista.PolyData(quads.reshape(-1, 3), faces=faces.ravel()).slice(normal=(0, 1, 0), origin=(0, y, 0))
+    faces = np.arange(4 * len(quads)).reshape(-1, 4)
+    skin = pyvista.PolyData.from_regular_faces(quads.reshape(-1, 3), faces)
+    return skin.slice(normal=(0, 1, 0), origin=(0, y, 0))
