@@ -193,7 +193,7 @@ class Forest:
         """
         forest, glue = self.refined(times > 0)
         values, times = glue.carry(values), np.maximum(times[glue.parent] - 1, 0)
-        times[(glue.child < 0) | (forest.level == MAX_LEVEL)] = 0
+        times[forest.level == MAX_LEVEL] = 0
         if not self.comm.allreduce(bool(times.any()), op=MPI.LOR):
             return forest, values
         return forest.refined_with(times, values)
