@@ -26,6 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 TABLE = Path(__file__).with_name("table.tsv")
 #: Seconds after which tests that do not end count as failed, for a mutation and for all tests without any.
 PATIENCE, ALL = 600, 7200
+#: Tests in a line of the table; what is in brackets may have spaces.
+TESTS = re.compile(r"[^\s[]+(?:\[[^]]*\])?")
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def mutations():
     """The table: list of Mutation."""
     with TABLE.open(newline="") as lines:
         rows = list(csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE))[1:]
-    return [Mutation(*row[:3], int(row[3]), tuple(row[4].split()), row[5]) for row in rows]
+    return [Mutation(*row[:3], int(row[3]), tuple(TESTS.findall(row[4])), row[5]) for row in rows]
 
 
 def alike(piece):
