@@ -14,7 +14,7 @@ from fx_contact import adapt, solve
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.parallel.errors import SceneError, SolveError
-from fx_contact.scenes import shrink_fit, stack
+from fx_contact.scenes import hertz, shrink_fit, stack
 
 #: Areas of surfaces of two boxes, 2 x 2 x 2 on 4 x 4 x 1; `lower contact` is a part of `lower z high`.
 AREAS = {"upper z high": 4, "lower z low": 16, "lower z high": 16, "upper x low": 4, "lower contact": 4}
@@ -60,6 +60,18 @@ def test_measure_of_a_curved_surface():
         assert abs(area / (np.pi / 2 * radius * 0.25) - 1) < 1e-5, name
 
 
+def test_gauss_rule_of_a_curved_surface():
+    """It is exact for a constant pressure on spherical facets, for which that of flat ones is not enough."""
+    step = solve(hertz(order=2, coarse=1, displacement=0.1), 0.9, max_steps=1, geometry_order=2)
+    v, n, ds = ufl.TestFunction(step.displacement.function_space), ufl.FacetNormal(step.mesh), step.ds("upper pole")
+    exact, own, rough = (
+        fem.assemble_vector(fem.form(ufl.inner(n, v) * measure)).array
+        for measure in (ds(degree=12), ds, ds(degree=3))
+    )
+    off = [WORLD.allreduce(np.abs(load - exact).max(initial=0.0), op=MPI.MAX) for load in (own, rough)]
+    assert off[0] < 1e-14 and off[1] > 1e-6
+
+
 def test_tags(step):
     """Facets have the tag of a surface that they are on, cells that of their body."""
     dx, ds = (
@@ -93,6 +105,12 @@ def test_contact(step):
     assert WORLD.allreduce(int(contact.active.sum())) == record.active_pairs == WORLD.allreduce(len(contact))
     everywhere(np.abs(contact.gap).max(initial=0.0) < 1e-12 and (contact.normal[:, 2] > 0.999).all(), "not closed")
     everywhere(np.abs(contact.points[:, 2]).max(initial=0.0) < 1e-12 and not contact.pair.any(), "elsewhere")
+
+
+def test_open_gap():
+    """A box that is raised by 0.02 without strain is so far from the other one everywhere."""
+    contact = solve(pressed(two_boxes(), approach=-0.02), 0.9, max_steps=1).contact
+    everywhere(np.abs(contact.gap - 0.02).max(initial=0) < 1e-12 and not contact.active.any(), "another gap")
 
 
 def test_no_contact(step):

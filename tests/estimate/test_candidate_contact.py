@@ -1,8 +1,10 @@
 """Open places that strains may close: what counts as moved by strains, and what as a place."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from conftest import WORLD
+from conftest import WORLD, everywhere
 
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, adapt
 from fx_contact.contact.contact_patches import ContactPatches
@@ -10,7 +12,7 @@ from fx_contact.estimate.candidate_contact import CandidateZones, moved_by_strai
 from fx_contact.estimate.contact_energy import PressureClusters
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.scenes import punch
+from fx_contact.scenes import punch, stack
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import beam
 
@@ -90,6 +92,24 @@ def test_rigid_motions_are_no_strains(load):
     here, there = (np.sort(gathered(moved)) for moved in (here, there))
     assert np.allclose(here, there, atol=1e-7) and 1e-4 < np.abs(there).max() < 0.02
     assert gathered(far.solution.penetration + far.pairs.gap).min() > 0.95
+
+
+def test_rigid_motions_of_all_ranks():
+    """Closed contact on one rank alone shows how far a body has come, and what is open on others has come as far."""
+    x, y = (axis.ravel() for axis in np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0]))
+    pairs = SimpleNamespace(
+        position=np.stack([x, y, 0 * x + 1], axis=1),
+        normal=np.tile([0.0, 0.0, 1.0], (6, 1)),
+        bodies=np.tile([0, 1], (6, 1)),
+        gap=0.1 + x,
+        area=np.ones(6),
+        prolongation=SimpleNamespace(comm=WORLD),
+    )
+    closed = np.full(6, WORLD.rank == WORLD.size - 1)
+    solution = SimpleNamespace(penetration=0.2 - pairs.gap, active=closed)
+    scene = stack(pressure=0.01, gap=0.1, cells=(1, 1, 1))
+    moved = moved_by_strains(SimpleNamespace(scene=scene, pairs=pairs, solution=solution))
+    everywhere(np.abs(moved).max() < 1e-12, "a rigid motion is left")
 
 
 def test_strains_that_bend_a_clamped_body_stay():

@@ -66,7 +66,10 @@ def test_dual_solutions(asked, method):
 
 
 def test_gaps(asked):
-    """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
+    """What strains contribute to a gap is what it has changed by, where they have done most for what is left.
+
+    A unit force there widens it by twice the energy of the dual solution.
+    """
     *_, step = adapt(beam(1.2), 0.3)
     (goal, _, moved), *_ = asked[-1:]
     left = -step.solution.penetration
@@ -74,6 +77,7 @@ def test_gaps(asked):
     ends = [WORLD.allgather(values) for values in (left, changed)]
     left, changed = (np.concatenate(values) for values in ends)
     assert left.min() < goal.value < 2 * left.min() and 0.8 * changed.max() < moved < changed.max()
+    assert abs((goal.dual.energy_norm**2 - goal.dual.error_global**2) / goal.compliance - 1) < 1e-6
 
 
 def test_what_contact_alone_loads_needs_no_dual_solution(asked):

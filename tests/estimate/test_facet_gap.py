@@ -88,6 +88,14 @@ def test_two_valleys_on_one_facet(side):
     assert np.array_equal(gap.least(limit=-1.0) < -1.0, np.zeros(50, dtype=bool))
 
 
+def test_rough_facets():
+    """Where surfaces are so rough that nothing is sure, few of the least gaps are missed."""
+    random, line = np.random.default_rng(6), np.linspace(0, 1, 41)
+    gap = facets(lambda x, y: random.normal(size=(200, len(x))), 5)
+    sampled = gap.at(*np.stack(np.meshgrid(line, line)).reshape(2, -1)).min(axis=1)
+    assert (gap.least() > sampled + 1e-6).mean() < 0.01
+
+
 def test_midway_normals():
     """Between planes that are not parallel the gap is along the normal of the plane midway."""
     line = np.linspace(0, 1, 3)

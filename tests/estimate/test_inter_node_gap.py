@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import corner_scene, leaves, of_patches
+from model_problems import corner_scene, leaves, of_patches, roots
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
@@ -340,3 +340,27 @@ def test_simpson(count):
     rule = _simpson(count)
     assert abs(rule.sum() - 1) < 1e-14 and abs((x**3 * y**3) @ rule - 1 / 16) < 1e-14
     assert abs(x**4 @ rule - 1 / 5) > 1e-6
+
+
+def test_energy_between_nodes():
+    """Of a facet that bulges by b beyond its nodes, by Simpson's rule: A (p b + E*/h (b - g)^2) 4/9, g their gap."""
+    boxes, bulge, size = Boxes(2), 0.01, 2.0
+    boxes.add("base", (0.0, 0.0, -1.0), (size, size, 0.0), (1, 1, 1))
+    boxes.add("bump", (0.0, 0.0, 0.0), (size, size, 1.0), (1, 1, 1))
+
+    def place(name, x):
+        height = 16 * (x[:, :2] / size * (1 - x[:, :2] / size)).prod(axis=1)
+        return x - np.outer((1 - x[:, 2]) * bulge * height * (name == "bump"), [0, 0, 1])
+
+    surfaces = {"up": boxes.facets(UP, 0.0, "base"), "down": boxes.facets(DOWN, 0.0, "bump")}
+    surfaces |= {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "bump")}
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, 0.0)
+    materials = dict.fromkeys(("base", "bump"), Material(1.0, 0.3))
+    pair = ContactPair("up", "down", direction=(0, 0, 1))
+    forest = roots(Scene("bulge", boxes.mesh(surfaces, place=place), materials, held, (pair,)), MPI.COMM_SELF)
+    leaf, face = (rows[:1] for rows in forest.contact_faces())
+    for pressure, modulus, gap in ((3.0, 0.0, 0.0), (0.0, 7.0, 0.0), (3.0, 7.0, 0.6 * bulge), (3.0, 7.0, -bulge)):
+        nodal = np.tile([pressure, modulus, 0.0, 0.0, -gap, 0.0, 0.0, 1.0], (1, 4, 1))
+        # Of nodes that penetrate, that penetration does not count.
+        expected = size**2 * (pressure * bulge + modulus / size * (bulge - max(gap, 0.0)) ** 2) * 4 / 9
+        assert abs(_Facets(forest, leaf, face, nodal).energy()[0] / expected - 1) < 1e-6

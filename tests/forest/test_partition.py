@@ -19,6 +19,7 @@ from mpi4py import MPI
 
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
+from fx_contact.forest.leaf_graph import Graph
 from fx_contact.forest.partition import KINDS, along_curve, assign, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.forest.super_elements import Units, curve_keys
@@ -36,6 +37,16 @@ def rank_of(forest):
     """Rank of every leaf, in ascending order of the leaves' codes, on all ranks."""
     order = np.argsort(gathered(forest.comm, code_of(forest)))
     return gathered(forest.comm, np.full(len(forest), forest.comm.rank))[order]
+
+
+@pytest.mark.parametrize("parts, offered", [([0, 0, 0, 0, 1], [3]), ([0, 0, 0, 1, 1], [])])
+def test_sides_are_changed_at_no_gain_where_that_evens_out(parts, offered):
+    """On a path the vertex at the interface gains nothing: it is offered to a part that stays lighter than its own."""
+    ends = np.stack([np.arange(4), np.arange(1, 5)], axis=1)
+    graph = Graph(MPI.COMM_SELF, 5, *np.concatenate([ends, ends[:, ::-1]]).T, np.ones(8, dtype=np.int64))
+    part, weights = np.array(parts, dtype=np.int32), np.ones(5, dtype=np.int64)
+    vertex, target, gain = interface_smoothing._offers(graph, weights, part, np.bincount(part), most=4, upward=True)
+    assert vertex.tolist() == offered and not gain.any() and (target == 1).all()
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
