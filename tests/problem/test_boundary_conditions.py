@@ -124,7 +124,7 @@ def test_symmetry_plane_is_a_condition():
     mesh = box()
     with pytest.raises(SceneError, match="across x, y or z"):
         scene_of(replace(mesh, points=mesh.points @ tilt.T))
-    with pytest.raises(SceneError, match="is not plane"):
+    with pytest.raises(SceneError, match="plane facets only"):
         scene_of(box(order=2, bend=0.1))
     with pytest.raises(SceneError, match="unknown surface 'upper z lwo'.*did you mean 'upper z low'"):
         scene_of(mesh, held=(SymmetryPlane("upper z lwo"),))

@@ -95,7 +95,7 @@ def test_a_box_of_dolfinx():
             {},
         ),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
-        "no root cell": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
+        "each of them cells": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
         "cell_tags must be MeshTags of dolfinx of dimension 3": (mesh, facet_tags, facet_tags, {3: "box"}, {}),
         "a Mesh of dolfinx is needed": (root, cell_tags, facet_tags, {3: "box"}, {}),

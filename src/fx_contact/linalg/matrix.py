@@ -148,8 +148,6 @@ def _row_lengths(prolongation, cells, rows_of_contact):
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
-    if comm.size == 1:
-        return near.astype(np.int32), far.astype(np.int32)
 
     # Rows of which other ranks have a share: their columns are brought together, by global numbers.
     number = imap.local_to_global(np.arange(size, dtype=np.int32))

@@ -50,12 +50,8 @@ def check_name(kind, name, names, there="there are"):
         there: what stands before their list.
     """
     if not isinstance(name, str) or name not in names:
-        raise SceneError(unknown(kind, name, names, there))
-
-
-def unknown(kind, name, names, there="there are"):
-    """The sentence for an unknown name: what it is, what exists, and which of that is nearest, if anything is near."""
-    return f"unknown {kind} {shown(name)}; {there} {', '.join(map(repr, names)) or 'none'}{nearest(name, names)}"
+        exist = ", ".join(map(repr, names)) or "none"
+        raise SceneError(f"unknown {kind} {shown(name)}; {there} {exist}{nearest(name, names)}")
 
 
 def nearest(name, names):

@@ -117,21 +117,12 @@ class SymmetryPlane:
         Raises:
             SceneError: an unknown surface, one that is not plane, or not across an axis.
         """
-        facets = mesh.surface(self.surface)
-        points, normals = mesh.facet_points(facets).reshape(-1, 3), mesh.outward_normals(facets)
-        normal = normals.mean(axis=0)
-        normal /= max(np.linalg.norm(normal), np.finfo(float).tiny)
-        off = np.ptp(points @ normal) / np.ptp(points, axis=0).max()
-        if off > PLANE or (normals @ normal).min() < 1 - PLANE:
+        extent = np.ptp(mesh.facet_points(mesh.surface(self.surface)).reshape(-1, 3), axis=0)
+        axis = int(extent.argmin())
+        if extent[axis] > PLANE * extent.max():
             raise SceneError(
-                f"the symmetry plane {self.surface!r} is not plane: its nodes are up to {off:.2g} of its size off the "
-                "mean plane; name plane facets only, those of each plane by themselves"
-            )
-        axis = int(np.abs(normal).argmax())
-        if np.abs(normal[axis]) < 1 - PLANE:
-            raise SceneError(
-                f"the symmetry plane {self.surface!r} has the normal {np.round(normal, 6).tolist()}: it must be across "
-                "x, y or z, for single components only can be prescribed; turn the whole model"
+                f"the symmetry plane {self.surface!r} must be a plane across x, y or z, and extends over {extent} m: "
+                "name plane facets only, those of each plane by themselves, or turn the whole model"
             )
         return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})
 

@@ -10,9 +10,8 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, unknown
+from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.problem import hexahedron
 from fx_contact.problem.dolfinx_mesh import gathered_parts
 from fx_contact.problem.root_mesh_checks import check_mesh, take_arrays
@@ -124,10 +123,7 @@ class RootMesh:
         Raises:
             SceneError: there is no such surface.
         """
-        if not isinstance(name, str) or name not in self.surfaces:
-            is_body = isinstance(name, str) and name in self.bodies
-            body = f"; {name!r} is a body: name one of its surfaces" if is_body else ""
-            raise SceneError(unknown("surface", name, self.surfaces, "the root mesh has") + body)
+        check_name("surface", name, self.surfaces, "the root mesh has")
         return self.surfaces[name]
 
     def facet_points(self, facets, order=None):

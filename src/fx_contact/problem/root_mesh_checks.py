@@ -67,12 +67,11 @@ def _check_shapes(mesh):
     if not np.isfinite(mesh.points).all():
         node = int(np.argmin(np.isfinite(mesh.points).all(axis=1)))
         raise GeometryError(f"points must be finite, node {node} is at {mesh.points[node]}")
-    if mesh.cells.ndim != 2 or not mesh.cells.size:
-        raise GeometryError("the root mesh has no hexahedra; mesh the volumes with transfinite, recombined blocks")
-    nodes = mesh.cells.shape[1]
-    if nodes not in [(p + 1) ** 3 for p in range(1, MAX_ORDER + 1)]:
+    complete = [(order + 1) ** 3 for order in range(1, MAX_ORDER + 1)]
+    if mesh.cells.ndim != 2 or not mesh.cells.size or mesh.cells.shape[1] not in complete:
         raise GeometryError(
-            f"cells have {nodes} nodes; complete hexahedra of order 1 to {MAX_ORDER} have (order+1)^3 nodes"
+            f"cells must be a (ncells, (p+1)^3) array, complete hexahedra of order 1 to {MAX_ORDER}, got shape "
+            f"{mesh.cells.shape}"
         )
     if mesh.body.shape != (len(mesh.cells),):
         raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
@@ -157,12 +156,12 @@ def _check_tags(mesh):
         raise SceneError(f"two surfaces, curves or vertices have one name, among {names}")
     for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
         for name, rows in groups.items():
-            if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
-                raise SceneError(f"{name!r} must have at least one row (root cell, local {kind} 0..{count - 1})")
-            if (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
-                raise SceneError(f"{name!r} names a root cell or local {kind} that the mesh does not have")
-            if len(np.unique(rows, axis=0)) < len(rows):
-                raise SceneError(f"{name!r} names a {kind} twice")
+            good = rows.ndim == 2 and rows.shape[1] == 2 and len(np.unique(rows, axis=0)) == len(rows) > 0
+            if not good or (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
+                raise SceneError(
+                    f"{name!r} must have at least one row (root cell, local {kind} 0..{count - 1}), none twice, of "
+                    f"{len(mesh.cells)} root cells"
+                )
     for name, facets in mesh.surfaces.items():
         inner = mesh.face_neighbours[facets[:, 0], facets[:, 1]] != 1
         if inner.any():
@@ -174,14 +173,11 @@ def _check_tags(mesh):
 
 
 def _check_bodies(mesh):
-    if len(set(mesh.bodies)) < len(mesh.bodies):
-        raise SceneError(f"bodies must have different names, got {mesh.bodies!r}")
-    nowhere = (mesh.body < 0) | (mesh.body >= len(mesh.bodies))
-    if nowhere.any():
-        raise SceneError(f"root cell {nowhere.argmax()} belongs to no body; the bodies are {mesh.bodies}")
-    empty = np.setdiff1d(np.arange(len(mesh.bodies)), mesh.body)
-    if len(empty):
-        raise SceneError(f"body {mesh.bodies[empty[0]]!r} has no root cell")
+    numbers = np.unique(mesh.body)
+    if len(set(mesh.bodies)) < len(mesh.bodies) or not np.array_equal(numbers, np.arange(len(mesh.bodies))):
+        raise SceneError(
+            f"bodies must have different names, and each of them cells: got {mesh.bodies} for the numbers {numbers}"
+        )
     owner = np.full(len(mesh.points), -1)
     owner[mesh.cells] = mesh.body[:, None]
     common = (owner[mesh.cells] != mesh.body[:, None]).any(axis=1)

@@ -94,16 +94,11 @@ class Scene:
                 raise SceneError(f"{name} must be a tuple of {wanted}, got {shown(items)}")
         check_count("symmetry, the number of copies,", self.symmetry)
         check_vector("contact_centre", self.contact_centre)
-        if not isinstance(self.materials, Mapping):
-            raise SceneError(f"materials must be a dict of body names and Material, got {shown(self.materials)}")
-        for body in self.materials:
-            check_name("body", body, mesh.bodies, "the root mesh has")
-        for body in mesh.bodies:
-            if not isinstance(self.materials.get(body), Material):
-                given = self.materials.get(body)
-                raise SceneError(f"body {body!r} has no material" + ("" if given is None else f" but {shown(given)}"))
-        for pair in self.contact:
-            mesh.surface(pair.first), mesh.surface(pair.second)
+        materials = self.materials if isinstance(self.materials, Mapping) else {}
+        if {*materials} != {*mesh.bodies} or not all(isinstance(m, Material) for m in materials.values()):
+            raise SceneError(
+                f"materials must be a dict with a Material for each of {mesh.bodies}, got {shown(self.materials)}"
+            )
         for traction in self.tractions:
             mesh.surface(traction.surface)
         for force in self.body_forces:
