@@ -167,14 +167,16 @@ def _flow(graph, weights, part, parts, limit):
     best, shortest = part, graph.cut(part)
     for _ in range(DECISIONS):
         before = part
-        seen = csr_matrix((np.full(graph.size, _ONE), part, np.arange(graph.size + 1)), shape=(graph.size, parts))
+        indicators = csr_matrix(
+            (np.full(graph.size, _ONE), part, np.arange(graph.size + 1)), shape=(graph.size, parts)
+        )
         for _ in range(STEPS):
-            around = graph.matrix @ graph.ghosted_rows(seen)
-            seen.data *= np.repeat(degree, np.diff(seen.indptr))
-            seen = (seen + around).tocsr()
-            seen.data //= np.repeat(2 * degree, np.diff(seen.indptr))
-            seen.eliminate_zeros()
-        part, loads = _auction(comm, seen, weights, prices, limit)
+            around = graph.matrix @ graph.ghosted_rows(indicators)
+            indicators.data *= np.repeat(degree, np.diff(indicators.indptr))
+            indicators = (indicators + around).tocsr()
+            indicators.data //= np.repeat(2 * degree, np.diff(indicators.indptr))
+            indicators.eliminate_zeros()
+        part, loads = _auction(comm, indicators, weights, prices, limit)
         length = graph.cut(part)
         if length < shortest and loads.max() <= limit:
             best, shortest = part, length
@@ -183,7 +185,7 @@ def _flow(graph, weights, part, parts, limit):
     return best
 
 
-def _auction(comm, seen, weights, prices, limit):
+def _auction(comm, indicators, weights, prices, limit):
     """Each vertex joins the part of its largest indicator, less its price; prices change until no part is too heavy.
 
     Collective on comm.  `prices` is changed.
@@ -196,8 +198,8 @@ def _auction(comm, seen, weights, prices, limit):
     step, before = np.full(parts, _ONE / 20), np.zeros(parts)
     for _ in range(30):
         # One integer holds the offer, and below it the part: equal offers go to the lowest part.
-        offer = ((seen.data - prices[seen.indices]) << bits) + (parts - seen.indices)
-        part = (parts - (np.maximum.reduceat(offer, seen.indptr[:-1]) & (1 << bits) - 1)).astype(np.int32)
+        offer = ((indicators.data - prices[indicators.indices]) << bits) + (parts - indicators.indices)
+        part = (parts - (np.maximum.reduceat(offer, indicators.indptr[:-1]) & (1 << bits) - 1)).astype(np.int32)
         loads = _loads(comm, part, weights, parts)
         if loads.max() <= limit:
             break

@@ -62,14 +62,11 @@ def _check_mesh(mesh, comm):
         raise SceneError(f"a Mesh of dolfinx is needed, got {shown(mesh)}")
     check_same_comm("the mesh", mesh.comm, comm)
     kind, cmap = mesh.topology.cell_type, mesh.geometry.cmap
-    if kind != CellType.hexahedron or mesh.geometry.dim != 3:
+    complete = cmap.degree <= MAX_ORDER and cmap.dim == (cmap.degree + 1) ** 3
+    if kind != CellType.hexahedron or mesh.geometry.dim != 3 or not complete:
         raise GeometryError(
-            f"the mesh has cells of type {kind.name!r} in {mesh.geometry.dim}D; only hexahedra in 3D can be refined"
-        )
-    if cmap.degree > MAX_ORDER or cmap.dim != (cmap.degree + 1) ** 3:
-        raise GeometryError(
-            f"the mesh has hexahedra of order {cmap.degree} with {cmap.dim} nodes; only complete ones of order 1 to "
-            f"{MAX_ORDER} are supported"
+            f"the mesh has cells of type {kind.name!r} and order {cmap.degree} in {mesh.geometry.dim}D; only complete "
+            f"hexahedra of order 1 to {MAX_ORDER} in 3D can be refined"
         )
 
 

@@ -204,12 +204,11 @@ def _match(mesh, pair, first, second):
     far = np.linalg.norm(difference, axis=2).max(axis=1)
     astray |= far > (_MATCH if pair.direction is not None else _ASTRAY) * size
     if astray.any():
-        worst = np.flatnonzero(astray)
-        names = ", ".join(f"face {f} of root cell {c}" for c, f in first[worst[:4]])
+        cell, face = first[astray][0]
         raise PairingError(
-            f"{label}: {len(worst)} of {len(first)} facets have no partner, first {names} near "
-            f"{mesh.facet_points(first[worst[:1]]).mean(axis=1)[0]}; the nodes are up to {far.max():.3g} apart; "
-            "mesh both surfaces alike, or give the direction in which they face each other"
+            f"{label}: {astray.sum()} of {len(first)} facets have no partner, first face {face} of root cell {cell} "
+            f"near {mesh.points[mesh.cells[cell]].mean(axis=0)}; the nodes are up to {far.max():.3g} apart; mesh both "
+            "surfaces alike, or give the direction in which they face each other"
         )
     _check_one_to_one(mesh, label, first, second[match], symmetry)
     return match, symmetry
