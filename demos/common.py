@@ -6,6 +6,7 @@ import sys
 import traceback
 from contextlib import contextmanager
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -43,21 +44,23 @@ from fx_contact import (  # noqa: E402
     ErrorControl,
     FxContactError,
     Material,
-    SceneError,
     Solver,
     adapt,
 )
-from fx_contact.adaptive.settings import DEGREE  # noqa: E402
-from fx_contact.contact.enforcement import FACTOR, METHODS  # noqa: E402
-from fx_contact.estimate.error_control import MODES  # noqa: E402
-from fx_contact.forest.partition import KINDS  # noqa: E402
-from fx_contact.linalg.petsc_options import unread_options  # noqa: E402
-from fx_contact.linalg.solver_options import PRECONDITIONERS  # noqa: E402
-from fx_contact.parallel.validation import nearest  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
-from fx_contact.results import RecordWriter, true_error, write_fields  # noqa: E402
-from fx_contact.results.accuracy import NORMS  # noqa: E402
-from fx_contact.results.report import doubts, table_head, table_row, total_seconds  # noqa: E402
+from fx_contact.results import (  # noqa: E402
+    RecordWriter,
+    force_warnings,
+    table_head,
+    table_row,
+    total_seconds,
+    true_error,
+    write_fields,
+)
+
+#: Choices of options; the library checks them, and knows the nearest.
+METHODS, CONTROLS = "{exact,augmented-lagrangian,penalty}", "{contact,energy}"
+PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,ilu,cholesky,p-multigrid}"
 
 
 class RankZeroParser(argparse.ArgumentParser):
@@ -84,23 +87,20 @@ def parser(description, *, tolerance, order, coarse, output):
         "-help lists them all while the demo runs.",
     )
 
-    def one_of(names):  # the library checks, and knows the nearest
-        return f"{{{','.join(names)}}}"
-
     add = result.add_argument
     add("--help", action="help", help="show this message and exit")
     add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
-    add("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
+    add("--degree", type=int, metavar="{1,2}", default=1, help="of displacements (%(default)s)")
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
-    add("--enforcement", metavar=one_of(METHODS), help=f"({METHODS[0]}; penalty where one of the next two is given)")
-    add("--penalty", type=float, help=f"c of the surface stiffness c E*/h ({FACTOR:g})")
+    add("--enforcement", metavar=METHODS, help="(exact; penalty where one of the next two is given)")
+    add("--penalty", type=float, help="c of the surface stiffness c E*/h (100)")
     add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
-    add("--control", metavar=one_of(MODES), default=MODES[0], help="of the error; energy: the paper's (%(default)s)")
-    add("--partition", metavar=one_of(KINDS), default="contact-sfc", help="kind of partition (%(default)s)")
-    add("--preconditioner", metavar=one_of(PRECONDITIONERS), help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
-    add("--symmetry", metavar=one_of(("quarter", "full")), default="quarter", help="what is modelled (%(default)s)")
+    add("--control", metavar=CONTROLS, default="contact", help="of the error; energy: the paper's (%(default)s)")
+    add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
+    add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
+    add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
     add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
@@ -158,8 +158,9 @@ def _parsed(options):
     names = [word for word in options.format_help().split() if word.startswith("--")]
     unknown += [word for word in PETSC if f"-{word}" in names and word != "-help"]
     if unknown:
-        near = nearest(f"--{unknown[0].lstrip('-').partition('=')[0]}", names) if unknown[0][:1] == "-" else ""
-        options.error(f"unknown option {unknown[0]!r}{near or '; --help lists them, all with two dashes'}")
+        near = get_close_matches(f"--{unknown[0].lstrip('-').partition('=')[0]}", names, 1)
+        advice = f"did you mean {near[0]!r}?" if near else "--help lists them, all with two dashes"
+        options.error(f"unknown option {unknown[0]!r}; {advice}")
     if arguments.restart and not arguments.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     if arguments.restart and arguments.uniform is not None:
@@ -190,7 +191,7 @@ def _adapted(arguments, scene, beginning, show, progress):
     """Run to the end: the last Step, the records of all, those before a restart included, and their RecordWriter."""
     before = Checkpoint(arguments.checkpoint, scene, COMM) if arguments.restart else None
     steps, stiffness = list(before.records) if before else [], (arguments.penalty, arguments.node_stiffness)
-    method = arguments.enforcement or METHODS[0 if stiffness == (None, None) else -1]
+    method = arguments.enforcement or ("exact" if stiffness == (None, None) else "penalty")
     run = adapt(
         scene,
         arguments.tolerance,
@@ -210,8 +211,6 @@ def _adapted(arguments, scene, beginning, show, progress):
     file = RecordWriter(arguments.output, COMM, steps)
     show("\n".join([table_head(), *map(table_row, steps)]))
     for step in run:
-        if unread := unread_options(COMM, "fx_"):
-            raise SceneError(f"PETSc knows no option -{unread[0]}; those of the solver begin with -fx_")
         if step.record.step == len(steps):  # else the last one again, for its fields
             file.write(step.record)
             steps.append(step.record)
@@ -237,13 +236,13 @@ def _summary(arguments, record, compared):
         yield f"The tolerance was not reached in {arguments.max_steps} steps."
     if not record.active_pairs:
         yield "The bodies do not touch."
-    yield from doubts(record)
+    yield from force_warnings(record)
     yield f"force {record.force:.6g} N, largest pressure {record.max_pressure:.5g} Pa"
     if compared:
         radii = f"contact radius {record.contact_radius:.5g} m; Hertz: {compared.contact_radius:.5g} m"
         yield f"{radii}, {compared.max_pressure:.5g} Pa"
     for name, value in (record.errors or {}).items():
-        yield f"{name.replace('_', ' ')}: {value:{'' if name in NORMS else '+'}.3%} from the reference"
+        yield f"{name.replace('_', ' ')}: {value:.3%} from the reference"
     if arguments.true_error:
         yield f"true energy error {record.true_error.relative:.2%}, effectivity {record.effectivity:.3f}"
 

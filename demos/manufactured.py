@@ -12,8 +12,7 @@ from pathlib import Path
 from common import RankZeroParser
 from mpi4py import MPI
 
-from fx_contact.results import RecordWriter
-from fx_contact.results.manufactured import adapt_manufactured
+from fx_contact.results import RecordWriter, adapt_manufactured
 
 if __name__ == "__main__":
     options = RankZeroParser(description=__doc__.split("\n\n")[0])

@@ -11,7 +11,6 @@ from common import main, parser
 from mpi4py import MPI
 
 from fx_contact import Beginning, Material
-from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import patch
 
 LOWER, UPPER = Material(young=1.0, poisson=0.3), Material(young=3.0, poisson=0.2)
@@ -31,8 +30,7 @@ def beginning(_arguments, scene, comm):
     """The leaves around the axis refined where the columns meet, twice."""
     forest = Beginning.uniform(scene, 0, comm).forest
     for reach in (0.4, 0.2):
-        centre = forest.mesh.evaluate(forest.cell, forest.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
-        forest, _ = forest.refined(np.linalg.norm(centre - [0, 0, 1], axis=1) < reach)
+        forest, _ = forest.refined(np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < reach)
     return Beginning(forest, np.zeros((len(forest), 8, 3)))
 
 

@@ -18,7 +18,7 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
 from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
-from fx_contact.results.report import doubts
+from fx_contact.results.report import force_warnings
 from fx_contact.scenes import punch
 from studies.stability.shapes import beam, films, on_a_base, sinking
 
@@ -140,7 +140,7 @@ def test_a_gap_that_is_known():
         assert steps[-1].reached and steps[-1].force == 0
         assert all(step.pair_leaves == [0] and step.unseen_contact == 0 for step in steps)
         assert (steps[-1].pair_errors[0] < 0.25) == (closing == 1.2)
-        assert ["it may close" in line for line in doubts(steps[-1])] == [True] * (closing == 1.01)
+        assert ["may close" in line for line in force_warnings(steps[-1])] == [True] * (closing == 1.01)
 
 
 def test_a_new_beginning():
@@ -213,8 +213,8 @@ def test_a_very_light_plate():
     light, heavy = last.pair_forces
     assert last.reached and FORCE < 0.1**2 * heavy and 2 * FORCE < light < FORCE + 0.1**2 * heavy
     assert 0.4 * (1 - FORCE / light) < last.pair_errors[0] < 1 and last.pair_errors[1] < 0.1
-    (line,) = doubts(last)
-    assert line.startswith(f"contact pair 0: its force is known to {last.pair_errors[0]:.0%} of it only")
+    (line,) = force_warnings(last)
+    assert line.startswith(f"contact pair 0: the estimated error of its force is {last.pair_errors[0]:.0%}")
 
 
 def test_forces_beside_a_weight():

@@ -564,7 +564,6 @@ CASES = {
         for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_fields)
     },
     "errors of no step": (lambda: contact_errors("step", hertz_a()), SceneError, "a Step is needed"),
-    "errors against no reference": (lambda: contact_errors(first(), "x"), SceneError, "ContactReference, got 'x'"),
     "vector without axes": (lambda: Traction("top", np.array(1.0)), SceneError, "three components, got array(1.)"),
     "cells of no body": (lambda: RootMesh(*grid(), ("a",), ()), GeometryError, "body must have one number"),
     "body of too many cells": (lambda: RootMesh(*grid(), ("a",), [0, 0]), GeometryError, "of shape (2,)"),
@@ -1356,13 +1355,11 @@ def test_options_file_of_the_environment():
 @pytest.mark.parametrize(
     "words, code, message",
     [
-        ("--degree 2", 1, "SceneError: displacements have degree 1 only, --degree 2 is not there yet: leave it out"),
         ("--tolerence 0.1", 2, "unknown option '--tolerence'; did you mean '--tolerance'?"),
         ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
         ("-FX_KSP_RTOL 0.5", 1, "is not the user's: set Solver.tolerance"),
         ("-FX_pc_typ jacobi", 1, "SceneError: PETSc's solver does not read the option 'pc_typ'"),
         ("-fx_fallback_pc_type jacobi", 1, "does not read the option 'fallback_pc_type'"),
-        ("-pc_type jacobi", 1, "SceneError: PETSc knows no option -pc_type; those of the solver begin with -fx_"),
         ("--restart", 2, "--restart needs --checkpoint"),
         ("--restart --checkpoint no/such --uniform 1", 2, "--uniform begins anew: give one of them"),
         ("-options_file", 2, "there is no file '' of PETSc options"),

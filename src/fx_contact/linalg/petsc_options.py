@@ -72,16 +72,6 @@ class PetscOptions:
             )
 
 
-def unread_options(comm, prefix):
-    """Options of the command line that no rank has read so far, but for those under a prefix: list of str.
-
-    Collective on comm.
-    """
-    late = "options_left", "objects_dump"  # PETSc reads them when it ends
-    mine = [name for name in _database() if not name.startswith((prefix, *late)) and not _is_used(name)]
-    return _unread_anywhere(comm, mine)
-
-
 def _unread_anywhere(comm, unread):
     """Options that no rank has read, for solvers inside others are on some: sorted list.  Collective on comm."""
     return sorted(set.intersection(*map(set, comm.allgather(sorted(unread)))))

@@ -3,10 +3,11 @@
 from fx_contact.results.accuracy import contact_errors, field_error
 from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import REFERENCES, ContactReference
-from fx_contact.results.report import doubts, table_head, table_row, total_seconds
+from fx_contact.results.report import force_warnings, table_head, table_row, total_seconds
 
 __all__ = [
     "REFERENCES",
@@ -15,9 +16,10 @@ __all__ = [
     "HertzLine",
     "RecordWriter",
     "ShrinkFit",
+    "adapt_manufactured",
     "contact_errors",
     "contact_functions",
-    "doubts",
+    "force_warnings",
     "field_error",
     "table_head",
     "table_row",

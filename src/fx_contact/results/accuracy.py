@@ -1,4 +1,4 @@
-"""How far a solution is from a known one: norms of displacements, and the figures of a contact against a reference."""
+"""Errors against known solutions: displacements in norms, the figures of a contact against reference values."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,16 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import VOIGT
 from fx_contact.fem.compilation import compiled
-from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import shown
-from fx_contact.results.reference_values import ContactReference
 
-#: Figures of a contact that are compared as they stand in the record, and those that are compared in a norm.
-FIGURES, NORMS = ("force", "contact_radius", "max_pressure"), ("pressure", "axis_stress")
-#: Degree of the Gauss rule where a smooth function that is no polynomial is integrated.
+#: Entries of a StepRecord that are compared with those of a reference.
+FIGURES = ("force", "contact_radius", "max_pressure")
+#: Degree of the Gauss rule for smooth functions that are no polynomials.
 FINE_QUADRATURE = 6
 
 
 @dataclass(frozen=True)
 class FieldError:
-    """Difference of two displacements relative to the known one.
+    """Relative errors ||u_h - u|| / ||u|| of a displacement.
 
     Attributes:
         energy: in the energy norm [-].
@@ -35,7 +31,7 @@ class FieldError:
 
 
 def field_error(elasticity, exact):
-    """Distance of `elasticity.u` from a known displacement.
+    """Relative errors of `elasticity.u` against a known displacement.
 
     Collective.
 
@@ -62,17 +58,17 @@ def field_error(elasticity, exact):
 
 
 def energy_distance(step, values):
-    """The energy norm ||v - u|| / ||u|| of the difference between a displacement and that of a step.
+    """The distance ||v - u|| / ||u|| of a displacement v from that of a step, in the energy norm.
 
-    Collective on the step's communicator.  A difference of energies would understate it: node pairs on curved facets
-    let the bodies penetrate between them.
+    Collective on the step's communicator.  The difference of the two energies would be too small: between the nodes of
+    curved facets the bodies penetrate each other.
 
     Args:
         step: Step, with the displacement u.
-        values: (n, (p+1)^3, 3) float64, v at the nodes of this rank's leaves, as from a coarser mesh [m].
+        values: (n, (p+1)^3, 3) float64, v at the nodes of this rank's leaves [m].
 
     Returns:
-        float [-], without the mean volume strains of nearly incompressible bodies (`Elasticity.change_norm`).
+        float [-]; the difference is measured by `Elasticity.change_norm`.
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -81,7 +77,7 @@ def energy_distance(step, values):
 
 
 def contact_errors(step, reference):
-    """Deviations of a contact from a reference, relative to it.
+    """Relative errors of a contact against a reference.
 
     Collective on the step's communicator.
 
@@ -90,17 +86,14 @@ def contact_errors(step, reference):
         reference: ContactReference.
 
     Returns:
-        dict of float: `force`, `contact_radius`, `max_pressure` (signed), and where the reference has them `pressure`
-        (profile in the L2 norm over the contact surface) and `axis_stress` (root of the summed squares at the
-        reference's heights, from the recovered stress) [-].
+        dict of float [-]: `force`, `contact_radius` and `max_pressure`, with sign.  Where the reference has them also
+        `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered stress along the axis in
+        the Euclidean norm over the reference's heights.
 
     Raises:
-        SceneError: no step, one without contact, or a reference of another type.
+        SceneError: no step, or one without contact.
     """
     check_step(step, contact=True)
-    with together(step.forest.comm):
-        if not isinstance(reference, ContactReference):
-            raise SceneError(f"the reference must be a ContactReference, got {shown(reference)}")
     result = {name: getattr(step.record, name) / getattr(reference, name) - 1 for name in FIGURES}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
@@ -110,6 +103,7 @@ def contact_errors(step, reference):
 
 
 def _pressure_error(step, reference):
+    """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     known = reference.pressure(np.linalg.norm((pairs.position - step.scene.contact_centre)[:, :2], axis=1))
     off = step.solution.force / pairs.area - known
@@ -118,7 +112,7 @@ def _pressure_error(step, reference):
 
 
 def _axis_error(step, reference):
-    """Of the upper body; only the nodes on the axis are brought together."""
+    """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
     forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
     space = elasticity.prolongation.space
     leaf, node = space.example.T

@@ -1,7 +1,7 @@
-"""A solved problem to judge the discretisation and the estimate by: a chosen displacement on a curved body.
+"""Manufactured solution: the error of the discretisation is known, so that the estimate can be judged.
 
-The load is computed from the displacement (body force and surface tractions), so that its error is known exactly.
-There is no contact; geometry, hanging vertices, solver and estimate are those of every run.
+A smooth displacement u is chosen on a quarter of a ring.  The loads are the body force f = -div sigma(u) and the
+tractions t = sigma(u) n; both ends of the ring have prescribed displacements.  There is no contact.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import FINE_QUADRATURE, field_error
 
-#: Centre and width of the bump, and its direction [m]: on the inner curved surface, a fifth of the body wide.
+#: Centre x_c on the inner surface, width w and direction d of u = d exp(-|x - x_c|^2 / (2 w^2)) [m].
 _CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)
 
 
@@ -63,7 +63,7 @@ def quarter_ring(order=3, coarse=4):
 
 
 def bump(x):
-    """The displacement: a smooth bump [m].
+    """The displacement u = d exp(-|x - x_c|^2 / (2 w^2)) [m].  Local.
 
     Args:
         x: position, three UFL expressions or NumPy arrays [m].
@@ -121,8 +121,8 @@ def adapt_manufactured(
         order: of the root mesh, 1 to 6.
         geometry_order: of the leaf maps; None: that of the root mesh.
         coarse: root cells across the ring.
-        uniform: refine all leaves, not those of criterion (2), from a mesh whose lower half is finer: hanging vertices
-            are there in all steps.
+        uniform: refine all leaves in each step, from a mesh whose lower half is finer, so that all steps have hanging
+            nodes; else refine those of criterion (2).
         max_steps: most solves.
 
     Yields:
@@ -154,6 +154,7 @@ def adapt_manufactured(
 
 
 def _solve(number, forest, order, tolerance, stages):
+    """Discretise, solve and estimate: ManufacturedStep.  Collective."""
     material = Material(young=1.0, poisson=0.3)
     with stages("hanging"):
         prolongation = Prolongation(Space(forest, 1))
@@ -189,7 +190,7 @@ def _solve(number, forest, order, tolerance, stages):
 
 
 def _load(forest, elasticity, stages):
-    """Body force and tractions of the bump on the conforming vertices: (owned, 3) [N]."""
+    """Nodal forces of f and t on the conforming nodes: (owned, 3) [N].  Collective."""
     mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.function_space)
     mesh.topology.create_connectivity(2, 3)
     outside = elasticity.leaf_mesh.facets(forest, forest.mesh.surface("outside")).ravel()
@@ -204,7 +205,7 @@ def _load(forest, elasticity, stages):
 
 
 def _prescribed(forest, prolongation):
-    """The bump at the conforming nodes of both ends of the ring: (owned, 3) [m], NaN elsewhere."""
+    """u at the conforming nodes of both ends of the ring: (owned, 3) [m], NaN elsewhere.  Collective."""
     space = prolongation.space
     position, on = space.positions(), np.zeros(len(space), dtype=bool)
     for name in ("start", "end"):

@@ -1,4 +1,4 @@
-"""The lines that tell how a run goes."""
+"""Text on a run: a table of its steps, warnings on forces, seconds by stage."""
 
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.parallel.timing import STAGES
@@ -34,8 +34,10 @@ def table_row(record):
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
 
 
-def doubts(record):
-    """Lines on contact pairs whose force the tolerance leaves open, as they are so light beside others.
+def force_warnings(record):
+    """Warnings on contact pairs whose force has a larger error than the tolerance.
+
+    The control of errors does not refine for forces below tolerance^2 times the largest (`ErrorControl`).
 
     Args:
         record: StepRecord of the last step.
@@ -44,19 +46,19 @@ def doubts(record):
     for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors)):
         if force and (error or 0) > record.tolerance:
             lines.append(
-                f"contact pair {index}: its force is known to {min(error, 1):.0%} of it only, for it, or what may "
-                "close elsewhere, is lighter than the square of the tolerance times the largest"
+                f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined "
+                "for forces below the square of the tolerance times the largest"
             )
         elif not force and (error or 0) > ErrorControl.gap_accuracy:
             lines.append(
-                f"contact pair {index}: it may close, with a force of less than the square of the tolerance times that "
-                "which would undo the strains there"
+                f"contact pair {index}: it is open, but may close on a finer mesh, with a force below the square of "
+                "the tolerance times that which would undo the strains there"
             )
     return lines
 
 
 def total_seconds(steps):
-    """One line with the time of a run by stage, compilation apart.
+    """One line with the wall time of a run, its six longest stages, and the time of compilation.
 
     Args:
         steps: the `seconds` of the step records.
