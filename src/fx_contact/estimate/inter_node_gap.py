@@ -55,7 +55,7 @@ def inter_node_penetration(state, tolerance, patches, energy):
     for index, patch in enumerate(patches.facet):
         leaf, face = facets_of(index, forest)
         nodal = _at_nodes(pairs, solution, index)[pairs.prolongation.space.on_faces(leaf, face)]
-        near, facets = patch >= 0, _Facets(forest, leaf, face, nodal)
+        near, facets = patch >= 0, _Facets(pairs.prolongation.space, leaf, face, nodal)
         refine[leaf[~near][facets.where(~near).penetrate()]] = True
         leaf, patch, own = leaf[near], patch[near], facets.where(near).energy()
         np.add.at(sums, (0, patch), own)
@@ -68,23 +68,25 @@ def inter_node_penetration(state, tolerance, patches, energy):
 
 
 class _Facets:
-    """Contact facets and those that face them, sampled in points enough for the order of the root mesh.
+    """Contact facets and those that face them, in points enough for the order of the root mesh and the degree.
 
     Local.
 
     Args:
-        forest: Forest.
+        space: Space.
         leaf, face: (n,) int64, leaves and their local faces.
-        nodal: (n, 4, 8) float64, columns of what is known at their nodes.
+        nodal: (n, (p+1)^2, 8) float64, columns of what is known at their nodes.
     """
 
-    def __init__(self, forest, leaf, face, nodal):
-        parts = 2 * ((forest.mesh.order + 1) // 2)  # even, for Simpson's rule
+    def __init__(self, space, leaf, face, nodal):
+        forest, degree = space.forest, space.degree
+        parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
         self._count, self._nodal, self._orientation = parts + 1, nodal, hexahedron.FACE_ORIENTATION[face]
-        line = hexahedron.lagrange(1, np.linspace(0, 1, self._count))
-        self._bilinear = np.einsum("va,ub->vuab", line, line).reshape(self._count**2, 4)
+        bilinear, self._shape = (_tensor(order, np.linspace(0, 1, self._count)) for order in (1, degree))
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-        points = np.einsum("pv,nvi->npi", np.rint(parts**2 * self._bilinear).astype(np.int64), anchors)
+        points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
+        nodes = np.arange(degree + 1) * parts // degree
+        self._nodes = (self._count * nodes[:, None] + nodes).ravel()  # positions of the nodes among the points
         # How far a function may leave the range of its samples, relative to that: less than by Lebesgue's constant.
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
         self._here, self._there = positions_across(forest, leaf, face, points / parts**2)
@@ -99,19 +101,14 @@ class _Facets:
         return some
 
     def _sampled(self, columns):
-        """A column, or some, of what is known at vertices, at all points: (n, points, ...) float64."""
-        return np.einsum("pv,nv...->np...", self._bilinear, self._nodal[:, :, columns])
+        """A column, or some, of what is known at the nodes, at all points: (n, points, ...) float64."""
+        return np.einsum("pv,nv...->np...", self._shape, self._nodal[:, :, columns])
 
     def _gap(self):
-        """The gap at all points along normals between those of the vertices: (n, points) float64 [m]."""
+        """The gap at all points along normals between those of the nodes: (n, points) float64 [m]."""
         normal = self._sampled(_NORMAL)
         apart = self._there - self._here - self._sampled(_JUMP)  # small, however far the bodies come
         return np.einsum("npi,npi->np", normal, apart) / np.linalg.norm(normal, axis=2)
-
-    @property
-    def _corners(self):
-        """Positions of the corners among the points, in the order of a facet's vertices."""
-        return np.array([0, self._count - 1, -self._count, -1])
 
     def penetrate(self):
         """Whether facets penetrate more than at their nodes, and than may come from rounding: (n,) bool."""
@@ -119,7 +116,8 @@ class _Facets:
         some = sampled.min(axis=1) < self._swing * np.ptp(sampled, axis=1)
         few = self.where(some)
         gap = FacetGap(few._here, few._there, few._sampled(_JUMP), few._orientation)
-        nodes = gap.at(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])).min(axis=1)
+        y, x = np.array(np.divmod(self._nodes, self._count)) / (self._count - 1)
+        nodes = gap.at(x, y).min(axis=1)
         limit = np.minimum(nodes, 0.0) - _VARIATION * np.ptp(sampled[some], axis=1) - _ROUNDING * np.sqrt(few._area)
         some[some] = gap.least(limit) < limit
         return some
@@ -127,12 +125,18 @@ class _Facets:
     def energy(self):
         """The integral of `inter_node_penetration`, twice an energy: (n,) float64 [J]."""
         gap, size = self._gap(), np.sqrt(self._area)
-        at_nodes, rounding = gap[:, self._corners], _ROUNDING * size[:, None]
-        off = np.maximum(np.abs(gap - at_nodes @ self._bilinear.T) - rounding, 0.0)
+        at_nodes, rounding = gap[:, self._nodes], _ROUNDING * size[:, None]
+        off = np.maximum(np.abs(gap - at_nodes @ self._shape.T) - rounding, 0.0)
         # The penetration at the nodes is that of a penalty, and has a bound of its own.
-        beyond = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._bilinear.T - rounding, 0.0)
-        pressure, modulus = self._sampled(_PRESSURE), self._sampled(_MODULUS)
+        beyond = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._shape.T - rounding, 0.0)
+        pressure, modulus = np.maximum(self._sampled(_PRESSURE), 0.0), self._sampled(_MODULUS)
         return self._area * ((pressure * off + modulus / size[:, None] * beyond**2) @ _simpson(self._count))
+
+
+def _tensor(order, x):
+    """Lagrange functions of a facet's nodes at a grid of points: (k^2, (p+1)^2) float64, first coordinate fastest."""
+    line = hexahedron.lagrange(order, x)
+    return np.kron(line, line)
 
 
 def _simpson(count):
