@@ -31,7 +31,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what the options say.  Which number of ranks a whole run is on follows from its name."""
+    """Leave out what the options say.  A slow whole run is on the first number of ranks, another by its name on one."""
 
     share = [int(number) for number in (config.getoption("--whole-runs-on") or "").split()]
 
@@ -41,7 +41,7 @@ def pytest_collection_modifyitems(config, items):
         mark = item.get_closest_marker("whole_run")
         if mark is None or not share:
             return False
-        one = share[zlib.crc32(item.nodeid.encode()) % len(share)]
+        one = share[0 if item.get_closest_marker("slow") else zlib.crc32(item.nodeid.encode()) % len(share)]
         return WORLD.size not in (mark.args or [one])
 
     left = [item for item in items if left_out(item)]

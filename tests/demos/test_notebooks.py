@@ -1,5 +1,6 @@
 """The notebooks run from top to bottom, show pictures, and are the same in both of their files."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,21 +12,33 @@ TOP = Path(__file__).parents[2]
 NAMES = sorted(path.stem for path in (TOP / "notebooks").glob("*.ipynb"))
 #: How many pictures each shows.
 PICTURES = {"adaptive_loop": 4, "hertz_in_five_minutes": 4, "reading_work_precision": 1, "two_ranks": 2}
+#: What is run instead: coarse meshes.
+SMALLER = (
+    (r"tolerance=0\.[0-2]\d*", "tolerance=0.3"),
+    (r"reference\(0\.16", "reference(0.3"),
+    (r"--uniform 2 --true-error 0\.15", "--uniform 0 --true-error 0.3"),
+)
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_runs_as_printed(name, tmp_path):
-    """In a copy, so that its results go to a temporary folder; no cell fails or warns."""
+def test_runs(name, tmp_path):
+    """On coarse meshes, in a copy, so that its results go to a temporary folder; no cell fails or warns."""
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
     for folder in ("notebooks", "demos", "studies", "src"):
         (tmp_path / folder).mkdir()
         for path in (TOP / folder).iterdir():
             (tmp_path / folder / path.name).symlink_to(path)
-    command = [sys.executable, "notebooks/execute.py", f"notebooks/{name}.ipynb", "--output", "shown"]
+    notebook = tmp_path / "notebooks" / f"{name}.ipynb"
+    text = notebook.read_text()
+    for pattern, replacement in SMALLER:
+        text = re.sub(pattern, replacement, text)
+    notebook.unlink()
+    notebook.write_text(text)
+    command = [sys.executable, "notebooks/execute.py", notebook, "--output", "shown"]
     done = subprocess.run(command, cwd=tmp_path, env=outside(), capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     cells = nbformat.read(tmp_path / "shown" / f"{name}.ipynb", as_version=4).cells

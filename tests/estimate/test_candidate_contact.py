@@ -16,6 +16,8 @@ from fx_contact.scenes import punch, stack
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import beam
 
+pytestmark = pytest.mark.whole_run
+
 STIFF = Material(1e3, 0.3)
 LONG = 10.0
 

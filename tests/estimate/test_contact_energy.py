@@ -1,12 +1,15 @@
 """What contact stores is measured by its own force, and by the energy of its own bodies."""
 
 import numpy as np
+import pytest
 from conftest import WORLD, everywhere
 from model_problems import DEPTH, PULL, THICKNESS, WIDTH, plates, stored
 
 from fx_contact import Material, adapt
 from fx_contact.estimate.contact_energy import PressureClusters
 from fx_contact.scenes import punch
+
+pytestmark = pytest.mark.whole_run
 
 
 def test_thin_plates_store_less_than_a_half_space():

@@ -192,7 +192,7 @@ def test_more_ranks_than_leaves(kind):
 @pytest.fixture(scope="module")
 def serial_solution():
     """Keys and displacements of the last of a few adaptive steps, computed by each rank for itself."""
-    return solution(adapt(split_scene(), 0.01, MPI.COMM_SELF, max_steps=3, solver=Solver(tolerance=1e-9)))
+    return solution(adapt(split_scene(), 0.05, MPI.COMM_SELF, max_steps=3, solver=Solver(tolerance=1e-9)))
 
 
 def split_scene():
@@ -215,7 +215,7 @@ def solution(steps):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_same_solution(kind, serial_solution):
     """Every kind gives the serial solution to 1e-8, wherever the pairs are; the solver takes a tenth of that."""
-    run = adapt(split_scene(), 0.01, max_steps=3, partition_kind=kind, solver=Solver(tolerance=1e-9))
+    run = adapt(split_scene(), 0.05, max_steps=3, partition_kind=kind, solver=Solver(tolerance=1e-9))
     keys, displacement, record = solution(run)
     assert record.active_pairs > 20 and record.hanging_nodes > 50
     assert record.partition.kind == kind

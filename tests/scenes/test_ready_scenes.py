@@ -80,6 +80,7 @@ def test_punch_by_force():
     assert abs(held.contact_radius / pressed.contact_radius - 1) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "radii", [(1.0, 2.0), (np.inf, 1.0), (-2.0, 1.0)], ids=["unequal", "on a block", "in a socket"]
 )
@@ -120,6 +121,7 @@ def test_patch():
     assert abs(record.force / exact - 1) < 1e-7 and abs(record.max_pressure / exact - 1) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "twin, factor",
     [
