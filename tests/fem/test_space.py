@@ -53,6 +53,16 @@ def test_nodes_are_shared(degree):
     assert prolongation.index_map.size_global == 2 * (4 * degree + 1) ** 3
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_nodes_that_hang(degree):
+    """Of a leaf beside eight children all nodes of their face hang but its own: (2p+1)^2 - (p+1)^2."""
+    forest = roots(pressed(two_boxes(upper=(2, 1, 1), distortion=0.0), contact=False))
+    upper = forest.mesh.body[forest.cell] == forest.mesh.bodies.index("upper")
+    numbers = WORLD.allgather(forest.cell[upper].tolist())
+    forest, _ = forest.refined(forest.cell == min(sum(numbers, [])))
+    assert Prolongation(Space(forest, degree)).hanging_global == (2 * degree + 1) ** 2 - (degree + 1) ** 2
+
+
 def test_quadratic_nodes_have_no_chains():
     """A vertex on a coarser leaf is that leaf's middle node: at degree 2 no vertex of a leaf hangs."""
     space = Space(affine_forest(), 2)

@@ -363,7 +363,7 @@ CASES = {
         SceneError,
         "'contact-sfc'",
     ),
-    "unknown preconditioner": (lambda: Solver("boomer"), SceneError, "'boomeramg', 'ilu'"),
+    "unknown preconditioner": (lambda: Solver("boomer"), SceneError, "'boomeramg', 'p-multigrid', 'ilu'"),
     "solver tolerance": (lambda: Solver(tolerance=2.0), SceneError, "0.001 at most"),
     "order 7": (lambda: scenes.hertz(order=7, comm=COMM), GeometryError, "1 to 6, got 7"),
     "order 7 from Gmsh": (lambda: gmsh_box(order=7), GeometryError, "order 1 to 6"),
