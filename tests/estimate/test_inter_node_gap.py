@@ -13,6 +13,7 @@ from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.estimate.inter_node_gap import _Facets, _simpson, inter_node_penetration  # noqa: E402
+from fx_contact.fem.space import Space  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
@@ -363,4 +364,4 @@ def test_energy_between_nodes():
         nodal = np.tile([pressure, modulus, 0.0, 0.0, -gap, 0.0, 0.0, 1.0], (1, 4, 1))
         # Of nodes that penetrate, that penetration does not count.
         expected = size**2 * (pressure * bulge + modulus / size * (bulge - max(gap, 0.0)) ** 2) * 4 / 9
-        assert abs(_Facets(forest, leaf, face, nodal).energy()[0] / expected - 1) < 1e-6
+        assert abs(_Facets(Space(forest, 1), leaf, face, nodal).energy()[0] / expected - 1) < 1e-6
