@@ -6,23 +6,23 @@ Appl. Mech. Eng. 4(2), 1974; T. J. R. Hughes, Int. J. Numer. Methods Eng. 15(9),
 on distorted cells.
 """
 
+import basix.ufl
 import numpy as np
 import ufl
 from basix import CellType
 from dolfinx import fem
-from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
 
+from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.leaf_mesh import basix_order
 from fx_contact.linalg.matrix import add_blocks, create_matrix
 
 #: Poisson's ratio from which on the cells of a body have one volume strain each.
 LOCKING_POISSON = 0.4
-#: Cells of which P^T K P is taken at once.
-_CHUNK = 1 << 13
+#: Entries of the matrices of cells that are made at once: 64 MB.
+_CHUNK = 1 << 23
 
 
 class Elasticity:
@@ -199,8 +199,7 @@ class Elasticity:
     def stiffness(self, rows=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
-        Collective on mesh.comm.  Cells without hanging node go straight into the matrix; for the others the product
-        is taken on this rank's part of K, which has only their rows.
+        Collective on mesh.comm.
 
         Args:
             rows: ConstraintRows, or None without contact.
@@ -208,17 +207,21 @@ class Elasticity:
         Returns:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
         """
-        imap = self.prolongation.index_map
-        conforming = self.prolongation.conforming[self.node_of_block]
+        matrix, imap = create_matrix(self.prolongation, self.cells, rows), self.prolongation.index_map
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
-        blocks = np.where(conforming >= 0, number[conforming], -1).astype(np.int32)
-        matrix = create_matrix(self.prolongation, self.cells, rows)
-        lgmap = PETSc.LGMap().create(blocks, bsize=3, comm=self.mesh.comm)
-        matrix.mat.setLGMap(lgmap, lgmap)
-
-        irregular = (conforming[self.function_space.dofmap.list] < 0).any(axis=1)
-        assemble_matrix(matrix.mat, self._form(np.flatnonzero(~irregular)))
-        self._add_irregular(matrix.mat, np.flatnonzero(irregular), number)
+        hangs = (self.prolongation.conforming[self.cells] < 0).any(axis=1)
+        degree = self.prolongation.space.degree
+        element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
+        space = fem.functionspace(self.mesh, element)
+        for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
+            for part in self._chunks(some):
+                order, matrices = cell_matrices(self._form(part, space), space.dofmap.list[part])
+                part = part[order]
+                nodes = self.prolongation.conforming[self.cells[part][:, self._order]]
+                if hangs[part].any():
+                    nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
+                    matrices = constrained(matrices, weights)
+                add_cells(matrix.mat, matrices, number[nodes])
         if self.has_mean:
             self._add_mean_volume(matrix.mat, number)
         return matrix
@@ -230,19 +233,11 @@ class Elasticity:
         with self._stages("compile"):
             return compiled(self.prolongation.comm, factor * integrand * dx)
 
-    def _form(self, cells):
+    def _form(self, cells, space):
         """Stiffness of some cells, but for the mean volume strain."""
-        trial, test = ufl.TrialFunction(self.function_space), ufl.TestFunction(self.function_space)
+        trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
         stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.has_mean else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
-
-    def _add_irregular(self, matrix, cells, number):
-        """Add P^T K P of some cells, few at a time: the product needs much more room than its result."""
-        for part in self._chunks(cells):
-            form = self._form(part)
-            stiffness, rows, interpolation = self._product_parts(form)
-            to_rows = kron(self.prolongation.matrix[self.node_of_block][rows], identity(3), format="bsr")
-            add_blocks(matrix, to_rows.T @ (stiffness @ interpolation), number)
 
     def _add_mean_volume(self, matrix, number):
         """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
@@ -258,8 +253,9 @@ class Elasticity:
 
     def _chunks(self, cells):
         """Parts of this rank's cells, as many on all ranks."""
-        parts = self.prolongation.comm.allreduce(-(-len(cells) // _CHUNK), op=MPI.MAX)
-        return (cells[part * _CHUNK : (part + 1) * _CHUNK] for part in range(parts))
+        size = _CHUNK // (3 * self.cells.shape[1]) ** 2
+        parts = self.prolongation.comm.allreduce(-(-len(cells) // size), op=MPI.MAX)
+        return (cells[part * size : (part + 1) * size] for part in range(parts))
 
     def _product_parts(self, form):
         """The rows of a local matrix that are not empty, which these are, and P to its columns: scipy BSR, int, BSR."""
