@@ -47,7 +47,10 @@ class ContactPair:
     @property
     def unit_direction(self):
         """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
-        return None if self.direction is None else (d := np.array(self.direction, np.float64)) / np.linalg.norm(d)
+        if self.direction is None:
+            return None
+        scaled = np.array(self.direction, np.float64) / np.abs(np.array(self.direction, np.float64)).max()
+        return scaled / np.linalg.norm(scaled)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
