@@ -9,28 +9,29 @@ the estimated and the true error in the energy norm, their ratio (the effectivit
 
 from pathlib import Path
 
-from common import RankZeroParser
-from mpi4py import MPI
+from common import COMM, RankZeroParser, plain_errors
 
+from fx_contact.adaptive.settings import DEGREE
 from fx_contact.results import RecordWriter, adapt_manufactured
 
 if __name__ == "__main__":
     options = RankZeroParser(description=__doc__.split("\n\n")[0])
     options.add_argument("--tolerance", type=float, default=0.08, help="relative error (%(default)s)")
+    options.add_argument("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
     options.add_argument("--order", type=int, default=3, help="of the root mesh's geometry, 1 to 6 (%(default)s)")
     options.add_argument("--coarse", type=int, default=4, help="root cells across the ring (%(default)s)")
     options.add_argument("--uniform", action="store_true", help="refine all cells in every step")
     options.add_argument("--output", type=Path, default=Path("results/manufactured"), help="folder (%(default)s)")
     options.add_argument("--quiet", action="store_true", help="say nothing but errors")
     given = options.parse_args()
-    records = RecordWriter(given.output, MPI.COMM_WORLD)
-    show = print if MPI.COMM_WORLD.rank == 0 and not given.quiet else lambda *_, **__: None
-    show("     dofs  hanging  estimate    true  effectivity      L2")
-    for step in adapt_manufactured(given.tolerance, order=given.order, coarse=given.coarse, uniform=given.uniform):
-        r = step.record
-        records.write(r)
-        row = (
-            "{dofs:9,}  {hanging_nodes:7,}  {estimate:8.2%}  {true_error:6.2%}  {effectivity:11.3f}  {l2_error:6.3%}"
-        )
-        show(row.format(**r.as_json()), flush=True)
-    show(f"results in {given.output}: steps.jsonl")
+    with plain_errors(COMM):
+        records = RecordWriter(given.output, COMM)
+        show = print if COMM.rank == 0 and not given.quiet else lambda *_, **__: None
+        show("     dofs  hanging  estimate    true  effectivity      L2")
+        known = {name: getattr(given, name) for name in ("degree", "order", "coarse", "uniform")}
+        for step in adapt_manufactured(given.tolerance, COMM, **known):
+            r = step.record
+            records.write(r)
+            row = "{dofs:9,}  {hanging_nodes:7,}  {estimate:8.2%}  {true_error:6.2%}  {effectivity:11.3f}  {l2_error:6.3%}"
+            show(row.format(**r.as_json()), flush=True)
+        show(f"results in {given.output}: steps.jsonl")

@@ -40,6 +40,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors
+from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a
@@ -657,6 +658,19 @@ CASES = {
     ),
     "tolerance in percent": (lambda: adapt(press(two_cubes()), 4, COMM), SceneError, "4 % are 0.04"),
     "root cells without end": (lambda: scenes.hertz(coarse=10**6, comm=COMM), SceneError, "50 at most"),
+    **{
+        f"degree {degree!r}": (
+            lambda degree=degree: adapt(press(two_cubes()), 0.1, COMM, degree=degree),
+            SceneError,
+            f"the degree of displacements must be 1 or 2, got {degree!r}",
+        )
+        for degree in (0, 3, 1.0, True, "2", None)
+    },
+    "manufactured degree": (
+        lambda: next(adapt_manufactured(0.1, COMM, degree=3)),
+        SceneError,
+        "degree 1 or 2, got 3",
+    ),
     "partition misspelt": (
         lambda: adapt(press(two_cubes()), 0.1, COMM, partition_kind="contact_sfc"),
         SceneError,
@@ -1069,6 +1083,8 @@ def told(action):
 UNLIKE = {
     "tolerance": ({}, {"tolerance": 0.4}, "tolerance (0.5 on rank 0, 0.4 on rank"),
     "no tolerance": ({}, {"tolerance": -1.0}, "positive number, got -1.0"),
+    "degree": ({}, {"degree": 2}, "degree (1 on rank 0, 2 on rank"),
+    "no degree": ({}, {"degree": 3}, "degree of displacements must be 1 or 2, got 3"),
     "most steps": ({}, {"max_steps": 1}, "most steps (20 on rank 0, 1 on rank"),
     "no scene": ({}, {"scene": None}, "must be a Scene, got None"),
     "geometry order": ({}, {"geometry_order": 1}, "geometry order (null on rank 0, 1 on"),
@@ -1355,6 +1371,8 @@ def test_options_file_of_the_environment():
 @pytest.mark.parametrize(
     "words, code, message",
     [
+        ("--degree 5", 1, "SceneError: the degree of displacements must be 1 or 2, got 5"),
+        ("--degree two", 2, "argument --degree: invalid int value: 'two'"),
         ("--tolerence 0.1", 2, "unknown option '--tolerence'; did you mean '--tolerance'?"),
         ("--partition contact_sfc", 1, "SceneError: unknown partition 'contact_sfc'; there are"),
         ("-FX_KSP_RTOL 0.5", 1, "is not the user's: set Solver.tolerance"),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 
-from fx_contact import adapt
+from fx_contact import ErrorControl, adapt
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
 from fx_contact.plot.cells import _level_colour
-from fx_contact.plot.cut import cut_by_body
+from fx_contact.plot.cut import _outlines, cut_by_body
 from fx_contact.scenes import hertz
 
 
@@ -28,10 +28,21 @@ def test_each_body_shows_its_own_stress():
     assert together.n_points < sum(s.n_points for s in sections), "what VTK does where they are one body"
 
 
+def test_quadratic_leaves_bend():
+    """A leaf of degree 2 is cut along its bent sides, with the stress of all its nodes."""
+    z, y, x = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"))
+    nodes = np.stack([x, y, z + x * (1 - x)], axis=1)
+    (section,) = cut_by_body(nodes[None], (x * (1 - x))[None], np.zeros(1, dtype=int), 0.5)
+    assert np.isclose(section.bounds[5], 1.25) and np.isclose(section["stress"].max(), 0.25)
+    lines = _outlines(nodes[None], 0.5).points
+    at_middle = np.isclose(lines[:, 0], 0.5)
+    assert set(np.round(lines[at_middle, 2], 9)) == {0.25, 1.25}, "the sides are bent, and no line is inside"
+
+
 @cache
-def a_step():
+def a_step(degree=1):
     """A coarse Hertz step and the records that led to it."""
-    steps = list(adapt(hertz(order=2, coarse=2), 0.3, WORLD))
+    steps = list(adapt(hertz(order=2, coarse=2), 0.3, WORLD, degree=degree, control=ErrorControl("energy")))
     return steps[-1], [step.record for step in steps]
 
 
@@ -47,11 +58,11 @@ PICTURES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PICTURES)
-def test_pictures(name, tmp_path):
+@pytest.mark.parametrize("name, degree", [*((name, 1) for name in PICTURES), ("stress near", 2)])
+def test_pictures(name, degree, tmp_path):
     """Something is drawn, in several colours, into a folder that is made; all ranks know where."""
     path = WORLD.bcast(tmp_path / "made" / f"{name}.png", root=0)
-    everywhere(PICTURES[name](*a_step(), path) == path, "another path")
+    everywhere(PICTURES[name](*a_step(degree), path) == path, "another path")
     if WORLD.rank == 0:
         from matplotlib.image import imread
 

@@ -9,21 +9,33 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import gathered
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
-from fx_contact import Material, adapt
+from fx_contact import ErrorControl, Material, adapt
 from fx_contact.parallel.errors import OutputError
 from fx_contact.results import Hertz, contact_functions, write_fields
+from fx_contact.results.output import point_fields
 from fx_contact.scenes import hertz, indentation
 
 MATERIAL = Material(young=1.0, poisson=0.3)
 FILES = ("fields.bp", "cells.bp", "contact.bp")
 
 
+ENERGY = ErrorControl("energy")
+
+
 @cache
-def last_step():
-    """Hertz to 16 %, curved leaves with hanging contact vertices."""
-    *_, step = adapt(hertz(material=MATERIAL, order=3), 0.16, WORLD, geometry_order=3)
+def last_step(degree=1):
+    """Hertz to 16 %, curved leaves with hanging contact nodes."""
+    *_, step = adapt(hertz(material=MATERIAL, order=3), 0.16, WORLD, degree=degree, geometry_order=3, control=ENERGY)
     return step
+
+
+@cache
+def first_step(degree, order):
+    """The first of Hertz on coarse leaves of an order."""
+    scene = hertz(material=MATERIAL, order=order, coarse=2)
+    return next(adapt(scene, 0.5, WORLD, degree=degree, geometry_order=order, control=ENERGY))
 
 
 def shared(tmp_path):
@@ -31,9 +43,10 @@ def shared(tmp_path):
     return WORLD.bcast(tmp_path, root=0)
 
 
-def test_contact_surface():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_contact_surface(degree):
     """Points on both spheres, pressures of the record, and open gaps beside the contact."""
-    step = last_step()
+    step = last_step(degree)
     everywhere(step.elasticity.prolongation.hanging_global > 0, "nothing hangs")
     fields = contact_functions(step)
     space = fields["body"].function_space
@@ -46,12 +59,40 @@ def test_contact_surface():
     assert np.abs(np.linalg.norm(points - centre, axis=1) - 1).max() < 1e-5, "points off the spheres"
     assert np.isclose(values["pressure"].max(), step.record.max_pressure)
     radius, exact = np.linalg.norm(points[:, :2], axis=1), Hertz.of_equal_spheres(1.0, MATERIAL, step.record.force)
-    inside, far = radius < 0.6 * exact.contact_radius, radius > 2 * exact.contact_radius
+    inside, far = radius < 0.6 / degree * exact.contact_radius, radius > 2 * exact.contact_radius
     assert inside.any() and np.allclose(values["closed"][inside], 1)
     assert np.allclose(values["gap"][inside], 0, atol=1e-9)
     assert (
         (values["closed"][far] == 0).all() and (values["pressure"][far] == 0).all() and (values["gap"][far] > 0).all()
     )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_nine_nodes_of_a_facet(order):
+    """At degree 2 facets are quadratic at least, and each node pair's pressure and gap are at one of their nodes."""
+    step = first_step(2, order)
+    fields = contact_functions(step)
+    space = fields["pressure"].function_space
+    assert space.mesh.geometry.dofmap.shape[1] == 9 and step.record.active_pairs
+    contact, nodes = step.contact, space.tabulate_dof_coordinates()
+    distance, node = cKDTree(nodes).query(contact.points)
+    everywhere(order == 1 or distance.max(initial=0) < 1e-12, "node pairs off the nodes")  # order 1 is flat
+    for name in ("pressure", "gap"):
+        found, known = fields[name].x.array[node], getattr(contact, name)
+        everywhere(np.abs(found - known).max(initial=0) < 1e-12, f"{name} is another")
+
+
+@pytest.mark.parametrize("degree, order, points", [(1, 2, 3), (2, 1, 3), (2, 2, 3), (2, 3, 4)])
+def test_point_fields(degree, order, points):
+    """Cells have the higher one of two orders, and the fields on them are those of the step."""
+    step = first_step(degree, order)
+    for field, given in zip(point_fields(step), (step.displacement, step.stress)):
+        nodes = field.function_space.dofmap.list
+        assert nodes.shape[1] == points**3
+        x = field.function_space.tabulate_dof_coordinates()[nodes].reshape(-1, 3)
+        exact = given.eval(x, np.repeat(np.arange(len(nodes), dtype=np.int32), points**3))
+        off = np.abs(field.x.array.reshape(-1, exact.shape[1])[nodes.ravel()] - exact).max()
+        everywhere(off < 1e-9 * np.abs(exact).max() > 0, f"{field.name} is another")
 
 
 def test_both_sides_have_the_same_pressure():
@@ -84,6 +125,19 @@ def test_files_name_their_fields(tmp_path):
     for name, field in zip(FILES, ("displacement", "indicator", "pressure")):
         index = b"".join(path.read_bytes() for path in (folder / name).iterdir())
         assert b"connectivity" in index and field.encode() in index
+
+
+@pytest.mark.parametrize("degree, order", [(2, 1), (2, 3)])
+def test_files_hold_their_fields(degree, order, tmp_path):
+    """Read back: nodes and values of each rank, as they stand in the memory."""
+    step, folder = first_step(degree, order), shared(tmp_path)
+    write_fields(step, folder)
+    WORLD.Barrier()
+    for name, fields in (("fields.bp", point_fields(step)), ("contact.bp", contact_functions(step).values())):
+        data = b"".join(path.read_bytes() for path in sorted((folder / name).glob("data.*")))
+        for field in fields:
+            everywhere(field.x.array.tobytes() in data, f"{field.name} is not in {name}")
+        everywhere(field.function_space.tabulate_dof_coordinates().tobytes() in data, f"no nodes in {name}")
 
 
 def test_disk_full(tmp_path, monkeypatch):

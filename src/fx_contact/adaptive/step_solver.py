@@ -94,8 +94,7 @@ def solve_step(settings, number, start, partition, stages):
         SolveError: the solve fails, or is not as accurate as the tolerance needs.
     """
     discrete = _discretise(settings, start, stages)
-    held = [thing for thing in (discrete.problem.matrix.mat, discrete.problem.coarse) if thing is not None]
-    with PetscObjects(*held) as objects:
+    with PetscObjects(discrete.problem.matrix.mat, discrete.problem.coarse) as objects:
         options = SolveOptions(settings.solver, settings.enforcement)
         solution, system = solve_system(discrete.problem, start.displacement, options, Environment(stages, objects))
         with stages("estimate"):

@@ -53,7 +53,7 @@ def solve_contact(problem, start, options, stages):
         problem, start, options: as in `solve_system`.
         stages: Stages, for the times.
     """
-    with PetscObjects(problem.matrix.mat) as objects:
+    with PetscObjects(problem.matrix.mat, problem.coarse) as objects:
         return solve_system(problem, start, options, Environment(stages, objects))[0]
 
 

@@ -10,11 +10,11 @@ class PetscObjects:
     not wait for the rest: then nothing is freed.
 
     Args:
-        things: objects of PETSc; they may be destroyed before.
+        things: objects of PETSc, or None; they may be destroyed before.
     """
 
     def __init__(self, *things):
-        self._things = list(things)
+        self._things = [thing for thing in things if thing is not None]
 
     def __enter__(self):
         return self

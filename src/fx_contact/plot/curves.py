@@ -32,7 +32,7 @@ def draw_pressure(step, path, exact=None):
     along = np.einsum("ni,ni->n", arm, pairs.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
     near = radius <= 1.6 * step.record.contact_radius
-    rows = np.stack([radius, step.solution.force / pairs.area], axis=1)[near]
+    rows = np.stack([radius, step.contact.pressure], axis=1)[near]
     rows = comm.gather(rows, root=0)
     return draw_on_first(comm, path, lambda path: _draw_pressure(np.concatenate(rows), step.record, path, exact))
 

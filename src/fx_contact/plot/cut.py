@@ -12,7 +12,7 @@ from fx_contact.problem import hexahedron
 
 
 def draw_stress(step, path, zoom=None):
-    """Von Mises stress, recovered at the vertices, and the leaves in the plane across y through the contact's centre.
+    """Von Mises stress, recovered at the nodes, and the leaves in the plane across y through the contact's centre.
 
     Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
 
@@ -32,24 +32,23 @@ def draw_stress(step, path, zoom=None):
     if zoom is not None:
         check_number("the zoom of a picture", zoom, positive=True)
     comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
-    leaf, stress = step.leaf_mesh.leaf, step.estimate.stress
-    corners = leaf_positions(forest, leaf, 1)
-    size = np.ptp(corners[:, :, 1], axis=1)
+    points = leaf_positions(forest, slice(None), step.record.degree)
+    across = points[:, :, 1]
+    size = np.ptp(across, axis=1)
     # Slightly beside the plane, so that one between leaves cuts those of one side.
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
-    cut = (corners[:, :, 1].min(axis=1) <= y) & (corners[:, :, 1].max(axis=1) >= y)
+    cut = (across.min(axis=1) <= y) & (across.max(axis=1) >= y)
     centre, reach = np.asarray(step.scene.contact_centre), None
     if zoom is not None:
         reach = zoom * contact_size(step)
-        cut &= (np.abs(corners - centre).min(axis=1) <= 2 * reach).all(axis=1)
-    values = stress.x.array.reshape(-1, 6)[stress.function_space.dofmap.list[cut]]
-    body = forest.mesh.body[forest.cell[leaf[cut]]]
-    parts = comm.gather((corners[cut], _von_mises(values), body), root=0)
+        cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
+    stress = _von_mises(step.elasticity.at_leaves(step.estimate.stress)[cut])
+    parts = comm.gather((points[cut], stress, forest.mesh.body[forest.cell[cut]]), root=0)
 
     def draw(path):
         """The picture, on the first rank."""
-        corners, values, body = (np.concatenate(column) for column in zip(*parts))
-        _draw_cut(corners, values, body, centre, reach, y, path)
+        points, values, body = (np.concatenate(column) for column in zip(*parts))
+        _draw_cut(points, values, body, centre, reach, y, path)
 
     return draw_on_first(comm, path, draw)
 
@@ -60,14 +59,15 @@ def _von_mises(stress):
     return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
 
 
-def cut_by_body(corners, values, body, y):
+def cut_by_body(points, values, body, y):
     """Leaves cut by a plane across y, each body by itself.
 
-    Local.  VTK merges coincident points of a cut: two bodies in contact would share the stress of one.
+    Local.  VTK merges coincident points of a cut: two bodies in contact would share the stress of one.  A leaf of
+    degree p is shown by p^3 trilinear cells.
 
     Args:
-        corners: (n, 8, 3) float64, corners of leaves [m].
-        values: (n, 8) float64, stress there [Pa].
+        points: (n, (p+1)^3, 3) float64, nodes of leaves [m].
+        values: (n, (p+1)^3) float64, stress there [Pa].
         body: (n,) int, body of each leaf.
         y: place of the plane [m].
 
@@ -75,19 +75,19 @@ def cut_by_body(corners, values, body, y):
         list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
     """
     pyvista = import_pyvista()
-    sections = []
+    sections, parts = [], hexahedron.subcells(hexahedron.order_of(points.shape[1]))[:, [0, 1, 3, 2, 4, 5, 7, 6]]
     for which in np.unique(body):
         ours = body == which
-        cells = 8 * np.arange(ours.sum())[:, None] + [0, 1, 3, 2, 4, 5, 7, 6]
-        grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, corners[ours].reshape(-1, 3))
+        cells = (points.shape[1] * np.arange(ours.sum())[:, None, None] + parts).reshape(-1, 8)
+        grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, points[ours].reshape(-1, 3))
         grid["stress"] = values[ours].ravel()
         sections.append(grid.slice(normal=(0, 1, 0), origin=(0, y, 0)))
     return sections
 
 
-def _draw_cut(corners, values, body, centre, reach, y, path):
+def _draw_cut(points, values, body, centre, reach, y, path):
     pyvista = import_pyvista()
-    section = pyvista.merge(cut_by_body(corners, values, body, y), merge_points=False)
+    section = pyvista.merge(cut_by_body(points, values, body, y), merge_points=False)
     with plotter_for(path, 1500, 1000) as plotter:
         plotter.add_mesh(
             section,
@@ -107,13 +107,13 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
                 "fmt": "%.2g",
             },
         )
-        plotter.add_mesh(_outlines(corners, y), color="#202020", line_width=1, lighting=False)
+        plotter.add_mesh(_outlines(points, y), color="#202020", line_width=1, lighting=False)
         plotter.view_xz()
         if reach is None:
-            x, z = np.ptp(corners[:, :, [0, 2]], axis=(0, 1))
+            x, z = np.ptp(points[:, :, [0, 2]], axis=(0, 1))
             plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
         else:
-            quarter = corners[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
+            quarter = points[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
             plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
             plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
             plotter.camera.parallel_scale = 0.7 * reach
@@ -123,10 +123,13 @@ def _draw_cut(corners, values, body, centre, reach, y, path):
         )
 
 
-def _outlines(corners, y):
+def _outlines(points, y):
     """The lines in which a plane across y cuts the faces of leaves."""
     pyvista = import_pyvista()
-    quads = corners[:, hexahedron.FACE_CORNERS[:, [0, 1, 3, 2]]].reshape(-1, 4, 3)
+    order = hexahedron.order_of(points.shape[1])
+    quads = points[:, hexahedron.face_nodes(order)[:, hexahedron.subcells(order, 2)[:, [0, 1, 3, 2]]]].reshape(
+        -1, 4, 3
+    )
     quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
     faces = np.arange(4 * len(quads)).reshape(-1, 4)
     skin = pyvista.PolyData.from_regular_faces(quads.reshape(-1, 3), faces)

@@ -92,6 +92,21 @@ def cell_inner_nodes(order):
     return np.flatnonzero(((nodes > 0) & (nodes < order)).all(axis=1))
 
 
+def subcells(order, dimension=3):
+    """Tensor indices of the corners of the equal parts between the nodes of a cell or a face.
+
+    Args:
+        order: of the nodes, p.
+        dimension: 3 of a cell, 2 of a face.
+
+    Returns:
+        (p^dimension, 2^dimension) int64, corners in tensor order.
+    """
+    steps = (order + 1) ** np.arange(dimension)[::-1]
+    low, corners = (steps @ np.indices((count,) * dimension).reshape(dimension, -1) for count in (order, 2))
+    return low[:, None] + corners
+
+
 def lagrange(order, x):
     """Lagrange functions of equispaced nodes on [0, 1].
 

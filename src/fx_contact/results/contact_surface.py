@@ -17,24 +17,25 @@ _SCALARS = ("pressure", "closed", "gap", "body", "level", "rank", "indicator")
 def contact_functions(step):
     """Fields on both sides of the contact surfaces.
 
-    Collective on the step's communicator.  Facets have the geometry order of the leaves and share no nodes: a field may
-    jump from one to the next, and one with a value for each facet is constant there.
+    Collective on the step's communicator.  Facets have the order of the leaves' geometry or of the displacement, the
+    higher one.  They share no nodes: a field may jump from one to the next, and one with a value for each facet is
+    constant there.
 
     Args:
         step: Step with contact.
 
     Returns:
         dict: name -> dolfinx Function on a mesh of quadrilaterals, each facet on the rank of its leaf: `displacement`
-        [m]; `pressure`, the force of a node pair over its area [Pa]; `closed`, 1 for a closed pair and 0 for an open
+        [m]; `pressure` (`ContactState`) [Pa]; `closed`, 1 for a closed pair and 0 for an open
         one; open `gap` [m]; `body`, as numbered in the root mesh; and of the leaf behind the facet `level`, `rank` and
         `indicator` [J^(1/2)].
     """
-    forest, order = step.forest, step.leaf_mesh.order
+    forest, space, leaf_order = step.forest, step.elasticity.prolongation.space, step.leaf_mesh.order
+    order = max(leaf_order, space.degree)
     leaf, face = forest.contact_faces()
-    points = leaf_positions(forest, leaf, order)[np.arange(len(leaf))[:, None], hexahedron.face_nodes(order)[face]]
-    space = step.elasticity.prolongation.space
-    along = hexahedron.lagrange(space.degree, np.linspace(0, 1, order + 1))  # (order + 1, p + 1)
-    nodal = np.kron(along, along) @ _nodal_values(step)[space.on_faces(leaf, face)]
+    on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
+    points = _interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
+    nodal = _interpolation(space.degree, order) @ _nodal_values(step)[space.on_faces(leaf, face)]
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     rank = np.full(len(leaf), forest.comm.rank)
@@ -63,15 +64,22 @@ def contact_functions(step):
     return fields
 
 
+def _interpolation(order, finer):
+    """Values at the nodes of a facet of one order from those of another: ((finer+1)^2, (order+1)^2) float64."""
+    along = hexahedron.lagrange(order, np.linspace(0, 1, finer + 1))
+    return np.kron(along, along)
+
+
 def _nodal_values(step):
     """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact: (m, 6)."""
-    pairs, contact, prolongation = step.pairs, step.solution, step.elasticity.prolongation
-    area = pairs.area
-    rows = np.stack([contact.force, contact.active * area, -contact.penetration * area, area], axis=1)
+    pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
+    rows = pairs.area[:, None] * np.stack(
+        [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1
+    )
     sums = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))
     blocks = pairs.blocks  # a node where contact pairs of the scene meet is in several rows
     weight = np.linalg.norm(blocks.values, axis=1)[:, None]
     np.add.at(sums, blocks.node, weight * rows[blocks.row])
     sums = prolongation.summed(sums)
     means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
-    return prolongation.prolong(np.concatenate([contact.displacement, means], axis=1))
+    return prolongation.prolong(np.concatenate([step.solution.displacement, means], axis=1))

@@ -11,11 +11,13 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact.adaptive.settings import DEGREE
 from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.recovery import Recovery
+from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
@@ -30,7 +32,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.results.accuracy import FINE_QUADRATURE, field_error
+from fx_contact.results.accuracy import field_error, fine_quadrature
 
 #: Centre x_c on the inner surface, width w and direction d of u = d exp(-|x - x_c|^2 / (2 w^2)) [m].
 _CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)
@@ -109,7 +111,15 @@ class ManufacturedStep:
 
 
 def adapt_manufactured(
-    tolerance, comm=MPI.COMM_WORLD, *, order=3, geometry_order=None, coarse=4, uniform=False, max_steps=20
+    tolerance,
+    comm=MPI.COMM_WORLD,
+    *,
+    degree=DEGREE,
+    order=3,
+    geometry_order=None,
+    coarse=4,
+    uniform=False,
+    max_steps=20,
 ):
     """Solve the manufactured problem on finer and finer forests.
 
@@ -118,6 +128,7 @@ def adapt_manufactured(
     Args:
         tolerance: estimated error relative to the solution at which to stop [-].
         comm: MPI communicator.
+        degree: p of the displacement, 1 or 2.
         order: of the root mesh, 1 to 6.
         geometry_order: of the leaf maps; None: that of the root mesh.
         coarse: root cells across the ring.
@@ -129,7 +140,7 @@ def adapt_manufactured(
         ManufacturedStep.
 
     Raises:
-        SceneError: a tolerance that is not positive.
+        SceneError: a tolerance that is not positive, another degree.
     """
     if not tolerance > 0:
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
@@ -142,7 +153,7 @@ def adapt_manufactured(
         stages = Stages()
         with stages("partition"):
             forest, _ = repartition(forest, None, "contact-sfc")
-        step = _solve(number, forest, geometry_order or order, tolerance, stages)
+        step = _solve(number, Space(forest, degree), geometry_order or order, tolerance, stages)
         yield step
         if step.record.estimate <= tolerance or number == max_steps - 1:
             return
@@ -153,11 +164,11 @@ def adapt_manufactured(
         forest, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
 
 
-def _solve(number, forest, order, tolerance, stages):
+def _solve(number, space, order, tolerance, stages):
     """Discretise, solve and estimate: ManufacturedStep.  Collective."""
-    material = Material(young=1.0, poisson=0.3)
+    forest, material = space.forest, Material(young=1.0, poisson=0.3)
     with stages("hanging"):
-        prolongation = Prolongation(Space(forest, 1))
+        prolongation = Prolongation(space)
     with stages("mesh"):
         cells = create_leaf_mesh(forest, order)
     with stages("assemble"):
@@ -167,8 +178,10 @@ def _solve(number, forest, order, tolerance, stages):
     with stages("system"):
         forces = _load(forest, elasticity, stages)
         prescribed = _prescribed(forest, prolongation)
+    with stages("assemble"):
+        coarse = create_coarse_level(elasticity, prescribed) if space.degree > 1 else None
     start = np.zeros((prolongation.owned, 3))
-    linear = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm)
+    linear = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, coarse=coarse)
     solution = solve_contact(linear, start, SolveOptions(Solver()), stages)
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
@@ -194,7 +207,7 @@ def _load(forest, elasticity, stages):
     mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.function_space)
     mesh.topology.create_connectivity(2, 3)
     outside = elasticity.leaf_mesh.facets(forest, forest.mesh.surface("outside")).ravel()
-    degree = {"quadrature_degree": FINE_QUADRATURE}
+    degree = {"quadrature_degree": fine_quadrature(elasticity)}
     ds = ufl.Measure("ds", mesh, subdomain_data=[(1, outside)], metadata=degree)
     dx = ufl.Measure("dx", mesh, metadata=degree)
     stress = elasticity.stress(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))

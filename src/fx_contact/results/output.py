@@ -109,8 +109,8 @@ def _step_of(line, finished):
 def write_fields(step, folder):
     """Write a step's fields for ParaView (ADIOS2, VTX); all files keep the curved shape of the cells.
 
-    Collective.  `fields.bp` has continuous point fields of the mesh's order: displacement [m], stress [Pa]; `cells.bp`
-    has one value a cell: indicator [J^(1/2)], level, rank; `contact.bp` has the fields on both sides of the contact
+    Collective.  `fields.bp` has the continuous fields displacement [m] and stress [Pa] (`point_fields`); `cells.bp` has
+    one value a cell: indicator [J^(1/2)], level, rank; `contact.bp` has the fields on both sides of the contact
     surfaces, if there are any (`contact_functions`).
 
     Args:
@@ -124,14 +124,7 @@ def write_fields(step, folder):
     check_step(step)
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
     folder = shared_path(comm, "the output folder", folder, OutputError)
-    # Of the geometry's order at least: VTX draws the cells of a function's order.
-    order, variant = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced
-    fields = []
-    for name, given in (("displacement", step.displacement), ("stress", step.stress)):
-        element = basix.ufl.element("Lagrange", "hexahedron", order, lagrange_variant=variant, shape=given.ufl_shape)
-        fields.append(fem.Function(fem.functionspace(mesh, element), name=name))
-        fields[-1].interpolate(given)
-    write_vtx(comm, folder / "fields.bp", fields, time)
+    write_vtx(comm, folder / "fields.bp", point_fields(step), time)
     values = {
         "indicator": step.estimate.error,
         "level": step.forest.level[leaf],
@@ -141,3 +134,23 @@ def write_fields(step, folder):
     write_vtx(comm, folder / "cells.bp", cells, time)
     if step.pairs is not None:
         write_vtx(comm, folder / "contact.bp", list(contact_functions(step).values()), time)
+
+
+def point_fields(step):
+    """Displacement and recovered stress at the points by which ParaView draws curved cells.
+
+    Collective on the step's communicator.  VTX draws the cells of a function's order.  That of these is the higher one
+    of geometry and displacement, so that the fields are written as they are, nothing of them lost.
+
+    Args:
+        step: Step.
+
+    Returns:
+        list of dolfinx Function: `displacement` [m] and `stress` [Pa], at equispaced points of each cell.
+    """
+    order, variant, fields = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced, []
+    for name, given in (("displacement", step.displacement), ("stress", step.stress)):
+        element = basix.ufl.element("Lagrange", "hexahedron", order, lagrange_variant=variant, shape=given.ufl_shape)
+        fields.append(fem.Function(fem.functionspace(step.mesh, element), name=name))
+        fields[-1].interpolate(given)
+    return fields

@@ -18,7 +18,7 @@ from fx_contact.results.accuracy import energy_distance
 
 
 def true_error(step, tolerance, scene=None):
-    """Go on from a step to a finer solution with the default settings, and measure the distance to it.
+    """Go on from a step to a finer solution of its degree, by default settings else, and measure the distance to it.
 
     Collective on the step's communicator.  The step's displacement goes along from leaf to leaf: interpolation onto
     the finer forest, exact in the coordinates of the leaves.
@@ -42,7 +42,7 @@ def true_error(step, tolerance, scene=None):
     marked[step.leaf_mesh.leaf], _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, scene))
-    for fine in adapt(scene, tolerance, step.forest.comm, beginning=beginning):
+    for fine in adapt(scene, tolerance, step.forest.comm, degree=step.record.degree, beginning=beginning):
         pass
     distance = energy_distance(fine, fine.along)
     # Energy errors add in squares (Galerkin orthogonality), up to contact and penalty, which disturb it by less than
