@@ -32,6 +32,6 @@ if __name__ == "__main__":
         for step in adapt_manufactured(given.tolerance, COMM, **known):
             r = step.record
             records.write(r)
-            row = "{dofs:9,}  {hanging_nodes:7,}  {estimate:8.2%}  {true_error:6.2%}  {effectivity:11.3f}  {l2_error:6.3%}"
-            show(row.format(**r.as_json()), flush=True)
+            figures = f"{r.estimate:8.2%}  {r.true_error:6.2%}  {r.effectivity:11.3f}  {r.l2_error:6.3%}"
+            show(f"{r.dofs:9,}  {r.hanging_nodes:7,}  {figures}", flush=True)
         show(f"results in {given.output}: steps.jsonl")
