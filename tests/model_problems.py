@@ -346,13 +346,12 @@ def vertex_positions(forest):
     return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]
 
 
-def discrete(scene, forest, order=1):
+def discrete(scene, forest, order=1, degree=1):
     """Elasticity of a scene on a forest."""
     cells = create_leaf_mesh(forest, order)
     materials = np.array([[scene.materials[b].young, scene.materials[b].poisson] for b in scene.mesh.bodies])
-    return Elasticity(
-        cells, materials, scene.mesh.body[forest.cell[cells.leaf]], Prolongation(Space(forest, 1)), Stages()
-    )
+    body = scene.mesh.body[forest.cell[cells.leaf]]
+    return Elasticity(cells, materials, body, Prolongation(Space(forest, degree)), Stages())
 
 
 def side_by_side():
@@ -370,11 +369,11 @@ EXACT = Solver(tolerance=1e-13, loose_tolerance=1e-6)
 
 
 def conforming_positions(forest, prolongation):
-    """Positions of the owned conforming vertices, and of which body they are."""
+    """Positions of the owned conforming nodes, and of which body they are."""
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     position, body = np.empty((prolongation.owned, 3)), np.empty(prolongation.owned, dtype=int)
     place = prolongation.conforming[own]
-    position[place] = vertex_positions(forest)[own]
+    position[place] = prolongation.space.positions(own)
     body[place] = forest.mesh.body[forest.cell[prolongation.space.example[own, 0]]]
     return position, body
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import WORLD
-from model_problems import STEEL, conforming_positions, discrete, grown, pressed, roots, two_boxes
+from conftest import WORLD, everywhere
+from model_problems import DISTRIBUTIONS, STEEL, conforming_positions, discrete, grown, pressed, roots, two_boxes
 
 from fx_contact import Material
 
@@ -11,14 +11,20 @@ from fx_contact import Material
 LOWER, UPPER = 4.0, 8.0
 
 
-@pytest.fixture(params=[0.2, 0.49], ids=["compressible", "nearly incompressible"])
-def problem(request):
-    """Two boxes of distorted cells, the upper one of a Poisson's ratio, and the positions of the unknowns."""
-    upper = Material(1.0, request.param)
-    forest = grown(roots(pressed(two_boxes(), materials=(STEEL, upper))), 2, share=0.2)
-    elasticity = discrete(pressed(two_boxes(), materials=(STEEL, upper)), forest)
+def boxes(poisson, degree, distortion=0.15):
+    """Two boxes, the upper one of a Poisson's ratio, and the positions and bodies of the unknowns."""
+    upper = Material(1.0, poisson)
+    scene = pressed(two_boxes(distortion=distortion), materials=(STEEL, upper))
+    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 2, share=0.2))
+    elasticity = discrete(scene, forest, degree=degree)
     assert elasticity.prolongation.hanging_global > 0
     return elasticity, upper, *conforming_positions(forest, elasticity.prolongation)
+
+
+@pytest.fixture(params=[(0.2, 1), (0.49, 1), (0.2, 2), (0.49, 2)], ids="nu={0[0]}, degree {0[1]}".format)
+def problem(request):
+    """Two boxes of distorted cells."""
+    return boxes(*request.param)
 
 
 def lame(material):
@@ -36,7 +42,7 @@ def test_energy_norm_of_linear_fields(problem):
     assert abs(elasticity.energy_norm(position[:, 2:] * [1.0, 0.0, 0.0]) ** 2 / shear - 1) < 1e-12
 
 
-def test_change_norm_leaves_out_mean_volume_strains(problem):
+def test_change_norm_leaves_out_projected_volume_strains(problem):
     """Of a dilatation, the energy of the volume counts in compressible bodies only."""
     elasticity, upper, position, body = problem
     first, mu = lame(upper)
@@ -52,3 +58,43 @@ def test_energy_is_the_work_of_internal_forces(problem):
     elasticity.set_displacement(u)
     work = WORLD.allreduce(float((u * elasticity.internal_forces()).sum()))
     assert abs(elasticity.energy_norm(u) ** 2 / work - 1) < 1e-12
+
+
+def test_stiffness_gives_internal_forces(problem):
+    """The matrix times a displacement gives the forces that are integrated from its stress."""
+    elasticity, _, position, _ = problem
+    u = np.sin(3 * position + [0.0, 1.0, 2.0])
+    elasticity.set_displacement(u)
+    forces = elasticity.internal_forces()
+    matrix = elasticity.stiffness().mat
+    matrix.assemble()
+    x, y = matrix.createVecs()
+    x.array[:] = u.ravel()
+    matrix.mult(x, y)
+    everywhere(np.abs(y.array - forces.ravel()).max() < 1e-12 * y.norm(), "other forces")
+
+
+def test_projection_keeps_linear_volume_strains():
+    """At degree 2, on affine cells, the volume strain of a quadratic displacement is its divergence."""
+    elasticity, upper, position, body = boxes(0.49, 2, distortion=0.0)
+    first, mu = lame(upper)
+    x, y, z = np.where(body == 1, position.T, 0.0)
+    # div u = 2 (x + y + z) on 0 <= x, y, z <= 2: its square has the integral 4 (8 * 9 + 3 * 8 / 3) = 320.
+    quadratic = np.stack([x**2, y**2, z**2], axis=1)
+    shear = 2 * mu * 4 * 3 * 32 / 3
+    assert abs(elasticity.energy_norm(quadratic) ** 2 / (320 * first + shear) - 1) < 1e-12
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.4999])
+def test_pure_bending(poisson):
+    """At degree 2 a bent beam is exact at any Poisson's ratio, hanging nodes or not: only its ends have forces.
+
+    u = (x z, -nu y z, (nu (y^2 - z^2) - x^2) / 2) has the stress sigma_xx = E z alone.
+    """
+    elasticity, upper, position, body = boxes(poisson, 2, distortion=0.0)
+    x, y, z = np.where(body == 1, position.T, 0.0)
+    elasticity.set_displacement(np.stack([x * z, -poisson * y * z, (poisson * (y**2 - z**2) - x**2) / 2], axis=1))
+    forces = elasticity.internal_forces()
+    end = (body == 1) & (np.abs(x - 1) > 1 - 1e-9)
+    assert abs(WORLD.allreduce(float(forces[end & (x > 1), 0].sum())) / (upper.young * 4) - 1) < 1e-9
+    everywhere(np.abs(forces[~end]).max(initial=0) < 1e-10, "forces within the beam or on its free faces")

@@ -10,23 +10,23 @@ import numpy as np
 from dolfinx import fem
 
 
-def cell_matrices(form, unknowns):
-    """The matrices of the cells that a form integrates over, its functions discontinuous with blocks of 3.
+def cell_matrices(form, rows, columns):
+    """The matrices of the cells that a form integrates over, its functions discontinuous, scalar or in blocks of 3.
 
     Collective on the mesh's communicator.
 
     Args:
         form: dolfinx Form, bilinear.
-        unknowns: (n, k) int32, the dofmap of those cells.
+        rows, columns: (n, k) and (n, l) int32, the dofmaps of those cells.
 
     Returns:
-        (n,) int64, the cells in the order of their unknowns, as positions in `unknowns`, and their matrices:
-        (n, k, k, 3, 3) float64, the k nodes in the order of the element.
+        (n,) int64, the cells in the order of their rows, as positions in `rows`, and their matrices: (n, k, l, 3, 3)
+        float64, or (n, k, l) of scalars; the k and l nodes in the order of the element.
     """
     matrix = fem.create_matrix(form)
     fem.assemble_matrix(matrix, form)
-    k = unknowns.shape[1]
-    return np.argsort(unknowns[:, 0]), matrix.data.reshape(-1, k, k, 3, 3)
+    blocks = () if set(matrix.block_size) == {1} else tuple(matrix.block_size)
+    return np.argsort(rows[:, 0]), matrix.data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
 
 
 def cell_constraints(prolongation, cells):

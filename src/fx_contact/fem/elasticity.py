@@ -1,9 +1,13 @@
 """Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K.
 
-Nearly incompressible Q1 cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that
-need it each cell has the mean of its volume strain (B-bar: J. C. Nagtegaal, D. M. Parks, J. R. Rice, Comput. Methods
-Appl. Mech. Eng. 4(2), 1974; T. J. R. Hughes, Int. J. Numer. Methods Eng. 15(9), 1980), which keeps linear fields exact
-on distorted cells.
+Nearly incompressible cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that need
+it, it is projected in each cell on the polynomials q of degree p - 1, here in the cell's reference coordinates,
+
+    lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j,
+
+the energy of the pair Q_p / P_(p-1) discontinuous with the pressure eliminated (D. S. Malkus, T. J. R. Hughes, Comput.
+Methods Appl. Mech. Eng. 15(1), 1978).  At degree 1 that is the mean of each cell (B-bar: J. C. Nagtegaal, D. M. Parks,
+J. R. Rice, Comput. Methods Appl. Mech. Eng. 4(2), 1974).  Linear displacements stay exact on distorted cells.
 """
 
 import basix.ufl
@@ -12,14 +16,14 @@ import ufl
 from basix import CellType
 from dolfinx import fem
 from mpi4py import MPI
-from scipy.sparse import bsr_matrix, csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix
 
 from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.leaf_mesh import basix_order
-from fx_contact.linalg.matrix import add_blocks, create_matrix
+from fx_contact.linalg.matrix import create_matrix
 
-#: Poisson's ratio from which on the cells of a body have one volume strain each.
+#: Poisson's ratio from which on the volume strain of a body is projected.
 LOCKING_POISSON = 0.4
 #: Entries of the matrices of cells that are made at once: 64 MB.
 _CHUNK = 1 << 23
@@ -47,8 +51,8 @@ class Elasticity:
         cells: (ncells, (p+1)^3) int32, position in the Space of the nodes of each local cell.
         node_of_block: (nblocks,) int64, the same of each local block of `function_space`; several blocks may be a node.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
-        volume_strain: that of `u`, a UFL expression; the mean of each cell in nearly incompressible bodies [-].
-        has_mean: whether there are such bodies; the energy of a displacement then depends on the cells.
+        volume_strain: that of `u`, a UFL expression; projected in nearly incompressible bodies [-].
+        projects: whether there are such bodies; the energy of a displacement then depends on the cells.
     """
 
     def __init__(self, leaf_mesh, materials, body, prolongation, stages):
@@ -71,27 +75,40 @@ class Elasticity:
         cells = constant.dofmap.list[:, 0]
         self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
         self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
-        self._soft = np.flatnonzero(poisson >= LOCKING_POISSON)
-        self.has_mean = (materials[:, 1] >= LOCKING_POISSON).any()
-        if self.has_mean:
+        self._soft = poisson >= LOCKING_POISSON
+        self.projects = (materials[:, 1] >= LOCKING_POISSON).any()
+        if self.projects:
             self._pointwise = fem.Function(constant)
-            self._pointwise.x.array[cells] = poisson < LOCKING_POISSON
-            self._volume = fem.assemble_vector(self._compiled(ufl.TestFunction(constant))).array
-        self.u, self.volume_strain, self._mean_of_u = self._displacement("displacement")
-        self._v, self._volume_strain_of_v, self._mean_of_v = self._displacement("v")
+            self._pointwise.x.array[cells] = ~self._soft
+            self._volume_strains = fem.functionspace(mesh, ("DPC", prolongation.space.degree - 1))
+            self._inverse_mass = self._inverted_mass()
+        self.u, self.volume_strain, self._project_u = self._displacement("displacement")
+        self._v, self._volume_strain_of_v, self._project_v = self._displacement("v")
+
+    def _inverted_mass(self):
+        """M^-1 of each cell: (ncells, k, k)."""
+        q, test = ufl.TrialFunction(self._volume_strains), ufl.TestFunction(self._volume_strains)
+        unknowns = self._volume_strains.dofmap.list
+        order, mass = cell_matrices(self._compiled(q * test), unknowns, unknowns)
+        inverse = np.empty_like(mass)
+        inverse[order] = np.linalg.inv(mass)
+        return inverse
 
     def _displacement(self, name):
-        """A displacement Function, its volume strain in UFL, and a function that updates the means in that."""
+        """A displacement Function, its volume strain in UFL, and a function that projects that anew."""
         u = fem.Function(self.function_space, name=name)
-        if not self.has_mean:
+        if not self.projects:
             return u, ufl.div(u), lambda: None
-        mean = fem.Function(self._pointwise.function_space)
-        change = self._compiled(ufl.TestFunction(mean.function_space), ufl.div(u))
+        projected = fem.Function(self._volume_strains)
+        moments = self._compiled(ufl.TestFunction(self._volume_strains), ufl.div(u))
 
-        def update():
-            mean.x.array[:] = fem.assemble_vector(change).array / self._volume
+        def project():
+            of_cells = fem.assemble_vector(moments).array[self._volume_strains.dofmap.list]
+            projected.x.array[self._volume_strains.dofmap.list] = np.einsum(
+                "nij,nj->ni", self._inverse_mass, of_cells
+            )
 
-        return u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * mean, update
+        return u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * projected, project
 
     def on(self, prolongation):
         """The same bodies with displacements of another degree: Elasticity.  Collective.
@@ -142,7 +159,7 @@ class Elasticity:
     def set_displacement(self, conforming):
         """Set `u` at all nodes from the owned conforming values (owned, 3) [m].  Collective."""
         self._set(self.u, conforming)
-        self._mean_of_u()
+        self._project_u()
 
     def _set(self, function, conforming):
         function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
@@ -161,13 +178,13 @@ class Elasticity:
         if self._energy is None:
             self._energy = self._compiled(self._energy_of_v(self._volume_strain_of_v**2))
         self._set(self._v, conforming)
-        self._mean_of_v()
+        self._project_v()
         return self._root(self._energy)
 
     def change_norm(self, conforming):
         """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)]; `u` stays.
 
-        Collective.  Without that of the mean volume strains: the halves of a cell have other ones than the whole.
+        Collective.  Without that of projected volume strains: those of the children of a cell are not the cell's.
 
         Args:
             conforming: (owned, 3) float64 [m].
@@ -175,7 +192,7 @@ class Elasticity:
         Returns:
             float, the same on all ranks.
         """
-        if not self.has_mean:
+        if not self.projects:
             return self.energy_norm(conforming)
         self._set(self._v, conforming)
         return self._root(self._compiled(self._energy_of_v(self._pointwise * ufl.div(self._v) ** 2)))
@@ -213,17 +230,20 @@ class Elasticity:
         degree = self.prolongation.space.degree
         element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
         space = fem.functionspace(self.mesh, element)
+        # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
+        moments = fem.functionspace(self.mesh, ("DPC", degree - 1, (3,))) if self.projects else None
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
             for part in self._chunks(some):
-                order, matrices = cell_matrices(self._form(part, space), space.dofmap.list[part])
+                unknowns = space.dofmap.list[part]
+                order, matrices = cell_matrices(self._form(part, space), unknowns, unknowns)
                 part = part[order]
+                if self.projects:
+                    self._add_projected(matrices, part, space, moments)
                 nodes = self.prolongation.conforming[self.cells[part][:, self._order]]
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
                     matrices = constrained(matrices, weights)
                 add_cells(matrix.mat, matrices, number[nodes])
-        if self.has_mean:
-            self._add_mean_volume(matrix.mat, number)
         return matrix
 
     def _compiled(self, integrand, factor=1.0, cells=None):
@@ -234,40 +254,25 @@ class Elasticity:
             return compiled(self.prolongation.comm, factor * integrand * dx)
 
     def _form(self, cells, space):
-        """Stiffness of some cells, but for the mean volume strain."""
+        """Stiffness of some cells, but for projected volume strains."""
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.has_mean else None)
+        stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.projects else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
-    def _add_mean_volume(self, matrix, number):
-        """Add P^T D^T diag(lambda / V) D P, where D takes the volume change of cells that have one volume strain."""
-        # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
-        space = fem.functionspace(self.mesh, ("DG", 0, (3,)))
-        trial, test = ufl.TrialFunction(self.function_space), ufl.TestFunction(space)
-        terms = sum(test[i] * trial[i].dx(i) for i in range(3))
-        modulus = self.lame[0].x.array / self._volume
-        for part in self._chunks(self._soft):
-            change, rows, interpolation = self._product_parts(self._compiled(terms, cells=part))
-            change = kron(identity(len(rows)), np.ones((1, 3)), format="csr") @ (change @ interpolation).tocsr()
-            add_blocks(matrix, change.T @ diags(modulus[rows]) @ change, number)
+    def _add_projected(self, matrices, cells, space, moments):
+        """Add D^T (lambda M^-1) D to the matrices of cells whose volume strain is projected, with m = D u."""
+        soft = np.flatnonzero(self._soft[cells])
+        trial, test = ufl.TrialFunction(space), ufl.TestFunction(moments)
+        form = self._compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells=cells[soft])
+        order, d = cell_matrices(form, moments.dofmap.list[cells[soft]], space.dofmap.list[cells[soft]])
+        soft, (n, count, k, *_) = soft[order], d.shape
+        d = d.sum(axis=3).reshape(n, count, 3 * k)
+        first = self.lame[0].x.array[self._pointwise.function_space.dofmap.list[cells[soft]]]
+        product = d.transpose(0, 2, 1) @ (first[:, :, None] * self._inverse_mass[cells[soft]] @ d)
+        matrices[soft] += product.reshape(n, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
 
     def _chunks(self, cells):
         """Parts of this rank's cells, as many on all ranks."""
         size = _CHUNK // (3 * self.cells.shape[1]) ** 2
         parts = self.prolongation.comm.allreduce(-(-len(cells) // size), op=MPI.MAX)
         return (cells[part * size : (part + 1) * size] for part in range(parts))
-
-    def _product_parts(self, form):
-        """The rows of a local matrix that are not empty, which these are, and P to its columns: scipy BSR, int, BSR."""
-        local = fem.create_matrix(form)
-        fem.assemble_matrix(local, form)
-        # The columns are this rank's blocks, then those that other ranks' rows brought along, here without values.
-        columns = local.index_map(1).size_local + local.index_map(1).num_ghosts
-        rows = np.flatnonzero(np.diff(local.indptr))
-        matrix = bsr_matrix(
-            (local.data.reshape(-1, 3, 3), local.indices, np.append(local.indptr[rows], len(local.indices))),
-            shape=(3 * len(rows), 3 * columns),
-        )
-        interpolation = self.prolongation.matrix[self.node_of_block]
-        interpolation.resize(columns, interpolation.shape[1])
-        return matrix, rows, kron(interpolation, identity(3), format="bsr")
