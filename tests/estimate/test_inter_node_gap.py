@@ -156,7 +156,7 @@ def test_contact_around_the_edge_from_closed_pairs_of_others():
 def test_overlaps_count_though_nothing_presses():
     """Around a closed pair that hardly presses, what it would take to press an overlap away is enough."""
     *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
-    idle = replace(step.solution, force=0.0 * step.solution.force)
+    idle = replace(step.solution, force=0.0 * step.solution.force, pressure=0.0 * step.solution.pressure)
     step = replace(step, solution=idle)
     named = inter_node_penetration(step, 0.3, *of_patches(step))
     assert step.record.active_pairs > 0 and WORLD.allreduce(int(named.sum())) > 0

@@ -25,7 +25,7 @@ class ContactState:
     Attributes:
         points: (n, 3) float64, undeformed positions on the first surface [m].
         normal: (n, 3) float64, unit direction from the first body to the second.
-        pressure: (n,) float64, force over tributary area [Pa].
+        pressure: (n,) float64, at degree 1 force over tributary area, as from `nodal_pressure` [Pa].
         force: (n,) float64, compression positive [N]; of the modelled part, without its symmetric copies.
         gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they overlap [m].
         active: (n,) bool, whether the pair is closed.
@@ -147,7 +147,7 @@ class Step:
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,
-            pressure=solution.force / pairs.area,
+            pressure=solution.pressure,
             force=solution.force,
             gap=-solution.penetration,
             active=solution.active,

@@ -219,7 +219,7 @@ def _contact_results(scene, pairs, contact, comm):
     total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
     of_pair = np.bincount(pairs.contact, weights=force, minlength=len(scene.contact)).astype(float)
     comm.Allreduce(MPI.IN_PLACE, of_pair)
-    pressure = comm.allreduce(float((contact.force / pairs.area).max(initial=0.0)), op=MPI.MAX)
+    pressure = comm.allreduce(float(contact.pressure.max(initial=0.0)), op=MPI.MAX)
     return {
         "active_pairs": int(active),
         "force": float(total * scene.symmetry),

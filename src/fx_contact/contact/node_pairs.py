@@ -98,7 +98,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     here, there = positions_across(forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
     cell = forest.pairing.partner[forest.cell[leaf], face, 0]
 
-    (area, outward), (_, inward) = (_facet_shares(space, nodes, face) for nodes in (here, there))  # in the same order
+    (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))  # in the same order
     size = np.sqrt(area.sum(axis=1))
     bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
     modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
@@ -162,8 +162,10 @@ def positions_across(forest, leaf, face, points):
     return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, cell, opposite)
 
 
-def _facet_shares(space, nodes, face):
+def facet_shares(space, nodes, face):
     """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
+
+    Local.
 
     Args:
         space: Space.

@@ -153,7 +153,7 @@ def _at_nodes(pairs, solution, index):
     said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 8))
     modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(solution.displacement)
     jump = u[pairs.first] - u[pairs.second]
-    columns = solution.force / pairs.area, modulus, *jump.T, *pairs.normal.T
+    columns = solution.pressure, modulus, *jump.T, *pairs.normal.T
     said[pairs.first[ours]] = np.stack(columns, axis=1)[ours]
     return prolongation.prolong(prolongation.summed(said))
 
