@@ -22,18 +22,21 @@ from studies.stability.shapes import bump, in_two, ring, waves
 pytestmark = pytest.mark.whole_run
 
 HIDDEN = {"cells": 5, "displacement": 0.003}
-"""A bump whose pole is in the middle of a root facet, all of whose nodes stay apart."""
+"""A bump whose pole is in the middle of a root facet, all of whose nodes of degree 1 stay apart."""
+QUARTER = {"cells": 3, "pole": 1 / 6, "displacement": 0.006}
+"""One whose pole is a quarter of a root facet from its middle, all of whose nodes of degree 2 stay apart."""
 
 
-def test_a_pole_between_nodes():
+@pytest.mark.parametrize("degree, hidden", [(1, HIDDEN), (2, QUARTER)])
+def test_a_pole_between_nodes(degree, hidden):
     """No node is in contact at first; the facet that overlaps is named and refined, and the run goes on."""
-    first, *_, last = (step.record for step in adapt(bump(**HIDDEN), 0.3))
+    first, *_, last = (step.record for step in adapt(bump(**hidden), 0.3, degree=degree))
     assert first.force == first.ratio == 0 and not first.reached
     assert first.unseen_contact > 0 and last.unseen_contact == 0
-    alone = [step.record for step in adapt(bump(**HIDDEN), 0.3, MPI.COMM_SELF)][-1]
+    alone = [step.record for step in adapt(bump(**hidden), 0.3, MPI.COMM_SELF, degree=degree)][-1]
     assert last.reached and last.force > 0 and abs(last.force / alone.force - 1) < 1e-7
     # Seen or not at first, the contact is the same: with a node at the pole.
-    *_, seen = adapt(bump(**(HIDDEN | {"cells": 6})), 0.3)
+    *_, seen = adapt(bump(**(hidden | {"cells": 6})), 0.3, degree=degree)
     assert abs(last.force / seen.record.force - 1) < 2 * 0.3**2
 
 
@@ -343,9 +346,9 @@ def test_simpson(count):
     assert abs(x**4 @ rule - 1 / 5) > 1e-6
 
 
-def test_energy_between_nodes():
-    """Of a facet that bulges by b beyond its nodes, by Simpson's rule: A (p b + E*/h (b - g)^2) 4/9, g their gap."""
-    boxes, bulge, size = Boxes(2), 0.01, 2.0
+def facet(bulge, size):
+    """A Forest of two cells, of order 2, the upper one bulging by so much, and their contact facet: leaf, face."""
+    boxes = Boxes(2)
     boxes.add("base", (0.0, 0.0, -1.0), (size, size, 0.0), (1, 1, 1))
     boxes.add("bump", (0.0, 0.0, 0.0), (size, size, 1.0), (1, 1, 1))
 
@@ -359,9 +362,29 @@ def test_energy_between_nodes():
     materials = dict.fromkeys(("base", "bump"), Material(1.0, 0.3))
     pair = ContactPair("up", "down", direction=(0, 0, 1))
     forest = roots(Scene("bulge", boxes.mesh(surfaces, place=place), materials, held, (pair,)), MPI.COMM_SELF)
-    leaf, face = (rows[:1] for rows in forest.contact_faces())
+    leaf, face = forest.contact_faces()
+    return forest, leaf[:1], face[:1]
+
+
+def test_energy_between_nodes():
+    """Of a facet that bulges by b beyond its nodes, by Simpson's rule: A (p b + E*/h (b - g)^2) 4/9, g their gap."""
+    bulge, size = 0.01, 2.0
+    forest, *leaf_face = facet(bulge, size)
     for pressure, modulus, gap in ((3.0, 0.0, 0.0), (0.0, 7.0, 0.0), (3.0, 7.0, 0.6 * bulge), (3.0, 7.0, -bulge)):
         nodal = np.tile([pressure, modulus, 0.0, 0.0, -gap, 0.0, 0.0, 1.0], (1, 4, 1))
         # Of nodes that penetrate, that penetration does not count.
         expected = size**2 * (pressure * bulge + modulus / size * (bulge - max(gap, 0.0)) ** 2) * 4 / 9
-        assert abs(_Facets(Space(forest, 1), leaf, face, nodal).energy()[0] / expected - 1) < 1e-6
+        assert abs(_Facets(Space(forest, 1), *leaf_face, nodal).energy()[0] / expected - 1) < 1e-6
+
+
+def test_facets_of_degree_2():
+    """Of the gaps 0, 0, g along x the parabola penetrates by g/8 between the first two nodes: A E*/h (g/8)^2 / 3."""
+    gap, modulus, size = 0.01, 7.0, 2.0
+    forest, *leaf_face = facet(0.0, size)
+    nodal = np.tile([3.0, modulus, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (1, 9, 1))
+    nodal[0, 2::3, 4] = -gap
+    facets = _Facets(Space(forest, 2), *leaf_face, nodal)
+    assert abs(facets.energy()[0] / (size * modulus * (gap / 8) ** 2 / 3) - 1) < 1e-5 and facets.penetrate()
+    nodal[0, 1::3, 4] = -gap / 4
+    facets = _Facets(Space(forest, 2), *leaf_face, nodal)
+    assert facets.energy()[0] == 0 and not facets.penetrate()

@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_contact.contact.node_pairs import facet_shares, facets_of, positions_across
 
-#: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs, the error of
+#: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs.  Error of
 #: the largest pressure: force over area +1.33, +0.32, +0.083 %; here, with any limit from 0.02 to 0.4 or none, +0.51,
 #: +0.10, +0.026 %; p + D^-1 (f - M p) with the matrix of all facets +1.02, +0.23, +0.061 %; means of facets -4.0, -1.0,
 #: -0.25 %.  In the L2 norm, most of it at the rim: force over area 3.54, 2.14, 0.86 %; here 3.44, 2.10, 0.85 %; without

@@ -1,0 +1,86 @@
+"""The pressure at the nodes, from the forces of rows."""
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import grown, pressed, roots, side_by_side, two_boxes
+from mpi4py import MPI
+
+from fx_contact import Enforcement
+from fx_contact.contact.node_pairs import create_node_pairs, facets_of, positions_across
+from fx_contact.contact.pressure import nodal_pressure
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+
+SIZE = 0.5
+"""Of the facets, squares, where nothing is refined at random [m]."""
+
+
+def pairs_of(scene, degree, rounds=0):
+    """NodePairs of a scene whose root cells are halved, and then so many times refined at random."""
+    forest = roots(scene)
+    forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
+    prolongation = Prolongation(Space(grown(forest, rounds), degree))
+    return create_node_pairs(scene, prolongation.space.forest, prolongation, Enforcement())
+
+
+def forces(pairs, pressure):
+    """Integrals of pressure(x, y) times the functions of the pairs' nodes, where no node hangs: (n,) float64 [N]."""
+    prolongation, space = pairs.prolongation, pairs.prolongation.space
+    weights, value, _, _ = space.facet_rule
+    result = np.zeros(len(pairs))
+    for index in range(int(space.forest.pairing.pair.max()) + 1):
+        leaf, face = facets_of(index, space.forest)
+        here, _ = positions_across(space.forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
+        x, y, _ = np.moveaxis(value @ here, 2, 0)
+        sums, ours = np.zeros((len(space), 1)), pairs.contact == index
+        np.add.at(sums[:, 0], space.on_faces(leaf, face), (SIZE**2 * weights * pressure(x, y)) @ value)
+        result[ours] = prolongation.ghosted(prolongation.restrict(sums))[pairs.first[ours], 0]
+    return result
+
+
+@pytest.mark.parametrize("scene", [pressed(two_boxes()), side_by_side()], ids=["one pair", "two pairs"])
+def test_quadratic_pressure(scene):
+    """It is exact; force over area is off by -h^2 p''/20 at vertices and by h^2 p''/40 at middles."""
+
+    def pressure(x, y):
+        return 1 + 0.3 * x * (2 - x) + 0.1 * x * y
+
+    pairs = pairs_of(scene, 2)
+    force, exact = forces(pairs, pressure), pressure(*pairs.position.T[:2])
+    middle = np.abs(pairs.position[:, 0] / SIZE % 1 - 0.5) < 1e-9
+    off = -0.6 * SIZE**2 * np.where(middle, 1 / 40, -1 / 20)
+    everywhere(np.abs(force / pairs.area - exact - off).max(initial=0.0) < 1e-12, "off by something else")
+    everywhere(np.abs(nodal_pressure(pairs, force) - exact).max(initial=0.0) < 1e-12, "not exact")
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_uniform_pressure(degree):
+    """It stays, on facets of several sizes too; their nodes have positive areas, that of the surface together."""
+    pairs = pairs_of(pressed(two_boxes()), degree, rounds=2)
+    prolongation = pairs.prolongation
+    leaf, face = facets_of(0, prolongation.space.forest)
+    hanging = prolongation.hanging[prolongation.space.on_faces(leaf, face)].any()
+    assert WORLD.allreduce(int(hanging)), "no contact facet has a hanging node"
+    assert abs(WORLD.allreduce(float(pairs.area.sum())) - 4) < 1e-12
+    everywhere((pairs.area > 0).all(), "an area that is not positive")
+    everywhere(np.abs(nodal_pressure(pairs, 3 * pairs.area) - 3).max(initial=0.0) < 1e-12, "not uniform")
+
+
+def test_degree_1():
+    """The pressure is force over area, whatever the force."""
+    pairs = pairs_of(pressed(two_boxes()), 1, rounds=2)
+    force = np.sin(1e3 * pairs.position[:, 0])
+    everywhere(np.array_equal(nodal_pressure(pairs, force), force / pairs.area), "another pressure")
+
+
+def test_where_the_pressure_is_not_smooth():
+    """No pressure changes by more than a tenth, and none on facets with an open node."""
+    pairs = pairs_of(pressed(two_boxes()), 2)
+    x, y, _ = pairs.position.T
+    raw = 2 + np.sin(1e3 * x + 1e4 * y)
+    change = np.abs(nodal_pressure(pairs, raw * pairs.area) / raw - 1)
+    everywhere(change.max(initial=0.0) < 0.1 * (1 + 1e-12), "too large a change")
+    assert WORLD.allreduce(float(change.max(initial=0.0)), MPI.MAX) > 0.05
+    raw = np.where(np.minimum(x % SIZE, y % SIZE) < 1e-9, 0.0, raw)  # the middles of facets alone
+    everywhere(np.array_equal(nodal_pressure(pairs, raw * pairs.area), raw * pairs.area / pairs.area), "a change")
