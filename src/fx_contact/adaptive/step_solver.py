@@ -23,7 +23,7 @@ from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.external_forces import load
+from fx_contact.fem.external_forces import body_force, load
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -149,7 +149,8 @@ def _judge(settings, start, discrete, solution, system, stages):
     pairs, history, comm = problem.rows, start.history, forest.comm
     change = elasticity.change_norm(solution.displacement - start.displacement) if control.of_contact else None
     elasticity.set_displacement(solution.displacement)
-    recovery = Recovery(elasticity, shear_free_components(scene, forest, start.prolongation), stages)
+    shear_free = shear_free_components(scene, forest, start.prolongation)
+    recovery = Recovery(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)
     _check_solver(solution, estimate, tolerance)

@@ -85,7 +85,7 @@ class Goals:
         with self._stages("solve"):
             z = self._system.dual(penetration, force)
         elasticity.set_displacement(z)
-        estimate = self._recovery.estimate()
+        estimate = self._recovery.estimate(loaded=False)
         elasticity.set_displacement(self._state.solution.displacement)
         return z, estimate
 

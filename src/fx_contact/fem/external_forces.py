@@ -6,6 +6,7 @@ compile.
 """
 
 import numpy as np
+from dolfinx import fem
 
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.mpi import together
@@ -44,6 +45,35 @@ def load(scene, forest, elasticity):
                 leaves = np.flatnonzero(forest.mesh.body[forest.cell] == body)
                 _add(forces, space, leaves, order, force.at)
     return elasticity.prolongation.restrict(forces)
+
+
+def body_force(scene, elasticity):
+    """Density of the body forces of a scene, interpolated at the nodes.
+
+    Collective on the mesh's communicator.
+
+    Args:
+        scene: Scene.
+        elasticity: Elasticity.
+
+    Returns:
+        dolfinx Function of three components [N/m^3]; None: there are no body forces.
+
+    Raises:
+        SceneError: a force that is a function fails or is not finite somewhere.
+    """
+    if not scene.body_forces:
+        return None
+    space = elasticity.prolongation.space
+    mesh, density = space.forest.mesh, np.zeros((len(space), 3))
+    body = mesh.body[space.forest.cell[space.example[:, 0]]]
+    with together(space.forest.comm):
+        for force in scene.body_forces:
+            on = body == mesh.bodies.index(force.body)
+            density[on] += force.at(space.positions(on))
+    function = fem.Function(elasticity.nodal_space(3))
+    function.x.array[:] = elasticity.at_blocks(density)
+    return function
 
 
 def _add(forces, space, leaves, order, density, face=None):
