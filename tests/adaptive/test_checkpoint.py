@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from uuid import uuid4
 
@@ -58,8 +59,14 @@ def folder(tmp_path):
 @pytest.fixture(scope="module")
 def through(scene):
     """A run that nothing stops: the leaves and the force of each step."""
-    result = [summary(step) for step in adapt(scene, 0.16)]
-    assert len(result) >= 4 and len(result[-1][0]) > 2 * len(result[1][0])
+    return uninterrupted(scene, 1)
+
+
+@cache
+def uninterrupted(scene, degree):
+    """The same, with displacements of a degree."""
+    result = [summary(step) for step in adapt(scene, 0.16, degree=degree)]
+    assert len(result) >= 3 and len(result[-1][0]) > 2 * len(result[0][0])
     return result
 
 
@@ -86,11 +93,13 @@ def by_leaf(forest, *columns):
     "writers, readers",
     [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
 )
-def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
+@pytest.mark.parametrize("degree", [1, 2])
+def test_goes_on_as_if_not_stopped(scene, folder, writers, readers, degree):
     """The steps after a restart have the leaves and the forces, to 1e-7, of a run that nothing stopped."""
+    through = uninterrupted(scene, degree)
     with some(writers) as comm:
         if comm:
-            *_, stopped = adapt(scene, 0.16, comm, max_steps=2, checkpoint=folder)
+            *_, stopped = adapt(scene, 0.16, comm, degree=degree, max_steps=2, checkpoint=folder)
             assert stopped.record.step == 1
     with some(readers) as comm:
         if comm:
@@ -98,7 +107,7 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
             assert [r.step for r in before.records] == [0, 1] and before.records[0].ranks == writers
             after = [
                 (step.record.step, summary(step))
-                for step in adapt(scene, 0.16, comm, checkpoint=folder, restart=before)
+                for step in adapt(scene, 0.16, comm, degree=degree, checkpoint=folder, restart=before)
             ]
             assert [number for number, _ in after] == list(range(2, len(through)))
             for number, (cells, force) in after:
@@ -107,11 +116,12 @@ def test_goes_on_as_if_not_stopped(scene, folder, through, writers, readers):
             assert len(Checkpoint(folder, scene, comm).records) == len(through)
 
 
-def test_holds_what_the_step_had(scene, folder):
+@pytest.mark.parametrize("degree, steps", [(1, 4), (2, 2)])
+def test_holds_what_the_step_had(scene, folder, degree, steps):
     """Leaves, displacements and indicators come back as they were, in another distribution."""
-    *_, before, step = adapt(scene, 0.16, max_steps=4, checkpoint=folder)
+    *_, before, step = adapt(scene, 0.16, degree=degree, max_steps=steps, checkpoint=folder)
     assert step.record.hanging_nodes > 50
-    values = step.elasticity.prolongation.prolong(step.solution.displacement)[step.forest.vertices.cells]
+    values = step.nodal_displacement
     indicator = np.empty(len(step.forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
 

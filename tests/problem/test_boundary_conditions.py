@@ -11,7 +11,7 @@ from fx_contact import BodyForce, Dirichlet, Pressure, Scene, SymmetryPlane, Tra
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
-from fx_contact.fem.leaf_mesh import create_leaf_mesh
+from fx_contact.fem.leaf_mesh import create_leaf_mesh, leaf_positions
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
@@ -44,10 +44,10 @@ def scene_of(mesh, held=(SymmetryPlane("upper z low"),), **loads):
     return Scene("one body", mesh, {"upper": STEEL}, held, **loads)
 
 
-def total(scene, levels=2, distribution=DISTRIBUTIONS["strewn"]):
-    """Sum of the generalised forces over a refined forest with hanging vertices: (3,)."""
-    forest = distribution(grown(roots(scene), levels))
-    prolongation = Prolongation(Space(forest, 1))
+def total(scene, degree=1):
+    """Sum of the generalised forces over a refined forest with hanging nodes: (3,)."""
+    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 2))
+    prolongation = Prolongation(Space(forest, degree))
     assert prolongation.hanging_global > 0
     mesh = create_leaf_mesh(forest, scene.mesh.order)
     kinds = np.array([[m.young, m.poisson] for m in scene.materials.values()])
@@ -55,11 +55,11 @@ def total(scene, levels=2, distribution=DISTRIBUTIONS["strewn"]):
     return WORLD.allreduce(load(scene, forest, elasticity).sum(axis=0))
 
 
-@pytest.mark.parametrize("order", [3, 4])
-def test_pressure_on_a_sphere(order):
+@pytest.mark.parametrize("order, degree", [(3, 1), (4, 1), (3, 2)])
+def test_pressure_on_a_sphere(order, degree):
     """The cap of a punch is pushed up by p times its projected area, whatever its shape; likewise along x and y."""
     scene = punch(radius=1.0, side=1.0, order=order, coarse=2)
-    force = total(replace(scene, tractions=(Pressure("base", 3.0),)))
+    force = total(replace(scene, tractions=(Pressure("base", 3.0),)), degree)
     assert abs(force[2] / (3.0 * 0.25) - 1) < 1e-12
     # The side x = 0 of the cap lies under z = 1 - sqrt(1 - y^2), the side x = 1/2 higher: their difference is pushed.
     y, w = np.polynomial.legendre.leggauss(40)
@@ -115,6 +115,30 @@ def test_displacement_as_a_function():
     exact = vertex_positions(step.forest)[step.forest.vertices.cells] @ gradient.T
     assert step.record.hanging_nodes > 0 and step.record.estimate < 1e-6
     everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-9, "not linear")
+
+
+def test_quadratic_displacement():
+    """At degree 2 it is exact on affine cells, from what is prescribed all around and a uniform body force."""
+    random = np.random.default_rng(3)
+    curvature = 1e-3 * random.uniform(-1, 1, (3, 3, 3))  # u_i = x A_i x
+    curvature += curvature.transpose(0, 2, 1)
+
+    def u(x):
+        return np.einsum("ijk,j...,k...->i...", curvature, x, x)
+
+    lame = STEEL.young * STEEL.poisson / ((1 + STEEL.poisson) * (1 - 2 * STEEL.poisson))
+    shear = STEEL.young / (2 * (1 + STEEL.poisson))
+    traces = np.einsum("iij->j", curvature), np.einsum("ijj->i", curvature)
+    weight = -2 * ((lame + shear) * traces[0] + shear * traces[1])
+    held = tuple(Dirichlet(side, *(lambda x, i=i: u(x)[i] for i in range(3))) for side in SIDES)
+    loads = (BodyForce("upper", lambda x: np.tile(weight[:, None], len(x[0]))),)
+    scene = Scene("bent", box(distortion=0.0), {"upper": STEEL}, held, body_forces=loads)
+    forest = grown(roots(scene), 2)
+    beginning = Beginning(forest, np.zeros((len(forest), 8, 3)))
+    (step,) = adapt(scene, 0.1, degree=2, max_steps=1, beginning=beginning)
+    exact = np.moveaxis(u(np.moveaxis(leaf_positions(step.forest, slice(None), 2), 2, 0)), 0, 2)
+    assert step.record.hanging_nodes > 0
+    everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-7 * np.abs(exact).max(), "not quadratic")
 
 
 def test_symmetry_plane_is_a_condition():

@@ -8,8 +8,8 @@ from conftest import everywhere
 
 from fx_contact import Dirichlet, Enforcement, Material, adapt
 from fx_contact.adaptive.beginning import Beginning
+from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.lattice import SIDE
 from fx_contact.results.accuracy import contact_errors, energy_distance
 from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.overrefined_solution import true_error
@@ -63,34 +63,34 @@ def test_true_error_sees_the_geometry():
 
 
 @pytest.mark.slow
-def test_distance_to_itself_and_to_a_finer_solution():
+@pytest.mark.parametrize("degree, tolerance", [(1, 0.3), (2, 0.15)])
+def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
     """On the same leaves the solution is found again; a finer one is about as far away as was estimated."""
-    *_, step = adapt(indentation(coarse=2), 0.3)
+    *_, step = adapt(indentation(coarse=2), tolerance, degree=degree)
     none = np.zeros(len(step.forest), dtype=bool)
-    (again,) = adapt(step.scene, 0.9, beginning=Beginning.after(step, none), max_steps=1)
+    (again,) = adapt(step.scene, 0.9, degree=degree, beginning=Beginning.after(step, none), max_steps=1)
     assert energy_distance(again, again.along) < 1e-7
-    finer = true_error(step, 0.1)
+    finer = true_error(step, tolerance / 3)
     assert finer.fine_dofs > 3 * step.record.dofs
     assert 0.5 < step.record.estimate / finer.relative < 1.2
     with pytest.raises(SceneError, match="same root cells"):
         true_error(step, 0.1, indentation(coarse=4))
 
 
-def test_fields_go_along():
-    """A linear field carried through refinements and partitions is still that field."""
+@pytest.mark.parametrize("given, degree", [(1, 1), (2, 2), (1, 2), (2, 1)])
+def test_fields_go_along(given, degree):
+    """A polynomial carried through refinements and partitions is still that one, from values of either degree."""
+
+    def field(forest, nodes):
+        """A function at the nodes of leaves: (n, (nodes+1)^3, 1)."""
+        return (leaf_positions(forest, slice(None), nodes) @ [[1.0], [2.0], [-3.0]]) ** min(given, degree)
+
     scene = hertz(order=1, coarse=2)
-    begin = Beginning.uniform(scene, 1)
-    at = _positions(begin.forest)
-    begin = Beginning(begin.forest, np.concatenate([np.zeros_like(at), at @ [[1.0], [2.0], [-3.0]]], axis=2))
-    steps = list(adapt(scene, 0.2, beginning=begin, max_steps=3))
+    forest = Beginning.uniform(scene, 1).forest
+    values = np.concatenate([np.zeros((len(forest), (given + 1) ** 3, 3)), field(forest, given)], axis=2)
+    steps = list(adapt(scene, 0.2 / degree**2, degree=degree, beginning=Beginning(forest, values), max_steps=3))
     assert steps[-1].record.cells > 1.2 * steps[0].record.cells > 0
-    everywhere(np.abs(steps[-1].along - _positions(steps[-1].forest) @ [[1.0], [2.0], [-3.0]]).max() < 1e-12, "lost")
-
-
-def _positions(forest):
-    """Corners of leaves: (n, 8, 3)."""
-    points = forest.corners.reshape(-1, 3)[:, :, None] / SIDE
-    return forest.mesh.evaluate(np.repeat(forest.cell, 8), points).reshape(-1, 8, 3)
+    everywhere(np.abs(steps[-1].along - field(steps[-1].forest, degree)).max() < 1e-12, "lost")
 
 
 def test_a_mesh_without_free_vertices_is_not_taken_for_right():
@@ -168,7 +168,9 @@ def test_patch():
     """Blocks of unlike materials transmit the uniform pressure exactly, whatever hangs in the contact surface."""
     scene = stack((Material(1.0, 0.3), Material(3.0, 0.2)), 0.01)
     forest = Beginning.uniform(scene, 0).forest
-    near = (np.linalg.norm(_positions(forest).mean(axis=1) - [0, 0, 1], axis=1) < 0.4).astype(bool)
+    near = (np.linalg.norm(leaf_positions(forest, slice(None), 1).mean(axis=1) - [0, 0, 1], axis=1) < 0.4).astype(
+        bool
+    )
     forest, _ = forest.refined(near)
     begin = Beginning(forest, np.zeros((len(forest), 8, 3)))
     (step,) = adapt(scene, 0.1, beginning=begin, max_steps=1)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import WORLD, outside
 
-from fx_contact import BodyForce, Material, adapt
+from fx_contact import BodyForce, Material, adapt, solve
 from fx_contact.parallel.errors import GeometryError, SceneError, SolveError
 from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
-from fx_contact.scenes import cylinders, hertz, patch, punch, shrink_fit, spheres, stack
+from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 from studies.stability.twins import scaled, swapped, turned
 
 pytestmark = pytest.mark.whole_run
@@ -119,6 +119,29 @@ def test_patch():
     record = last(patch())
     exact = 0.01 / (1 + 1 / 3)
     assert abs(record.force / exact - 1) < 1e-7 and abs(record.max_pressure / exact - 1) < 1e-6
+
+
+#: Each ready scene, coarse.
+READY = {
+    "hertz": lambda: hertz(order=3, coarse=2),
+    "punch": punch,
+    "spheres": spheres,
+    "cylinders": cylinders,
+    "rings": shrink_fit,
+    "indentation": lambda: indentation(coarse=2),
+    "patch": patch,
+    "stack": stack,
+}
+
+
+@pytest.mark.parametrize("name", READY)
+def test_both_degrees(name):
+    """Displacements of degree 1 and 2 give one force, up to twice what the square of their errors allows."""
+    steps = [solve(READY[name](), tolerance, degree=degree) for degree, tolerance in ((1, 0.2), (2, 0.12))]
+    records = [step.record for step in steps]
+    assert all(r.reached and r.active_pairs and r.krylov_iterations[-1] <= 25 for r in records)
+    allowed = 2 * sum((r.estimate / min(r.assumed_effectivity, 1)) ** 2 for r in records) + 1e-7
+    assert abs(records[0].force / records[1].force - 1) < allowed
 
 
 @pytest.mark.slow
