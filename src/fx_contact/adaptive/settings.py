@@ -75,6 +75,11 @@ class Settings:
         if isinstance(degree, bool) or not isinstance(degree, Integral) or degree not in (1, 2):
             raise SceneError(f"the degree of displacements must be 1 or 2, got {shown(degree)}")
         object.__setattr__(self, "degree", int(degree))
+        if self.solver.preconditioner == "p-multigrid" and degree == 1:
+            raise SceneError(
+                "the preconditioner 'p-multigrid' solves on degree 1 below displacements of degree 2: at degree 1 take "
+                "'boomeramg', the default"
+            )
         if order is None:
             return
         if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:

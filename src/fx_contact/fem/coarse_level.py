@@ -33,21 +33,20 @@ def create_coarse_level(elasticity, prescribed):
     own = np.flatnonzero((coarse.conforming >= 0) & (coarse.conforming < coarse.owned))
     place = np.empty(coarse.owned, dtype=np.int64)
     place[coarse.conforming[own]] = fine.find(coarse.space.keys[own])
-    free = np.isnan(prescribed)
-    coarse_free = fine.ghosted(free.astype(float))[place] > 0
+    free = fine.ghosted(np.isnan(prescribed).astype(float))[place] > 0
 
     matrix = elasticity.on(coarse).stiffness().mat
     matrix.assemble()
     diagonal = matrix.getDiagonal()
-    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~coarse_free.ravel()).astype(PETSc.IntType)
+    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~free.ravel()).astype(PETSc.IntType)
     matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)
-    return CoarseLevel(fine.comm, matrix, _interpolation(fine, coarse, free, coarse_free))
+    return CoarseLevel(fine.comm, matrix, _interpolation(fine, coarse, free))
 
 
-def _interpolation(fine, coarse, free, coarse_free):
-    """I from the coarse unknowns that are free to the fine ones: PETSc AIJ."""
+def _interpolation(fine, coarse, free):
+    """I from the coarse unknowns, those that are not free left out: PETSc AIJ."""
     own = np.flatnonzero((fine.conforming >= 0) & (fine.conforming < fine.owned))
     example = np.empty((fine.owned, 2), dtype=np.int64)
     example[fine.conforming[own]] = fine.space.example[own]
@@ -58,7 +57,7 @@ def _interpolation(fine, coarse, free, coarse_free):
         (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
     )
     values.eliminate_zeros()
-    mask = coarse.ghosted(coarse_free.astype(float)).ravel()
-    matrix = diags(free.astype(float).ravel()) @ kron(values @ coarse.matrix, identity(3), format="csr") @ diags(mask)
+    mask = coarse.ghosted(free.astype(float)).ravel()
+    matrix = kron(values @ coarse.matrix, identity(3), format="csr") @ diags(mask)
     matrix.eliminate_zeros()
     return distributed(fine.comm, matrix, coarse.index_map)

@@ -106,7 +106,7 @@ class KrylovSolver:
         self.pc.setReusePreconditioner(False)
         self._ksp.setPC(self.pc)
         self._ksp.setOperators(operator, matrix)
-        if self.pc.getType() == PETSc.PC.Type.MG:
+        if self.pc.getType() == PETSc.PC.Type.MG and coarse is not None:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
         with self._options.there(), self._errors_on_all_ranks():
