@@ -19,6 +19,7 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import FxContactError, PartitionError, SceneError, SolveError
+from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, shown
@@ -264,6 +265,7 @@ class Run:
 
     def _solve(self, stages):
         """Distribute the forest anew, solve on it, and keep the step."""
+        give_back()
         with stages("partition"):
             if self._values is not None:
                 self._forest, self._values = repartition(self._forest, self._values, self._kind)

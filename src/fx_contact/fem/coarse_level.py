@@ -42,7 +42,7 @@ def create_coarse_level(elasticity, prescribed):
     matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)
-    return CoarseLevel(fine.comm, matrix, _interpolation(fine, coarse, free))
+    return CoarseLevel(matrix, _interpolation(fine, coarse, free))
 
 
 def _interpolation(fine, coarse, free):

@@ -22,11 +22,12 @@ from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matri
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.leaf_mesh import basix_order
 from fx_contact.linalg.matrix import create_matrix
+from fx_contact.parallel.memory import give_back
 
 #: Poisson's ratio from which on the volume strain of a body is projected.
 LOCKING_POISSON = 0.4
-#: Entries of the matrices of cells that are made at once: 64 MB.
-_CHUNK = 1 << 23
+#: Entries of the matrices of cells that are made at once: 32 MB, and as much three times more on hanging nodes.
+_CHUNK = 1 << 22
 
 
 class Elasticity:
@@ -244,6 +245,7 @@ class Elasticity:
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
                     matrices = constrained(matrices, weights)
                 add_cells(matrix.mat, matrices, number[nodes])
+        give_back()
         return matrix
 
     def _compiled(self, integrand, factor=1.0, cells=None):

@@ -1,5 +1,8 @@
 """The coarse level of p-multigrid: its matrix, with the springs of closed contact, and the interpolation from it."""
 
+import numpy as np
+from petsc4py import PETSc
+
 
 class CoarseLevel:
     """A coarse matrix K_c and the interpolation I from its unknowns; with springs K_c + (B I)^T k B I.
@@ -7,51 +10,55 @@ class CoarseLevel:
     Collective.
 
     Args:
-        comm: MPI communicator of the run.
-        matrix: PETSc AIJ matrix K_c, without springs.
+        matrix: PETSc AIJ matrix K_c, without springs; changed when these do.
         interpolation: PETSc AIJ matrix I, fine unknowns by coarse ones.
 
     Attributes:
-        interpolation: as given.
-        matrix: PETSc Mat with the present springs.
+        matrix, interpolation: as given.
     """
 
-    def __init__(self, comm, matrix, interpolation):
-        self.comm, self._bare, self.interpolation = comm, matrix, interpolation
-        self.matrix, self._rows = matrix, None
+    def __init__(self, matrix, interpolation):
+        self.matrix, self.interpolation = matrix, interpolation
+        self._rows = self._stiffness = None
 
     def couple(self, rows):
-        """Let springs act across some rows from now on; at first they have none.
+        """Make room for springs across some rows; at first they are 0.
 
         Args:
             rows: PETSc AIJ matrix B, rows by fine unknowns; it is used up.
         """
         self._rows = rows.matMult(self.interpolation)
         rows.destroy()
+        self._stiffness = np.zeros(self._rows.getLocalSize()[0])
+        self._add(self._stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
 
     def stiffen(self, stiffness):
-        """The matrix for other springs.
+        """Change the springs.
 
         Args:
             stiffness: (n,) float64, k of this rank's rows [N/m].
         """
-        self._drop()
+        self._add(stiffness - self._stiffness, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        self._stiffness = stiffness
+
+    def _add(self, stiffness, pattern):
         scaled, scale = self._rows.copy(), self._rows.createVecLeft()
         scale.array[:] = stiffness
         scaled.diagonalScale(L=scale)
         springs = self._rows.transposeMatMult(scaled)
-        self.matrix = self._bare.copy()
-        self.matrix.axpy(1.0, springs)
+        self.matrix.axpy(1.0, springs, pattern)
         for thing in (scaled, scale, springs):
             thing.destroy()
 
-    def _drop(self):
-        if self.matrix is not self._bare:
-            self.matrix.destroy()
+    def _things(self):
+        return [thing for thing in (self.matrix, self.interpolation, self._rows) if thing is not None]
 
     def destroy(self):
-        """Free what PETSc holds."""
-        self._drop()
-        for thing in (self._bare, self.interpolation, self._rows):
-            if thing is not None:
-                thing.destroy()
+        """Free what PETSc holds; as `PetscObjects` calls it."""
+        for thing in self._things():
+            thing.destroy()
+
+    def incRef(self):  # noqa: N802, PETSc's name
+        """Keep what PETSc holds for good; as `PetscObjects` calls it.  Local."""
+        for thing in self._things():
+            thing.incRef()
