@@ -108,20 +108,21 @@ def test_projection(contact, distribution):
     )
 
 
-def forces(scene, tolerance, **options):
+def forces(scene, tolerance, degree, **options):
     """Contact force of the last step for an enforcement."""
-    *_, step = adapt(scene, tolerance, max_steps=3, enforcement=Enforcement(**options))
+    *_, step = adapt(scene, tolerance, degree=degree, max_steps=3, enforcement=Enforcement(**options))
     return step.record.force
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
-def test_methods_agree(name):
+def test_methods_agree(name, degree):
     """The penalty's force tends to the exact one as 1/c, the augmented Lagrangian's is within the gap tolerance."""
     scene = hertz(order=2, coarse=2) if name == "hertz" else corner_scene()
-    exact = forces(scene, 0.3)
-    augmented = forces(scene, 0.3, method="augmented-lagrangian", gap_tolerance=1e-8)
+    exact = forces(scene, 0.3, degree)
+    augmented = forces(scene, 0.3, degree, method="augmented-lagrangian", gap_tolerance=1e-8)
     assert abs(augmented / exact - 1) < 1e-6
-    short = [1 - forces(scene, 0.3, method="penalty", factor=c) / exact for c in (1e3, 1e4)]
+    short = [1 - forces(scene, 0.3, degree, method="penalty", factor=c) / exact for c in (1e3, 1e4)]
     assert 0 < short[1] < 0.01 and abs(short[0] / short[1] - 10) < 0.5
 
 
@@ -618,13 +619,24 @@ def test_iterations_on_one_mesh(make, levels):
     assert (1 - most) * equal <= min(unequal) and max(unequal) <= (1 + most) * equal, count
 
 
+def test_stiff_penalty_at_degree_2():
+    """Of the stiff springs of constrained rows, which are beside the matrix, p-multigrid is to know nothing."""
+    scene, enforcements = hertz(order=2), (Enforcement(), Enforcement("penalty", 1e6))
+    exact, stiff = (
+        [step.record for step in adapt(scene, 0.2, degree=2, max_steps=2, enforcement=e)] for e in enforcements
+    )
+    assert stiff[-1].preconditioner == "p-multigrid" and abs(stiff[-1].force / exact[-1].force - 1) < 1e-5
+    assert exact[-1].active_pairs > 1 and iterations(stiff) < 1.5 * iterations(exact)
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("make", COMPARED[:3])
-def test_iterations_do_not_depend_on_the_penalty(make):
+def test_iterations_do_not_depend_on_the_penalty(make, degree):
     """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
     scene, count = make(), []
     for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 3, 6, 12))):
-        *_, last = records = [step.record for step in adapt(scene, 0.16, enforcement=enforcement)]
+        *_, last = records = [step.record for step in adapt(scene, 0.16, degree=degree, enforcement=enforcement)]
         count.append(iterations(records))
         if enforcement.method == "exact":
             exact = last

@@ -21,6 +21,7 @@ PRECONDITIONERS = {
     "p-multigrid": {
         "pc_type": "mg",
         "pc_mg_levels": 2,
+        "pc_use_amat": False,  # the operator may have stiff springs besides
         "mg_levels_ksp_type": "chebyshev",
         "mg_levels_ksp_max_it": 2,
         "mg_levels_pc_type": "pbjacobi",
