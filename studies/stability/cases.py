@@ -3,6 +3,8 @@
 import re
 from dataclasses import dataclass
 
+from fx_contact.adaptive.settings import DEGREE
+
 
 @dataclass(frozen=True)
 class Case:
@@ -16,6 +18,7 @@ class Case:
         reference: Exact, or Twin; None where the scene must be refused.
         method, factor: how contact is enforced; None: as the program chooses.
         tolerance: prescribed relative error.
+        degree: of the displacements.
     """
 
     axis: str
@@ -26,6 +29,7 @@ class Case:
     method: str | None = None
     factor: float | None = None
     tolerance: float = 0.16
+    degree: int = DEGREE
 
     @property
     def row(self):

@@ -29,8 +29,6 @@ CONTRACT = 1e-7
 LOST = 0.01
 #: Pairs may overlap by this part of the approach, or be apart and carry force: the gap tolerance of the program.
 GAP_TOLERANCE = 1e-6
-#: Roundings that add up in a product with the stiffness matrix: 81 entries a row.
-ROUNDING = 81 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,10 @@ class State:
         springs = self.pairs.bounded_stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
-        loss += ROUNDING * (diagonal + springs) * self.size
+        entries = (
+            3 * (2 * self.record.degree + 1) ** 3
+        )  # most of a row of the stiffness matrix, whose roundings add up
+        loss += entries * np.finfo(float).eps * (diagonal + springs) * self.size
         self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
         # Of the strains, where bodies move much further than they deform.

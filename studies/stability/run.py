@@ -9,9 +9,10 @@ one rank, with a time limit; a crash and a hang are scores too.
     python3 -m studies.stability.run --quick            # a sixth of the scenes, spread over all rows
     python3 -m studies.stability.run                    # all: 6 minutes on two fast cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
+    python3 -m studies.stability.run --degree 2         # displacements of degree 2
 
 A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv,
-table.md and matrix.png.
+table.md and matrix.png, of another degree than the default scores_degree2.jsonl and so on.
 """
 
 import argparse
@@ -22,6 +23,8 @@ import shlex
 import time
 import traceback
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from queue import SimpleQueue
@@ -29,6 +32,7 @@ from queue import SimpleQueue
 from mpi4py import MPI
 
 from fx_contact import Enforcement, adapt
+from fx_contact.adaptive.settings import DEGREE
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
 from studies.stability.cases import sample
@@ -47,7 +51,7 @@ def solve(scene, case, tolerance, default=False):
     """The state at the end of a run, accuracy reached or too many unknowns, and the iterations of all its steps."""
     own, iterations = default or case.method is None, 0
     enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
-    for step in adapt(scene, tolerance, MPI.COMM_SELF, enforcement=enforcement):
+    for step in adapt(scene, tolerance, MPI.COMM_SELF, degree=case.degree, enforcement=enforcement):
         iterations += step.record.contact_iterations + sum(step.record.krylov_iterations)
         if step.record.dofs > MOST_DOFS:
             break
@@ -113,9 +117,13 @@ def _judged(case):
 # --------------------------------------------------------------------------------------------------------- the study
 
 
-def command(name):
+def command(name, degree=DEGREE):
     """What runs one scene again."""
-    return f"python3 -m studies.stability.run --only {shlex.quote(name)}"
+    return f"python3 -m studies.stability.run{_option(degree)} --only {shlex.quote(name)}"
+
+
+def _option(degree):
+    return "" if degree == DEGREE else f" --degree {degree}"
 
 
 def read(path):
@@ -161,7 +169,7 @@ class Worker:
             theirs.close()
         failure = "hang", f"not done in {TIME_LIMIT:.0f} s"
         try:
-            self._pipe.send(case.name)
+            self._pipe.send((case.name, case.degree))
             if self._pipe.poll(TIME_LIMIT):
                 failure = self._pipe.recv()
         except (EOFError, OSError):
@@ -183,12 +191,12 @@ class Worker:
 
 
 def _serve(pipe, path):
-    """Score and keep the scenes whose names come through a pipe; the answer is None, or what went wrong."""
+    """Score and keep the scenes whose names and degrees come through a pipe; the answer is None, or what went wrong."""
     named = cases(METHODS)
     while True:
-        name = pipe.recv()
+        name, degree = pipe.recv()
         try:
-            keep(path, score(named[name]))
+            keep(path, score(replace(named[name], degree=degree)))
             pipe.send(None)
         except Exception as error:
             pipe.send(("crash", traceback.format_exception_only(error)[-1].strip()))
@@ -240,15 +248,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a tenth of each row, at least one: a sixth of all")
     parser.add_argument("--only", metavar="NAME", help="run one scene, whether it has a score or not")
+    parser.add_argument("--degree", type=int, choices=(1, 2), default=DEGREE, help="of displacements (%(default)s)")
     parser.add_argument("--list", action="store_true", help="print the names of the scenes")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
-    named = cases(METHODS)
+    named = {name: replace(case, degree=arguments.degree) for name, case in cases(METHODS).items()}
     if arguments.list:
         print("\n".join(named))
         return
     arguments.output.mkdir(parents=True, exist_ok=True)
-    path = arguments.output / "scores.jsonl"
+    suffix = "" if arguments.degree == DEGREE else f"_degree{arguments.degree}"
+    path = arguments.output / f"scores{suffix}.jsonl"
     if arguments.only is not None:
         if arguments.only not in named:
             near = difflib.get_close_matches(arguments.only, named, cutoff=0.3)
@@ -261,12 +271,13 @@ def main():
     study(chosen, path)
     known = read(path)
     scores = [known[name] for name in chosen if name in known]
-    made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick
-    write(arguments.output / "scores.csv", list(rows(scores)), made_by)
-    draw_matrix(scores, arguments.output / "matrix.png")
-    text = table(scores, command)
-    (arguments.output / "table.md").write_text(text)
-    print(f"\n{text}\nresults in {arguments.output}: scores.jsonl, scores.csv, table.md, matrix.png")
+    made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick + _option(arguments.degree)
+    files = [f"{name}{suffix}.{kind}" for name, kind in (("scores", "csv"), ("matrix", "png"), ("table", "md"))]
+    write(arguments.output / files[0], list(rows(scores)), made_by)
+    draw_matrix(scores, arguments.output / files[1])
+    text = table(scores, partial(command, degree=arguments.degree))
+    (arguments.output / files[2]).write_text(text)
+    print(f"\n{text}\nresults in {arguments.output}: {', '.join([path.name, *files])}")
 
 
 if __name__ == "__main__":

@@ -59,6 +59,13 @@ def test_the_judge_sees_a_wrong_force():
     assert not Check("not a number", np.nan, 1.0).holds
 
 
+def test_either_degree():
+    """A scene is scored with the degree that was asked for, and its command asks for it."""
+    one, two = (judged(stack_force([SOFT, SOFT])["reference"], degree=degree) for degree in (1, 2))
+    assert one["score"] == two["score"] == "right" and two["dofs"] > 3 * one["dofs"]
+    assert {"--degree" in stability.command("name", degree) for degree in (1, 2)} == {False, True}
+
+
 def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
     """Off by more than the record's error allows, or by more than the square of the tolerance, is wrong."""
     *_, step = adapt(stack([SOFT, SOFT]), 0.2, comm=stability.MPI.COMM_SELF)
