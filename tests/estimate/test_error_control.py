@@ -21,10 +21,10 @@ CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
 HALF = SIDE // 2
 
 
-def spread(errors, energy=1.0):
+def spread(errors, energy=1.0, child_error=1 / 32):
     """An Estimate of cell errors dealt out to the ranks."""
     total = float(np.sqrt((errors**2).sum()))
-    return Estimate(None, dealt(errors), None, total, energy, len(errors), 1 / 32)
+    return Estimate(None, dealt(errors), None, total, energy, len(errors), child_error)
 
 
 def dealt(values):
@@ -51,6 +51,17 @@ def test_marking_stops_where_the_tolerance_is_met():
     threshold = 0.1 * total / np.sqrt(mine.cells)
     expected = (mine.error > threshold).astype(int) + (mine.error / np.sqrt(32) > threshold)
     everywhere((marked == expected).all() and marked.max() == 2, "not criterion (2)")
+
+
+def test_one_step_of_degree_2_aims_at_a_quarter():
+    """However small the tolerance is; a larger aim than a quarter is met."""
+    errors = np.geomspace(1e-4, 1e-2, 3000)
+    total = np.sqrt((errors**2).sum())
+    mine = spread(errors, child_error=1 / 128)
+    for share, aim in ((1e-3, 0.25), (0.1, 0.25), (0.6, 0.54)):
+        marked, _ = for_tolerance(mine, share * total, 1.0, CONTACT, WORLD)
+        left = np.sqrt(WORLD.allreduce(float((mine.error**2 / 16.0**marked).sum())))
+        assert 0.98 * aim * total < left <= aim * total
 
 
 def test_a_lower_threshold_saves_a_solve():

@@ -5,6 +5,8 @@ from mpi4py import MPI
 
 #: The lowest threshold for goals, relative to the largest error.
 _LOWEST_FOR_GOALS = 1e-12
+#: `Space.child_error` at degree 1.
+_CHILD_ERROR_DEGREE_1 = 1 / 32
 
 
 def by_criterion(estimate, tolerance):
@@ -23,7 +25,8 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     """Cells to refine for xi <= e omega: those of criterion (2), fewer if they suffice, more if that saves a step.
 
     Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega.
-    It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.
+    It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.  At degree 2 one step
+    aims at `control.least_reduction` times the present xi at least.
 
     Args:
         estimate: Estimate.
@@ -43,7 +46,10 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
     thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
-    need = estimate.error_global**2 - (control.target * tolerance * estimate.energy_norm) ** 2
+    aim = control.target * tolerance * estimate.energy_norm
+    if child < _CHILD_ERROR_DEGREE_1:
+        aim = max(aim, control.least_reduction * estimate.error_global)
+    need = estimate.error_global**2 - aim**2
 
     def choose(once, twice):
         chosen = int(np.searchsorted(_lost(once, twice, loss * (loss_rate or 1.0))[:-1], need))
