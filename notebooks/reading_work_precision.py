@@ -18,7 +18,7 @@
 # # Reading a work-precision plot
 #
 # "Fast" and "accurate" mean nothing alone. A work-precision plot has the time that a run took on one axis and the *true*
-# error of its result on the other, a point a run, a line a method. `studies/work_precision` makes them for all settings
+# error of its result on the other, a point a run, a line a method. `studies/work_precision` makes them for both degrees
 # of this program, in half an hour; here are four runs.
 
 # %%
@@ -31,10 +31,10 @@ from studies.runs import Case
 
 uniform = "--records-only --reference hertz-a --coarse 3 --tolerance 0.04"
 wanted = [
-    Point("adaptivity", "adaptive", reference(0.25, ranks=1)),
-    Point("adaptivity", "adaptive", reference(0.16, ranks=1)),
-    Point("adaptivity", "uniform", Case("hertz", f"{uniform} --uniform 1 --true-error 0.25", ranks=1)),
-    Point("adaptivity", "uniform", Case("hertz", f"{uniform} --uniform 2 --true-error 0.15", ranks=1)),
+    Point("HERTZ-A", "adaptive", reference(0.25, ranks=1)),
+    Point("HERTZ-A", "adaptive", reference(0.16, ranks=1)),
+    Point("HERTZ-A", "uniform", Case("hertz", f"{uniform} --uniform 1 --true-error 0.25", ranks=1)),
+    Point("HERTZ-A", "uniform", Case("hertz", f"{uniform} --uniform 2 --true-error 0.15", ranks=1)),
 ]
 for point in wanted:
     print(point.line, "--", point.case.command)

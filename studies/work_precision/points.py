@@ -3,14 +3,14 @@
 import re
 from dataclasses import dataclass, replace
 
-from fx_contact.contact.enforcement import METHODS
+import numpy as np
+
 from studies.runs import Case
 
-TOLERANCES = (0.16, 0.11, 0.08, 0.056, 0.04)
-FEW = (0.16, 0.08, 0.04)
-QUICK = (0.16, 0.08)
-#: Enforcements of contact besides the default, by the names of `--enforcement`.
-ENFORCEMENTS = METHODS[1:]
+TOLERANCES = {1: (0.16, 0.08, 0.04), 2: (0.08, 0.04, 0.02, 0.01, 0.005, 0.003)}
+INDENTATION = {1: (0.16, 0.08, 0.056, 0.04, 0.03), 2: (0.16, 0.08, 0.056, 0.04, 0.028, 0.02)}
+#: Force of the whole INDENT-A; see `true_error_of_indentation`.
+INDENT_A = 0.019118
 
 
 @dataclass(frozen=True)
@@ -21,23 +21,18 @@ class Point:
         group: of lines that are drawn together.
         line: the method, as the legend has it.
         case: what is run.
-        same: the case with the same discrete solution whose true error holds here too, or None.
         quick: whether it is in the quick study.
     """
 
     group: str
     line: str
     case: Case
-    same: Case | None = None
-    quick: bool = True
+    quick: bool = False
 
     @property
     def timing(self):
         """The case without what comes after the clock has stopped: what repetitions run."""
         return replace(self.case, options=re.sub(r" --true-error \S+", "", self.case.options))
-
-
-DEFAULT = "adaptive, order 3, 2 ranks"
 
 
 def points(quick):
@@ -52,61 +47,63 @@ def reference(tolerance, more="", true=0.5, ranks=2):
     return Case("hertz", " ".join(filter(None, words)), ranks)
 
 
-def _uniform(coarse, levels, true):
-    words = f"--records-only --reference hertz-a --coarse {coarse} --uniform {levels} --tolerance 0.04"
-    return Case("hertz", words + (f" --true-error {true:g}" if true else ""))
+def true_error_of_indentation(force):
+    """Relative energy error of a solution of INDENT-A by its force.
+
+    All pairs are closed and all facets flat, so that a(u_h, u_h) = F_h D with the approach D, and by Galerkin
+    orthogonality ||u - u_h||^2 / ||u||^2 = F_h / F - 1.
+    """
+    return float(np.sqrt(force / INDENT_A - 1))
+
+
+def _uniform(levels, degree, true):
+    words = f"--records-only --reference hertz-a --tolerance 0.04 --degree {degree} --order 6 --coarse 4"
+    return Case("hertz", f"{words} --uniform {levels}" + (f" --true-error {true:g}" if true else ""))
 
 
 def _all():
-    for tolerance in TOLERANCES:
-        yield Point("adaptivity", DEFAULT, reference(tolerance), quick=tolerance in QUICK)
-    yield Point("adaptivity", DEFAULT, reference(0.028, true=0), quick=False)
-    # The estimate stands for the true error of the largest mesh, which costs too much to refine.
-    for coarse, levels, true in ((4, 1, 0.25), (4, 2, 0.12), (4, 3, 0.07), (6, 3, None)):
-        yield Point("adaptivity", "uniform, order 3", _uniform(coarse, levels, true), quick=levels < 3)
-
-    for order, line in ((1, "straight cells"), (2, "order 2"), (6, "order 6")):
-        for tolerance in FEW:
-            # Straight cells are so far off that a finer solution need not be fine.
-            case = reference(tolerance, f"--order {order}", true=1 if order == 1 else 0.5)
-            yield Point("geometry", line, case, quick=tolerance in QUICK and order == 1)
-    for factor in ("100", "1e4", "1e8"):
-        for tolerance in FEW:
-            case = reference(tolerance, f"--penalty {factor}")
-            quick = tolerance == 0.16 and factor in ("100", "1e8")
-            yield Point("enforcement", f"penalty c = {factor}", case, quick=quick)
-    for name in ENFORCEMENTS:
-        for tolerance in FEW:
-            case = reference(tolerance, f"--enforcement {name}")
-            yield Point("enforcement", name, case, quick=tolerance == 0.16)
-
-    for tolerance in FEW:
-        same, quick = reference(tolerance), tolerance in QUICK
-        for line, more in (
-            ("ILU", "--preconditioner ilu"),
-            ("Jacobi", "-fx_pc_type jacobi"),
-            ("GAMG", "-fx_pc_type gamg"),
-        ):
-            case = reference(tolerance, more, true=0)
-            yield Point("solver", line, case, same, quick=quick and line == "ILU")
-        yield Point("solver", "BoomerAMG, 1 rank", reference(tolerance, true=0, ranks=1), same, quick)
-
-    for tolerance in FEW:
-        words = (
-            f"--records-only --reference ssnv104 --radius 50 --displacement 4 --young 20000 --tolerance {tolerance:g}"
-        )
-        yield Point("references", "SSNV104", Case("hertz", words), quick=tolerance in QUICK)
-    for factor in ("100", "1e4", "1e8"):
-        yield Point("references", "patch test", Case("patch", f"--records-only --penalty {factor}"))
-    for name in ENFORCEMENTS:
-        yield Point("references", "patch test", Case("patch", f"--records-only --enforcement {name}"))
-    yield Point("references", "manufactured, adaptive", Case("manufactured", "--tolerance 0.08"))
-    yield Point("references", "manufactured, adaptive", Case("manufactured", "--tolerance 0.04"), quick=False)
-    yield Point("references", "manufactured, adaptive", Case("manufactured", "--tolerance 0.02"), quick=False)
-    yield Point("references", "manufactured, uniform", Case("manufactured", "--uniform --tolerance 0.1"))
-    yield Point(
-        "references", "manufactured, uniform", Case("manufactured", "--uniform --tolerance 0.05"), quick=False
-    )
+    yield from _hertz()
+    yield from _indentation()
+    for degree in (2, 1):
+        for tolerance in ((0.08, 0.04), (0.04, 0.01))[degree - 1]:
+            case = Case("manufactured", f"--degree {degree} --tolerance {tolerance:g}")
+            yield Point("manufactured", f"adaptive, degree {degree}", case, tolerance * degree == 0.08)
+        case = Case("manufactured", f"--degree {degree} --uniform --tolerance {0.05 / degree**3:g}")
+        yield Point("manufactured", f"uniform, degree {degree}", case)
+    for tolerance in (0.02, 0.01):
+        yield Point("defaults", "defaults", reference(tolerance, true=0))
+    for order in (2, 3, 6):
+        case = reference(0.01, f"--degree 2 --order {order}", true=0, ranks=1)
+        yield Point("orders", f"order {order}, 1 rank", case)
     for order, line in ((1, "straight cells"), (3, "order 3")):
-        case = Case("hertz", f"--order {order} --tolerance 0.04")
-        yield Point("picture", line, case, quick=False)
+        yield Point("picture", line, Case("hertz", f"--degree 1 --order {order} --tolerance 0.04"))
+
+
+def _hertz():
+    for degree in (2, 1):
+        for tolerance in TOLERANCES[degree]:
+            # An error of 0.3 % costs too much to be measured by a quarter of it.
+            case = reference(tolerance, f"--degree {degree} --order 6", true=0.25 if tolerance >= 0.01 else 0.5)
+            yield Point("HERTZ-A", f"degree {degree}", case, tolerance >= 0.08 / degree)
+    # The estimate stands for the true error of the largest meshes, which costs too much to refine.
+    yield Point("HERTZ-A", "degree 1", reference(0.028, "--degree 1 --order 6", true=0))
+    for degree, levels, true in ((2, 0, 0.25), (2, 1, 0.12), (2, 2, None), (1, 1, 0.25), (1, 2, 0.12), (1, 3, None)):
+        yield Point("HERTZ-A", f"uniform, degree {degree}", _uniform(levels, degree, true), levels < 2)
+    for tolerance in (0.16, 0.04):
+        # Straight cells are so far off that a finer solution need not be fine.
+        case = reference(tolerance, "--degree 2 --order 1", true=1)
+        yield Point("HERTZ-A", "straight cells, degree 2", case, tolerance == 0.16)
+
+
+def _indentation():
+    words = "--records-only --tolerance"
+    for degree in (2, 1):
+        for tolerance in INDENTATION[degree]:
+            case = Case("indentation", f"{words} {tolerance:g} --degree {degree}")
+            yield Point("INDENT-A", f"degree {degree}", case, tolerance > 0.1 / degree)
+    for degree in (2, 1):
+        for levels in range(2 - degree, 5 - degree):
+            case = Case("indentation", f"{words} 0.04 --degree {degree} --uniform {levels}")
+            yield Point("INDENT-A", f"uniform, degree {degree}", case, levels < 2)
+    case = Case("indentation", f"{words} 0.028 --degree 2 --symmetry full")
+    yield Point("INDENT-A full", "degree 2", case)

@@ -5,7 +5,7 @@ from statistics import median
 
 import numpy as np
 
-from studies.work_precision.points import DEFAULT, Point
+from studies.work_precision.points import Point, true_error_of_indentation
 
 #: Errors of a contact, and other figures, by their name in the records.
 ERRORS = ("force", "max_pressure", "contact_radius", "pressure", "axis_stress")
@@ -18,7 +18,6 @@ FIGURES = (
     "force",
     "contact_radius",
     "max_pressure",
-    "max_penetration",
     "l2_error",
     "peak_memory_bytes",
 )
@@ -57,6 +56,16 @@ class Result:
         """Estimate over true error, or None."""
         return self.last["estimate"] / self.true if self.true else None
 
+    @property
+    def kilobytes(self):
+        """Peak memory of all ranks for an unknown [kB]."""
+        return self.last["peak_memory_bytes"] / self.last["dofs"] / 1e3
+
+    @property
+    def iterations(self):
+        """PCG iterations of the last solve in each step."""
+        return [step["krylov_iterations"][-1] for step in self.history]
+
 
 def medians(points, runs):
     """One Result for each point that has been run.
@@ -75,21 +84,18 @@ def medians(points, runs):
         if mine and not good:
             found.append(Result(point, 0, mine[-1]["failed"], np.nan, np.nan, {}, [], None))
         elif good:
-            last, true = good[0]["last"], good[0]["last"].get("true_error")
-            true = true["relative"] if isinstance(true, dict) else true
-            if point.same and true is None:
-                true = _same_true(last, by_command.get(point.same.command, []))
             wall, cpu = (median(record[name] for record in good) for name in ("wall", "cpu"))
-            found.append(Result(point, len(good), None, wall, cpu, last, good[0]["history"], true))
+            last = good[0]["last"]
+            found.append(Result(point, len(good), None, wall, cpu, last, good[0]["history"], _true(point, last)))
     return found
 
 
-def _same_true(last, others):
-    """The true error of the same discrete solution, if its force shows that it is the same."""
-    for other in others:
-        if "failed" not in other and abs(other["last"]["force"] / last["force"] - 1) < 1e-6:
-            return other["last"]["true_error"]["relative"]
-    return None
+def _true(point, last):
+    """The relative energy error of a run's last record, or None."""
+    if point.group.startswith("INDENT-A"):
+        return true_error_of_indentation(last["force"])
+    true = last.get("true_error")
+    return true["relative"] if isinstance(true, dict) else true
 
 
 def rows(found):
@@ -111,13 +117,11 @@ def rows(found):
             "cpu_s": r.cpu,
             "true_error": r.true,
             "effectivity": None if r.failed else r.effectivity,
+            "kB_per_dof": None if r.failed else r.kilobytes,
+            "iterations": None if r.failed else r.iterations[-1],
             **{name: r.last.get(name) for name in FIGURES},
             **{f"error_{name}": errors.get(name) for name in ERRORS},
         }
-
-
-def _signed(value):
-    return f"{value:+.2%}" if abs(value) >= 5e-5 else f"{value:+.1e}"
 
 
 def slope(x, y):
@@ -126,82 +130,104 @@ def slope(x, y):
 
 
 def promises(found):
-    """What the study promises, beside what was measured: dicts."""
+    """What is promised of degree 2, beside what was measured: dicts.
+
+    Args:
+        found: Results.
+    """
     good = [r for r in found if not r.failed]
-    for promise, measured in (*_manufactured(good), *_trust(good), *_against_uniform(good), *_promised(good)):
-        yield {"promise": promise, "measured": measured}
+    for rows_of in (_energy, _forces, _rates, _indentation, _estimate, _solver):
+        for promise, measured in rows_of(good):
+            yield {"promise": promise, "measured": measured}
 
 
-def _line(good, name):
-    return [r for r in good if r.point.line == name]
+def _line(good, group, name):
+    return [r for r in good if (r.point.group, r.point.line) == (group, name)]
 
 
-def _manufactured(good):
-    for r in _line(good, "manufactured, uniform")[-1:]:
-        steps = r.history[-2:]
-        if len(steps) < 2:
-            continue
-        dofs, energy, l2 = ([step[name] for step in steps] for name in ("dofs", "true_error", "l2_error"))
-        orders = f"{-3 * slope(dofs, energy):.2f} and {-3 * slope(dofs, l2):.2f}"
-        yield "manufactured, uniform: order 1 in energy, 2 in L2", orders
-    lasts = [r.last for r in _line(good, "manufactured, adaptive")]
-    if len(lasts) > 1:
-        rate = slope([last["dofs"] for last in lasts], [last["true_error"] for last in lasts])
-        yield "manufactured, adaptive: energy error like N^(-1/3)", f"N^({rate:.2f})"
+def _cost(r):
+    size = f"{r.last['dofs']:,} dofs, {r.cpu:.1f} CPU s, {r.last['peak_memory_bytes'] / 1e9:.1f} GB"
+    return f"{r.true:.2%} with {size}"
 
 
-def _trust(good):
-    """Effectivity at e <= 8 % where the geometry is curved and the enforcement hard: the whole error is estimated."""
-    lines = (DEFAULT, "order 2", "order 6", "uniform, order 3", "penalty c = 1e4", "penalty c = 1e8")
-    hertz = [r.effectivity for r in good if r.point.line in lines and r.true and r.last["estimate"] <= 0.08]
-    ring = [
-        step["effectivity"]
-        for r in good
-        if r.point.line.startswith("manufactured")
-        for step in r.history
-        if step["estimate"] <= 0.08
-    ]
-    for name, values in (("manufactured", ring), ("Hertz", hertz)):
-        if values:
-            yield f"effectivity at e <= 8 %, {name}: 0.9 to 1.1", f"{min(values):.3f} to {max(values):.3f}"
+def _energy(good):
+    reached = sorted((r for r in _line(good, "HERTZ-A", "degree 2") if r.true), key=lambda r: r.cpu)
+    for error, limits in ((0.01, "130,000 dofs and 15 CPU s"), (0.003, "150 CPU s and 24 GB")):
+        best = next((r for r in reached if r.true <= error), None)
+        if best:
+            yield f"HERTZ-A: true error {error:.1%} with at most {limits}", _cost(best)
 
 
-def _against_uniform(good):
-    """Adaptive at 4 % against uniform: as measured on the largest uniform mesh, and extrapolated to the same error."""
-    best = [r for r in _line(good, DEFAULT) if r.last["tolerance"] == 0.04]
-    uniform = sorted(_line(good, "uniform, order 3"), key=lambda r: r.last["dofs"])
-    if not best or len(uniform) < 2:
-        return
-    best, largest = best[0], uniform[-1]
-    yield (
-        "adaptive reaches 4 % with 10 x fewer dofs and 5 x less time than uniform",
-        f"uniform is at {largest.error:.1%} with {largest.last['dofs'] / best.last['dofs']:.1f} x the dofs and "
-        f"{largest.wall / best.wall:.1f} x the time; extrapolated by N^(-1/3) to {best.error:.1%}: "
-        f"{largest.last['dofs'] / best.last['dofs'] * (largest.error / best.error) ** 3:.0f} x the dofs",
-    )
+def _forces(good):
+    for r in (r for r in good if r.point.group == "defaults"):
+        errors = f"{r.last['errors']['force']:+.3%}, {r.last['errors']['max_pressure']:+.2%}, {r.cpu:.1f} CPU s"
+        what = f"force to 0.02 % (order 3: less its 0.03 %), largest pressure to 0.3 %, e = {r.last['tolerance']:.0%}"
+        yield f"HERTZ-A by default: {what}: at most 8 CPU s", errors
 
 
-def _promised(good):
-    for r in _line(good, DEFAULT):
-        if r.true and r.last["tolerance"] == 0.04:
-            yield "true error at e = 4 %: 2 to 4.4 %", f"{r.true:.2%}"
-    for name in (DEFAULT, "order 6"):
-        rows = [r for r in _line(good, name) if r.true and r.last["tolerance"] <= 0.08]
-        if len(rows) > 1:
-            rate = slope([r.true for r in rows], [abs(r.last["errors"]["force"]) for r in rows])
-            signed = ", ".join(_signed(r.last["errors"]["force"]) for r in rows)
-            yield f"force error like the square of the energy error, {name}", f"power {rate:.2f} ({signed})"
-        rows = [r for r in _line(good, name) if r.true]
-        if rows:
-            shares = ", ".join(f"{abs(r.last['errors']['force']) / r.true**2:.2f}" for r in rows)
-            yield f"the same, force error over the square of the true energy error, {name}: bounded", shares
+def _rates(good):
+    for group, range_, limit in (("HERTZ-A", (2e4, 4.5e5), -0.62), ("INDENT-A", (1e4, 1e6), -0.45)):
+        within = [r for r in _line(good, group, "degree 2") if r.true and range_[0] < r.last["dofs"] < range_[1]]
+        if len(within) > 2:
+            rate = slope([r.last["dofs"] for r in within], [r.true for r in within])
+            yield f"{group}: energy error like N^({limit})", f"N^({rate:.2f})"
+    for degree in (2, 1):
+        lasts = [r.last for r in _line(good, "manufactured", f"adaptive, degree {degree}")]
+        if len(lasts) > 1:
+            rate = slope([last["dofs"] for last in lasts], [last["true_error"] for last in lasts])
+            yield f"manufactured, adaptive, degree {degree}: N^(-{degree}/3)", f"N^({rate:.2f})"
+        for r in _line(good, "manufactured", f"uniform, degree {degree}"):
+            steps = r.history[-2:]
+            if len(steps) == 2:
+                dofs, *errors = ([step[name] for step in steps] for name in ("dofs", "true_error", "l2_error"))
+                orders = " and ".join(f"{-3 * slope(dofs, values):.2f}" for values in errors)
+                yield f"manufactured, uniform, degree {degree}: order {degree} in energy, {degree + 1} in L2", orders
 
 
-def digits(error):
-    """Digits of accuracy: -log10 of the relative error."""
-    return -np.log10(error)
+def _indentation(good):
+    """CPU seconds for a true error of 3 %, between the points of each degree."""
+    seconds = {}
+    for degree in (1, 2):
+        line = sorted(_line(good, "INDENT-A", f"degree {degree}"), key=lambda r: -r.true)
+        if len(line) < 2:
+            return
+        seconds[degree] = float(np.exp(_logarithmic(np.log(0.03), *np.log([(r.true, r.cpu) for r in line]).T)))
+    told = ", ".join(f"degree {degree} {value:.0f} CPU s" for degree, value in seconds.items())
+    yield "INDENT-A: true error 3 % in a quarter of degree 1's CPU", f"{told}: {seconds[2] / seconds[1]:.2f}"
+    for r in _line(good, "INDENT-A full", "degree 2"):
+        yield "the same, all four quarters", _cost(r)
 
 
-def efficacy(result):
-    """Digits of error times time: -log10(error x wall seconds); more is better."""
-    return -np.log10(result.error * result.wall)
+def _logarithmic(x, known_x, known_y):
+    """Linear interpolation, and extrapolation by all points; x descends."""
+    if known_x[-1] <= x <= known_x[0]:
+        return np.interp(-x, -known_x, known_y)
+    return np.polyval(np.polyfit(known_x, known_y, 1), x)
+
+
+def _estimate(good):
+    for group in ("HERTZ-A", "INDENT-A", "manufactured"):
+        for degree in (2, 1):
+            lines = [f"degree {degree}", f"adaptive, degree {degree}"]
+            values = [r.effectivity for name in lines for r in _line(good, group, name) if r.true]
+            if values:
+                yield f"effectivity, {group}, degree {degree}: 0.8 to 1.25", f"{min(values):.2f} to {max(values):.2f}"
+
+
+def _solver(good):
+    for group in ("HERTZ-A", "INDENT-A"):
+        line = _line(good, group, "degree 2")
+        if line:
+            largest = max(line, key=lambda r: r.last["dofs"])
+            told = ", ".join(map(str, largest.iterations))
+            yield f"{group}: at most 25 PCG iterations of the last solve, in each step", told
+            nearest = min(line, key=lambda r: abs(np.log(r.last["dofs"] / 3e5)))
+            told = f"{nearest.kilobytes:.2f} kB at {nearest.last['dofs']:,} dofs"
+            yield f"{group}: at most 3 kB a dof at 300,000", told
+    orders = {r.point.case.options.split("--order ")[1]: r for r in good if r.point.group == "orders"}
+    if {"2", "6"} <= set(orders):
+        step = orders["6"].history[-1]
+        share = step["krylov_iterations"][-1] / sum(step["krylov_iterations"])
+        told = 1e6 * (step["cpu"]["setup"] + share * step["cpu"]["solve"]) / step["dofs"]
+        yield "set-up and one solve on one core: at most 20 microseconds a dof", f"{told:.0f}"
+        yield "order 6 at most 1.3 times order 2", f"{orders['6'].cpu / orders['2'].cpu:.2f} in CPU seconds"

@@ -16,12 +16,16 @@ from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
 from fx_contact.results.accuracy import energy_distance
 
+#: Of over-refined solutions.
+DEGREE = 2
+
 
 def true_error(step, tolerance, scene=None):
-    """Go on from a step to a finer solution of its degree, by default settings else, and measure the distance to it.
+    """Go on from a step to a finer solution of degree 2, by default settings else, and measure the distance to it.
 
     Collective on the step's communicator.  The step's displacement goes along from leaf to leaf: interpolation onto
-    the finer forest, exact in the coordinates of the leaves.
+    the finer forest, exact in the coordinates of the leaves.  After a step of degree 1 the first finer space is that of
+    degree 2 on its own leaves.
 
     Args:
         step: Step.
@@ -39,10 +43,11 @@ def true_error(step, tolerance, scene=None):
     tolerance = check_tolerance("the tolerance of the finer solution", tolerance)
     scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
-    marked[step.leaf_mesh.leaf], _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
+    if step.record.degree == DEGREE:
+        marked[step.leaf_mesh.leaf], _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, scene))
-    for fine in adapt(scene, tolerance, step.forest.comm, degree=step.record.degree, beginning=beginning):
+    for fine in adapt(scene, tolerance, step.forest.comm, degree=DEGREE, beginning=beginning):
         pass
     distance = energy_distance(fine, fine.along)
     # Energy errors add in squares (Galerkin orthogonality), up to contact and penalty, which disturb it by less than
