@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import corner_scene, grown, pressed, roots, two_boxes
+from model_problems import DISTRIBUTIONS, corner_scene, grown, pressed, roots, two_boxes
 
 from fx_contact import Enforcement
 from fx_contact.contact.enforcement import HELD
@@ -15,10 +15,10 @@ from fx_contact.fem.space import Space
 from fx_contact.scenes import hertz
 
 
-def pairs_of(scene, enforcement=None, rounds=2):
-    """NodePairs on a randomly refined forest."""
-    forest = grown(roots(scene), rounds, share=0.2)
-    return create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), enforcement or Enforcement())
+def pairs_of(scene, enforcement=None, rounds=2, degree=1):
+    """NodePairs on a randomly refined forest, along the contact-aware curve."""
+    forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), rounds, share=0.2))
+    return create_node_pairs(scene, forest, Prolongation(Space(forest, degree)), enforcement or Enforcement())
 
 
 @pytest.mark.parametrize("symmetry", [1, 4])
@@ -44,10 +44,12 @@ def test_only_what_presses_counts():
     everywhere(np.allclose(approach[0], np.sqrt(area) * compliance), "another area")
 
 
-def test_normals_are_the_mean_of_both_surfaces():
-    """Between two equal half-spheres it is the axis, though neither surface is across it."""
+@pytest.mark.parametrize("degree", [1, 2])
+def test_normals_are_the_mean_of_both_surfaces(degree):
+    """Between two equal half-spheres it is the axis, though neither surface is across it; at middles of facets too."""
     scene = hertz(order=2, coarse=3)
-    pairs = pairs_of(scene, rounds=1)
+    pairs = pairs_of(scene, rounds=1, degree=degree)
+    everywhere((pairs.blocks.node < pairs.prolongation.owned).all(), "a node of another rank")
     everywhere(np.abs(pairs.normal - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-9, "not along the axis")
     aside = np.linalg.norm(pairs.position[:, :2], axis=1)
     gap = 2 * (1 - np.sqrt(np.maximum(1 - aside**2, 0.0)))
