@@ -136,7 +136,7 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
         compared = exact(arguments, material, record.force) if exact and record.force > 0 else None
         results = "steps.jsonl"
         if not arguments.records_only:
-            results += ", fields.bp, cells.bp and contact.bp (for ParaView), mesh.png, "
+            results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), mesh.png, "
             results += _draw(last, arguments.output, bool(exact), compared)
             record = replace(record, **last.stages.costs(COMM))
         if errors:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import pyvista
 from conftest import WORLD, everywhere
 from model_problems import gathered
 from mpi4py import MPI
@@ -18,7 +19,7 @@ from fx_contact.results.output import point_fields
 from fx_contact.scenes import hertz, indentation
 
 MATERIAL = Material(young=1.0, poisson=0.3)
-FILES = ("fields.bp", "cells.bp", "contact.bp")
+FILES = ("fields.bp", "cells.bp")
 
 
 ENERGY = ErrorControl("energy")
@@ -122,7 +123,7 @@ def test_files_name_their_fields(tmp_path):
     write_fields(step, folder)
     write_fields(step, folder)
     WORLD.Barrier()
-    for name, field in zip(FILES, ("displacement", "indicator", "pressure")):
+    for name, field in zip(FILES, ("displacement", "indicator")):
         index = b"".join(path.read_bytes() for path in (folder / name).iterdir())
         assert b"connectivity" in index and field.encode() in index
 
@@ -133,11 +134,29 @@ def test_files_hold_their_fields(degree, order, tmp_path):
     step, folder = first_step(degree, order), shared(tmp_path)
     write_fields(step, folder)
     WORLD.Barrier()
-    for name, fields in (("fields.bp", point_fields(step)), ("contact.bp", contact_functions(step).values())):
-        data = b"".join(path.read_bytes() for path in sorted((folder / name).glob("data.*")))
-        for field in fields:
-            everywhere(field.x.array.tobytes() in data, f"{field.name} is not in {name}")
-        everywhere(field.function_space.tabulate_dof_coordinates().tobytes() in data, f"no nodes in {name}")
+    data = b"".join(path.read_bytes() for path in sorted((folder / "fields.bp").glob("data.*")))
+    for field in point_fields(step):
+        everywhere(field.x.array.tobytes() in data, f"no {field.name}")
+    everywhere(field.function_space.tabulate_dof_coordinates().tobytes() in data, "no nodes")
+
+
+@pytest.mark.parametrize("degree, order", [(1, 1), (2, 1), (2, 3)])
+def test_contact_file(degree, order, tmp_path):
+    """VTK reads the pieces of all ranks as one, also where it is replaced: facets of their order, and the fields."""
+    step, folder = first_step(degree, order), shared(tmp_path)
+    write_fields(step, folder)
+    write_fields(step, folder)
+    WORLD.Barrier()
+    fields = contact_functions(step)
+    mesh = fields["pressure"].function_space.mesh
+    cells = WORLD.allreduce(mesh.topology.index_map(2).size_local)
+    largest = WORLD.allreduce(fields["pressure"].x.array.max(initial=0.0), op=MPI.MAX)
+    if WORLD.rank == 0:
+        assert sorted(path.suffix for path in folder.glob("contact*")) == [".pvtu"] + WORLD.size * [".vtu"]
+        read = pyvista.read(folder / "contact.pvtu")
+        assert read.n_cells == cells and set(fields) <= set(read.point_data)
+        assert len(read.get_cell(0).point_ids) == (max(degree, order) + 1) ** 2
+        assert np.isclose(read["pressure"].max(), largest)
 
 
 def test_disk_full(tmp_path, monkeypatch):

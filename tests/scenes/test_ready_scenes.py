@@ -56,6 +56,11 @@ def test_stack_under_pressure():
     assert abs(last(stack((SOFT, STIFF), pressure=0.01)).force / 0.01 - 1) < 1e-7
 
 
+def test_flat_cells():
+    """A block may have many root cells along one axis, a thin one of each column."""
+    assert len(stack(cells=(1, 1, 200)).mesh.cells) == 600
+
+
 def test_stack_that_does_not_touch():
     """A gap wider than the displacement leaves no force, and a block between two others without hold."""
     assert last(stack((SOFT, STIFF), displacement=0.1, gap=0.2)).force == 0

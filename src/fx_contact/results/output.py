@@ -14,7 +14,7 @@ from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
 from fx_contact.results.contact_surface import contact_functions
-from fx_contact.results.vtx import function_on, write_vtx
+from fx_contact.results.vtx import function_on, write_vtu, write_vtx
 
 #: Entries by which the record of a state is known, and the relative difference that solving for it again may make.
 _TELLING, _SAME = ("cells", "dofs", "force", "estimate"), 1e-6
@@ -107,11 +107,11 @@ def _step_of(line, finished):
 
 
 def write_fields(step, folder):
-    """Write a step's fields for ParaView (ADIOS2, VTX); all files keep the curved shape of the cells.
+    """Write a step's fields for ParaView; all files keep the curved shape of the cells.
 
-    Collective.  `fields.bp` has the continuous fields displacement [m] and stress [Pa] (`point_fields`); `cells.bp` has
-    one value a cell: indicator [J^(1/2)], level, rank; `contact.bp` has the fields on both sides of the contact
-    surfaces, if there are any (`contact_functions`).
+    Collective.  `fields.bp` (ADIOS2, VTX) has the continuous fields displacement [m] and stress [Pa] (`point_fields`);
+    `cells.bp` has one value a cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both sides
+    of the contact surfaces, if there are any (`contact_functions`).
 
     Args:
         step: Step.
@@ -133,7 +133,7 @@ def write_fields(step, folder):
     cells = [function_on(mesh, ("DG", 0), name, value[:, None, None]) for name, value in values.items()]
     write_vtx(comm, folder / "cells.bp", cells, time)
     if step.pairs is not None:
-        write_vtx(comm, folder / "contact.bp", list(contact_functions(step).values()), time)
+        write_vtu(comm, folder / "contact.pvtu", list(contact_functions(step).values()), time)
 
 
 def point_fields(step):

@@ -1,9 +1,9 @@
-"""dolfinx functions from values at the nodes of cells, and files of them for ParaView (ADIOS2, VTX)."""
+"""dolfinx functions from values at the nodes of cells, and files of them for ParaView: ADIOS2 (VTX), and VTK's own."""
 
 import shutil
 
 from dolfinx import fem
-from dolfinx.io import VTXWriter
+from dolfinx.io import VTKFile, VTXWriter
 
 from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.mpi import together
@@ -52,6 +52,36 @@ def write_vtx(comm, path, functions, time):
                 path.mkdir()
     with VTXWriter(comm, path, functions, engine="BP4") as writer:
         writer.write(float(time))
+
+
+def write_vtu(comm, path, functions, time):
+    """Write functions into files that VTK reads by itself, a piece for each rank.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator.
+        path: of the file that names the pieces, X.pvtu; these stand beside it as X_p0_000000.vtu and so on.
+        functions, time: as `write_vtx` has them.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    with together(comm):
+        if comm.rank == 0:
+            with writing(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                for old in path.parent.glob(f"{path.stem}_p*.vtu"):
+                    old.unlink()
+    series = path.with_suffix(".pvd")
+    with VTKFile(comm, series, "w") as file:
+        file.write_function(functions, float(time))
+    del file  # writes the .pvd once more
+    with together(comm):
+        if comm.rank == 0:
+            with writing(path):
+                path.with_name(f"{path.stem}000000.pvtu").replace(path)
+                series.unlink()
 
 
 def _bytes(functions):

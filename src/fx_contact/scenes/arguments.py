@@ -5,7 +5,7 @@ from fx_contact.parallel.validation import check_count, check_name, check_number
 from fx_contact.problem.root_mesh_checks import MAX_ORDER, SMALLEST
 
 #: Most root cells along a block: the root mesh is replicated on every rank.
-_MOST = 50
+MOST_CELLS = 50
 
 
 def check_arguments(order, coarse, lengths, numbers, symmetry="full", least_order=1, even=False):
@@ -35,7 +35,7 @@ def check_arguments(order, coarse, lengths, numbers, symmetry="full", least_orde
     if isinstance(order, bool) or order not in range(least_order, MAX_ORDER + 1):
         raise GeometryError(f"the order of the root mesh must be {least_order} to {MAX_ORDER}, got {shown(order)}")
     check_count("coarse, the number of root cells,", coarse)
-    if coarse > _MOST or even and coarse % 2:
+    if coarse > MOST_CELLS or even and coarse % 2:
         raise SceneError(
-            f"coarse must be {'even and ' * even}{_MOST} at most, got {coarse}: refinement makes the leaves"
+            f"coarse must be {'even and ' * even}{MOST_CELLS} at most, got {coarse}: refinement makes the leaves"
         )

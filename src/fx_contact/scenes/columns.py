@@ -1,10 +1,13 @@
 """Blocks one on another between plates: as many bodies as wanted, in uniform compression."""
 
+import math
+
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_count
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
-from fx_contact.scenes.arguments import check_arguments
+from fx_contact.scenes.arguments import MOST_CELLS, check_arguments
 from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
@@ -43,8 +46,11 @@ def stack(
     if len(materials) < 2:
         raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
     numbers = {"displacement": displacement, "gap": gap, "pressure": pressure or 0.0}
+    check_arguments(order, 1, {"side": side, "height": height}, numbers)
     for count in cells:
-        check_arguments(order, count, {"side": side, "height": height}, numbers)
+        check_count("the number of root cells along x, y or z", count)
+    if (total := len(materials) * math.prod(cells)) > MOST_CELLS**3:
+        raise SceneError(f"{total:,} root cells are too many: refinement makes the leaves, not the root mesh")
     names = [f"block {number}" for number in range(len(materials))]
     boxes, surfaces, pairs = _unit_blocks(names, order, cells)
 
