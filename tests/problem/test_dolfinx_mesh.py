@@ -97,6 +97,15 @@ def test_a_box_of_dolfinx():
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "each of them cells": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
+        "bodies must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
+        "surfaces must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {3: "box"}, {"top": 5}),
+        "cell_tags must be MeshTags of dolfinx of dimension 3, got None": (
+            mesh,
+            None,
+            facet_tags,
+            {3: "a", 4: "b"},
+            {},
+        ),
         "cell_tags must be MeshTags of dolfinx of dimension 3": (mesh, facet_tags, facet_tags, {3: "box"}, {}),
         "a Mesh of dolfinx is needed": (root, cell_tags, facet_tags, {3: "box"}, {}),
     }
@@ -106,6 +115,19 @@ def test_a_box_of_dolfinx():
     if WORLD.size > 1:
         with pytest.raises(SceneError, match="communicator"):
             RootMesh.from_dolfinx(mesh, cell_tags, facet_tags, {3: "box"}, {}, MPI.COMM_SELF)
+
+
+def test_several_tags_of_one_surface():
+    """A surface has the facets of all tags of its name; one body needs no tags."""
+    mesh = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
+    ends = [dolfinx_mesh.locate_entities_boundary(mesh, 2, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 2)]
+    facets, tags = np.concatenate(ends), np.repeat([1, 2], [len(end) for end in ends]).astype(np.int32)
+    order = np.argsort(facets)
+    facet_tags = dolfinx_mesh.meshtags(mesh, 2, facets[order], tags[order])
+    root = RootMesh.from_dolfinx(mesh, None, facet_tags, {1: "box"}, {1: "ends", 2: "ends"})
+    assert root.bodies == ("box",) and not root.body.any() and len(root.body) == 16
+    at = root.facet_points(root.surfaces["ends"])[:, :, 0]
+    assert (at == 0).all(axis=1).sum() == (at == 2).all(axis=1).sum() == 4 and len(at) == 8
 
 
 @pytest.mark.parametrize("kind", [dolfinx_mesh.CellType.tetrahedron, dolfinx_mesh.CellType.prism])

@@ -1,5 +1,8 @@
 """A dolfinx mesh of hexahedra, gathered on all ranks as the arrays of a root mesh."""
 
+from numbers import Integral
+from typing import NamedTuple
+
 import basix
 import numpy as np
 from dolfinx.mesh import CellType, Mesh, MeshTags
@@ -9,6 +12,21 @@ from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_same_comm, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
+
+
+class _Rows(NamedTuple):
+    """Cells: number, body, (p+1)^3 nodes and their positions [m]; tagged facets: tag, number of the cell, local face.
+
+    Numbers of cells and nodes are those of the mesh's input, which do not depend on the ranks.
+    """
+
+    number: np.ndarray
+    body: np.ndarray
+    nodes: np.ndarray
+    x: np.ndarray
+    tag: np.ndarray
+    cell: np.ndarray
+    face: np.ndarray
 
 
 def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
@@ -27,7 +45,12 @@ def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
     """
     with together(comm):
         _check_mesh(mesh, comm)
+        for name, tags in (("bodies", bodies), ("surfaces", surfaces)):
+            if not isinstance(tags, dict) or not all(isinstance(tag, Integral) for tag in tags):
+                raise SceneError(f"{name} must be a dict of tag -> name, such as {{7: 'block'}}, got {shown(tags)}")
         for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
+            if tags is None and name == "cell_tags" and len(bodies) == 1:
+                continue
             if not isinstance(tags, MeshTags) or tags.dim != dimension:
                 raise SceneError(f"{name} must be MeshTags of dolfinx of dimension {dimension}, got {shown(tags)}")
             if tags._cpp_object.topology is not mesh._cpp_object.topology:  # one C++ object; its wrappers are many
@@ -39,20 +62,20 @@ def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
     mesh.topology.create_connectivity(3, 2)
     with together(comm):
         mine = _rows(mesh, cell_tags, facet_tags, bodies, surfaces)
-    number, body, nodes, x, *facets = (np.concatenate(part) for part in zip(*comm.allgather(mine)))
-    order = np.argsort(number)
-    nodes, x = nodes[order], x[order]
+    every = _Rows(*(np.concatenate(part) for part in zip(*comm.allgather(mine))))
+    order = np.argsort(every.number)
+    nodes, x = every.nodes[order], every.x[order]
     names, cells = np.unique(nodes, return_inverse=True)
     points = np.empty((len(names), 3))
     points[cells.ravel()] = x.reshape(-1, 3)
-    tag, cell, face = facets
-    rows = np.stack([np.searchsorted(number[order], cell), face], axis=1).astype(np.int32)
+    rows = np.stack([np.searchsorted(every.number[order], every.cell), every.face], axis=1).astype(np.int32)
+    tags = {name: [tag for tag, other in surfaces.items() if other == name] for name in surfaces.values()}
     return {
         "points": points,
         "cells": cells.reshape(nodes.shape),
         "bodies": tuple(bodies.values()),
-        "body": body[order],
-        "surfaces": {name: np.unique(rows[tag == one], axis=0) for one, name in surfaces.items()},
+        "body": every.body[order],
+        "surfaces": {name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in tags.items()},
     }
 
 
@@ -71,13 +94,10 @@ def _check_mesh(mesh, comm):
 
 
 def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
-    """This rank's cells: number, body, nodes and their positions; its tagged facets: tag, number of the cell, face.
-
-    Numbers of cells and nodes are those of the mesh's input, which do not depend on the ranks.  Local.
-    """
+    """_Rows of this rank's cells and tagged facets.  Local."""
     owned, numbers = mesh.topology.index_map(3).size_local, mesh.topology.original_cell_index
-    body = np.full(len(numbers), -1, dtype=np.int32)
-    for index, tag in enumerate(bodies):
+    body = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
+    for index, tag in enumerate(bodies if cell_tags is not None else ()):
         body[cell_tags.indices[cell_tags.values == tag]] = index
     body = body[:owned]
     if (body < 0).any():
@@ -94,7 +114,9 @@ def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
     facets_of_cells = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)[:owned]
     cell, face = np.nonzero(np.isin(facets_of_cells, facets))
     place = np.searchsorted(facets, facets_of_cells[cell, face])  # MeshTags are sorted
-    return numbers[:owned], body, nodes, x, tags[place] if len(cell) else tags[:0], numbers[cell], face
+    return _Rows(
+        numbers[:owned], body, nodes, x, tag=tags[place] if len(cell) else tags[:0], cell=numbers[cell], face=face
+    )
 
 
 def _tensor_order(cmap):

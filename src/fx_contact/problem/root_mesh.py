@@ -65,10 +65,10 @@ class RootMesh:
 
         Args:
             mesh: dolfinx Mesh of hexahedra of order 1 to 6; bodies in contact share no nodes.
-            cell_tags: dolfinx MeshTags that give each cell its body.
+            cell_tags: dolfinx MeshTags that give each cell its body; None: all cells are of the only body.
             facet_tags: dolfinx MeshTags of facets.
             bodies: dict, tag -> name of a body.
-            surfaces: dict, tag -> name of a surface; facets with other tags are in none.
+            surfaces: dict, tag -> name of a surface, which several tags may share; facets with other tags are in none.
             comm: MPI communicator of the mesh.
 
         Returns:
@@ -76,8 +76,8 @@ class RootMesh:
 
         Raises:
             GeometryError: cells that are no complete hexahedra in 3D, or as `RootMesh`.
-            SceneError: no mesh or tags of dolfinx, tags of other entities or of another mesh, a cell that is in none of
-                the bodies, another communicator, or as `RootMesh`.
+            SceneError: no mesh or tags of dolfinx, tags of other entities or of another mesh, no dicts of tag -> name,
+                a cell that is in none of the bodies, another communicator, or as `RootMesh`.
         """
         check_comm(comm)
         parts = gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces)
