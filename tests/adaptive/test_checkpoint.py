@@ -20,7 +20,7 @@ from conftest import WORLD, everywhere, outside
 from model_problems import leaves, step_record, vertex_positions
 from mpi4py import MPI
 
-from fx_contact import Enforcement, Material, Traction, adapt
+from fx_contact import Enforcement, ErrorControl, Material, Traction, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.row_file import RowFile, write_rows
@@ -120,7 +120,7 @@ def test_goes_on_as_if_not_stopped(scene, folder, writers, readers, degree):
 def test_holds_what_the_step_had(scene, folder, degree, steps):
     """Leaves, displacements and indicators come back as they were, in another distribution."""
     *_, before, step = adapt(scene, 0.16, degree=degree, max_steps=steps, checkpoint=folder)
-    assert step.record.hanging_nodes > 50
+    assert step.record.hanging_nodes > 50 and type(step.record.estimate) is type(step.record.ratio) is float
     values = step.nodal_displacement
     indicator = np.empty(len(step.forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
@@ -282,6 +282,10 @@ def test_belongs_to_another_problem(scene, folder):
         ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
         ({"degree": 2}, "degree (1 then, 2 now)"),
+        (
+            {"control": ErrorControl(gap_accuracy=0.2)},
+            "problem: error control's gap_accuracy (0.25 then, 0.2 now); go on",
+        ),
     ):
         assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))
     assert "got True" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=True)))

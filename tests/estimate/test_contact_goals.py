@@ -60,7 +60,7 @@ def test_dual_solutions(asked, method):
     *_, step = adapt(beam(0.5), 0.3, enforcement=Enforcement(method), max_steps=4)
     (goal, dual, moved), *_ = asked[-1:]
     loads = WORLD.allreduce(float((load(step.scene, step.forest, step.elasticity) * dual).sum()))
-    # A penalty's overlaps take their part; those of the augmented Lagrangian are gone, but not in z.
+    # A penalty's penetrations take their part; those of the augmented Lagrangian are gone, but not in z.
     assert abs(goal.value / step.record.force - 1) < 1e-12
     assert abs((loads - moved) / goal.value - 1) < {"exact": 1e-6}.get(method, 0.02)
 
@@ -260,7 +260,7 @@ def test_each_contact_is_judged_by_its_own_energy(joined):
     sixth = (2.5 / (300 * 0.5)) / (2 * THICKNESS)
     force, of_rod = WIDTH**2 * DEPTH / (2 * THICKNESS * (1 + sixth)), PULL
     expected = sixth * (force / (force + of_rod) if joined else 1.0)
-    with pytest.raises(SolveError, match="overlaps take .*%") as caught:
+    with pytest.raises(SolveError, match="penetration takes .*%") as caught:
         list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))
     taken = float(re.search(r"take ([\d.]+)%", str(caught.value))[1]) / 100
     assert abs(taken - expected) < 0.002 and abs(sixth - 1 / 6) < 1e-12

@@ -240,7 +240,8 @@ def test_a_run_goes_on_with_its_own_control(tmp_path):
     list(adapt(scene, 0.2, control=ENERGY, max_steps=2, checkpoint=folder))
     with pytest.raises(CheckpointError, match="error control"):
         adapt(scene, 0.2, restart=Checkpoint(folder, scene, WORLD))
-    (again,) = adapt(scene, 0.2, control=ENERGY, max_steps=3, restart=Checkpoint(folder, scene, WORLD))
+    same = ErrorControl("energy", target=0.8)  # which this mode does not use
+    (again,) = adapt(scene, 0.2, control=same, max_steps=3, restart=Checkpoint(folder, scene, WORLD))
     assert np.array_equal(leaves(again.forest), leaves(through[-1].forest))
 
 
@@ -257,6 +258,11 @@ def test_reports():
         ({"target": 1.1}, "target of the error control must be at most 1"),
         ({"dual_limit": 0.0}, "dual_limit of the error control must be a positive number"),
         ({"thresholds": 2.5}, "number of thresholds"),
+        ({"candidate_spread": 0.9}, "candidate_spread of the error control must be at least 1, got 0.9"),
+        (
+            {"first_effectivity": 0.3},
+            "first_effectivity of the error control must be at least least_effectivity, 0.4",
+        ),
     ],
 )
 def test_bad_controls(values, message):

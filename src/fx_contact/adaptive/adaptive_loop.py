@@ -1,6 +1,6 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -84,20 +84,22 @@ def adapt(
         enforcement = Enforcement() if enforcement is None else enforcement
         solver = Solver() if solver is None else solver
         control = ErrorControl() if control is None else control
-        settings = Settings(scene, tolerance, geometry_order, enforcement, solver, control, degree)
+        settings = Settings(
+            scene,
+            tolerance,
+            geometry_order=geometry_order,
+            enforcement=enforcement,
+            solver=solver,
+            control=control,
+            degree=degree,
+        )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
         if progress is not None and not callable(progress):
             raise SceneError(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
-        options = {
-            "degree": settings.degree,
-            "geometry order": settings.geometry_order,
-            "enforcement": asdict(enforcement),
-            "error control": asdict(control),
-        }
-        _check_start(settings, comm, options, beginning, restart)
+        _check_start(settings, comm, beginning, restart)
         asked = settings.asked() | {
             "most steps": max_steps,
             "partition": partition_kind,
@@ -106,7 +108,9 @@ def adapt(
             "restart": None if restart is None else [str(restart.path), len(restart.records)],
         }
     check_alike(comm, asked)
-    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings.problem, options, restart)
+    writer = None
+    if checkpoint is not None:
+        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.kept(), restart)
     return Run(
         settings,
         comm,
@@ -118,7 +122,7 @@ def adapt(
     )
 
 
-def _check_start(settings, comm, options, beginning, restart):
+def _check_start(settings, comm, beginning, restart):
     """See that a run can begin where it is told to.  Local."""
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
@@ -127,7 +131,7 @@ def _check_start(settings, comm, options, beginning, restart):
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
-        restart.check(settings.problem, options)
+        restart.check(settings.problem, settings.kept())
     if beginning is not None:
         beginning.check(settings.scene, comm)
 
@@ -308,8 +312,8 @@ def _check_penalty(step, settings):
     tolerance = settings.tolerance
     if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
         raise SolveError(
-            f"the penalty is too soft for the tolerance: overlaps take {step.record.penalty_share:.2%} of the energy "
-            f"of contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger "
+            f"the penalty is too soft for the tolerance: penetration takes {step.record.penalty_share:.2%} of the "
+            f"energy of contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger "
             "factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default enforcement 'exact'"
         )
 

@@ -101,16 +101,22 @@ class Settings:
         """
         return scene_parts(self.scene)
 
+    def kept(self):
+        """What a restart must not change, beside the problem, as JSON can hold it, by name: dict.  Local."""
+        return {
+            "degree": self.degree,
+            "geometry order": self.geometry_order,
+            "enforcement": asdict(self.enforcement),
+            **{f"error control's {name}": value for name, value in self.control.used().items()},
+        }
+
     def asked(self):
         """All of it as JSON can hold it, by name: dict.  Local."""
         return {
             "scene": self.scene.name,
             **self.problem,
             "tolerance": self.tolerance,
-            "degree": self.degree,
-            "geometry order": self.geometry_order,
-            "enforcement": asdict(self.enforcement),
-            "error control": asdict(self.control),
+            **self.kept(),
             **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
             **{f"solver's option {name}": value for name, value in self.solver.options.items()},
         }

@@ -52,7 +52,8 @@ class ErrorControl:
         candidate_spread: parts of one surface whose movements differ by this factor or less are one place [-].
 
     Raises:
-        SceneError: an unknown mode, a number that is not positive, or above 1 where it is a share.
+        SceneError: an unknown mode, a number that is not positive, or above 1 where it is a share, a candidate_spread
+            below 1, a first_effectivity below the least one.
     """
 
     mode: str = MODES[0]
@@ -79,10 +80,23 @@ class ErrorControl:
             value = check_number(f"{field.name} of the error control", getattr(self, field.name), positive=True)
             if value > 1 and field.default <= 1:
                 raise SceneError(f"{field.name} of the error control must be at most 1, got {value:g}")
+        if self.candidate_spread < 1:
+            raise SceneError(
+                f"candidate_spread of the error control must be at least 1, got {self.candidate_spread:g}"
+            )
+        if self.first_effectivity < self.least_effectivity:
+            raise SceneError(
+                "first_effectivity of the error control must be at least least_effectivity, "
+                f"{self.least_effectivity:g}, got {self.first_effectivity:g}"
+            )
 
     def __repr__(self):
+        return f"ErrorControl({', '.join(f'{name}={value!r}' for name, value in self.used().items())})"
+
+    def used(self):
+        """The parameters that the mode uses, by name: dict.  Local."""
         used = fields(self) if self.of_contact else fields(self)[:1]
-        return f"ErrorControl({', '.join(f'{field.name}={getattr(self, field.name)!r}' for field in used)})"
+        return {field.name: getattr(self, field.name) for field in used}
 
     @property
     def of_contact(self):
