@@ -9,8 +9,9 @@ the estimated and the true error in the energy norm, their ratio (the effectivit
 
 from pathlib import Path
 
-from common import COMM, RankZeroParser, plain_errors
+from common import COMM, CONTROLS, RankZeroParser, plain_errors
 
+from fx_contact import ErrorControl
 from fx_contact.adaptive.settings import DEGREE
 from fx_contact.results import RecordWriter, adapt_manufactured
 
@@ -20,6 +21,7 @@ if __name__ == "__main__":
     options.add_argument("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
     options.add_argument("--order", type=int, default=3, help="of the root mesh's geometry, 1 to 6 (%(default)s)")
     options.add_argument("--coarse", type=int, default=4, help="root cells across the ring (%(default)s)")
+    options.add_argument("--control", metavar=CONTROLS, default="contact", help="of marking (%(default)s)")
     options.add_argument("--uniform", action="store_true", help="refine all cells in every step")
     options.add_argument("--output", type=Path, default=Path("results/manufactured"), help="folder (%(default)s)")
     options.add_argument("--quiet", action="store_true", help="say nothing but errors")
@@ -29,7 +31,7 @@ if __name__ == "__main__":
         show = print if COMM.rank == 0 and not given.quiet else lambda *_, **__: None
         show("     dofs  hanging  estimate    true  effectivity      L2")
         known = {name: getattr(given, name) for name in ("degree", "order", "coarse", "uniform")}
-        for step in adapt_manufactured(given.tolerance, COMM, **known):
+        for step in adapt_manufactured(given.tolerance, COMM, control=ErrorControl(given.control), **known):
             r = step.record
             records.write(r)
             figures = f"{r.estimate:8.2%}  {r.true_error:6.2%}  {r.effectivity:11.3f}  {r.l2_error:6.3%}"

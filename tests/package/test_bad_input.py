@@ -671,6 +671,11 @@ CASES = {
         SceneError,
         "degree 1 or 2, got 3",
     ),
+    "manufactured control": (
+        lambda: next(adapt_manufactured(0.1, COMM, control="energy")),
+        SceneError,
+        "control must be an ErrorControl, got 'energy'",
+    ),
     "partition misspelt": (
         lambda: adapt(press(two_cubes()), 0.1, COMM, partition_kind="contact_sfc"),
         SceneError,

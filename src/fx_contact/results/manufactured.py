@@ -28,6 +28,7 @@ from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import Stages
+from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
@@ -119,6 +120,7 @@ def adapt_manufactured(
     geometry_order=None,
     coarse=4,
     uniform=False,
+    control=None,
     max_steps=20,
 ):
     """Solve the manufactured problem on finer and finer forests.
@@ -133,20 +135,23 @@ def adapt_manufactured(
         geometry_order: of the leaf maps; None: that of the root mesh.
         coarse: root cells across the ring.
         uniform: refine all leaves in each step, from a mesh whose lower half is finer, so that all steps have hanging
-            nodes; else refine those of criterion (2).
+            nodes; else refine those that the control marks.
+        control: ErrorControl, for its marking alone; None: the default one.
         max_steps: most solves.
 
     Yields:
         ManufacturedStep.
 
     Raises:
-        SceneError: a tolerance that is not positive, another degree.
+        SceneError: a tolerance that is not positive, another degree, no ErrorControl.
     """
     if not tolerance > 0:
         raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
+    control = ErrorControl() if control is None else control
+    if not isinstance(control, ErrorControl):
+        raise SceneError(f"control must be an ErrorControl, got {shown(control)}")
     mesh = quarter_ring(order, coarse)
-    forest, control = Forest.of_roots(comm, mesh, Pairing(mesh, ())), ErrorControl()
-    history = control.begin()
+    forest, history = Forest.of_roots(comm, mesh, Pairing(mesh, ())), control.begin()
     if uniform:
         forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
     for number in range(max_steps):
