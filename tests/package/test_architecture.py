@@ -174,7 +174,7 @@ RETIRED = {
 }
 
 TOP = Path(__file__).parents[2]
-PAGES = [TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
+PAGES = [*sorted(TOP.glob("*.md")), *sorted((TOP / "notebooks").glob("*.py"))]
 STUDIES = sorted(p for name in ("demos", "studies") for p in (TOP / name).rglob("*.*") if p.suffix in (".py", ".md"))
 
 

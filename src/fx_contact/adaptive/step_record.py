@@ -123,7 +123,7 @@ class StepRecord(SolveRecord):
         pair_forces: normal contact force of each contact pair [N].
         contact_radius: radius of the circular contact with this distribution of forces [m].
         max_pressure: largest nodal pressure [Pa].
-        max_penetration: largest overlap of a node pair [m].
+        max_penetration: largest penetration of a node pair [m].
         contact_iterations: of the active set.
         preconditioner: as asked for, or the one that took its place.
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].

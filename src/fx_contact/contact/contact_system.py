@@ -107,20 +107,20 @@ class ContactSystem:
         with self._stages("solve"):
             return self._cg.solve(right_hand_side, u, tolerance, self._projection)
 
-    def dual(self, overlap, force):
+    def dual(self, penetration, force):
         """The dual solution z of K z + B^T f = B^T g, B z = d on the closed rows, nothing prescribed or loaded.
 
         Collective.  With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with forces g on
         open rows that of the gaps there.  `solve` must not be called afterwards.
 
         Args:
-            overlap: (n,) float64, d [m].
+            penetration: (n,) float64, d [m].
             force: (n,) float64, g, which presses the bodies together [N].
 
         Returns:
             (owned, 3) float64 [m].
         """
-        bounded, term, projection = self._enforced(self._jump.with_gap(overlap))
+        bounded, term, projection = self._enforced(self._jump.with_gap(penetration))
         self._cg.correct(term.difference(self._active, bounded, self._known))
         right_hand_side = bounded.right_hand_side(self._known, -force)
         u = np.zeros_like(right_hand_side)

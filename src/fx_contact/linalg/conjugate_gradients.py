@@ -41,7 +41,7 @@ ROUNDING = 1e-14
 
 
 class ConjugateGradients:
-    """PCG on a matrix and a correction, with a preconditioner for the matrix alone, and for pairs that are held.
+    """PCG on a matrix and a correction, with a preconditioner for the matrix alone, and for held constraints.
 
     hypre works on the values of the matrix itself, not on a copy.  Were they changed under it, its smoother would no
     longer fit and the preconditioner could become indefinite.  What changes after the set-up is a correction instead.
@@ -146,8 +146,8 @@ class ConjugateGradients:
         Args:
             right_hand_side, start: (owned, 3) float64, as for `residual` [N], [m].
             tolerance: of that error [-].
-            held: Projection P onto what leaves the gaps of some pairs as they are at the start; the operator may have
-                stiff springs between them.  None: there are none.
+            held: constraint projector P, B P = 0: the start has B u = D, and PCG keeps it but for what stiff springs
+                of the operator yield there.  None: no constraint.
 
         Returns:
             (owned, 3) float64 [m].

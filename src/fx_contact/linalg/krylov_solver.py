@@ -123,7 +123,7 @@ class KrylovSolver:
             b, x: PETSc Vec, right-hand side and solution.
             rtol, atol: tolerances [-], [J^(1/2)].
             max_it: most iterations.
-            held: Projection onto what leaves some pairs as they are, or None.
+            held: constraint projector P, B P = 0, or None.
 
         Returns:
             PETSc's reason for the end, negative for a failure; the number of iterations; the first norm [J^(1/2)].
@@ -138,7 +138,7 @@ class KrylovSolver:
         return reason, self._ksp.getIterationNumber(), history[0] if len(history) else np.nan
 
     def _holding_pc(self, held):
-        """The preconditioner that leaves held pairs to their springs."""
+        """The preconditioner with the projector of held constraints."""
         if self._holding is None:
             operator, matrix = self._ksp.getOperators()
             context = _Holding(self.pc, self._objects.add(matrix.createVecRight()))
@@ -149,9 +149,9 @@ class KrylovSolver:
 
 
 class _Holding:
-    """P M^-1 P^T + S, with P the projection onto what leaves held pairs as they are, and S the springs' own inverse.
+    """P M^-1 P^T + S: P projects on B u = 0, B the rows of held constraints; S is the inverse of their springs.
 
-    The stiffer the springs, the less have the two parts to do with each other; rigid ones do not move.
+    The stiffer the springs, the weaker the coupling of the two parts; S = 0 for rigid ones.
     """
 
     def __init__(self, inner, rest):
