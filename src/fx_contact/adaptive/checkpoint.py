@@ -221,6 +221,7 @@ class Checkpoint:
         keys, rows = np.unique(keys[:, 0], return_index=True)
         space = Space(forest, content["degree"])
         values, _ = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
-        estimate = Estimate(None, error[:, 0], None, *content["estimate"], space.child_error)
+        known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
+        estimate = Estimate(stress=None, error=error[:, 0], energy=None, **known, child_error=space.child_error)
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)

@@ -29,7 +29,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 
-#: Energy norms of bodies without contact that are so many times what rounding leaves are those of rigid motions.
+#: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.
 RIGID = 1e3
 #: The most of the prescribed error that linear solver and rounding may use up.
 SOLVER_SHARE = 0.1
@@ -134,7 +134,16 @@ def _discretise(settings, start, stages):
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
         coarse = create_coarse_level(elasticity, prescribed) if settings.multigrid else None
-    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, scene, motions, coarse)
+    problem = ContactProblem(
+        matrix=matrix,
+        load=forces,
+        prescribed=prescribed,
+        energy_norm=elasticity.energy_norm,
+        rows=pairs,
+        scene=scene,
+        motions=motions,
+        coarse=coarse,
+    )
     return _Discrete(mesh, elasticity, problem)
 
 

@@ -60,8 +60,9 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
         SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`.
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
-    first, second, *columns, across, apart = (np.concatenate(column) for column in zip(*blocks))
-    pairs = NodePairs(prolongation, first, *columns, scene.symmetry, second)
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    across, apart = columns.pop("across"), columns.pop("apart")
+    pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, **columns)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
@@ -92,7 +93,7 @@ def _sharing(pairs, across, apart, node_stiffness):
 
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):
-    """Columns of NodePairs, after the prolongation, and those of `_sharing`, for one contact pair of the scene."""
+    """Columns of NodePairs, and those of `_sharing`, by name, for one contact pair of the scene: dict.  Collective."""
     space, (leaf, face) = prolongation.space, facets_of(index, forest)
     node, keys = space.on_faces(leaf, face), space.facing(leaf, face)
     here, there = positions_across(forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
@@ -120,11 +121,21 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
         stiffness = np.full(len(first), float(enforcement.node_stiffness))
     here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
     apart = there - here
-    gap = np.einsum("ni,ni->n", normal, apart)
     facet = example // keys.shape[1]
-    second = prolongation.find(keys.ravel()[example])
-    pair = np.full(len(first), index, dtype=np.int32)
-    return first, second, normal, gap, area, stiffness, modulus[facet], here, bodies[facet], pair, across, apart
+    return dict(
+        first=first,
+        second=prolongation.find(keys.ravel()[example]),
+        normal=normal,
+        gap=np.einsum("ni,ni->n", normal, apart),
+        area=area,
+        stiffness=stiffness,
+        modulus=modulus[facet],
+        position=here,
+        bodies=bodies[facet],
+        contact=np.full(len(first), index, dtype=np.int32),
+        across=across,
+        apart=apart,
+    )
 
 
 def facets_of(index, forest):

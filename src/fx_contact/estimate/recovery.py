@@ -115,11 +115,18 @@ class Recovery:
         total = prolongation.comm.allreduce(np.array([error2.sum(), energy2.sum(), len(error2)]), op=MPI.SUM)
         if not np.isfinite(total).all():
             raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
-        error, omega = np.sqrt(total[0]), np.sqrt(total[0] + total[1])
+        error, omega = float(np.sqrt(total[0])), float(np.sqrt(total[0] + total[1]))
         if omega <= noise:
             error2, energy2, error, omega = np.zeros_like(error2), np.zeros_like(energy2), 0.0, 0.0
-        child_error = prolongation.space.child_error
-        return Estimate(self._recovered.copy(), np.sqrt(error2), energy2, error, omega, int(total[2]), child_error)
+        return Estimate(
+            stress=self._recovered.copy(),
+            error=np.sqrt(error2),
+            energy=energy2,
+            error_global=error,
+            energy_norm=omega,
+            cells=int(total[2]),
+            child_error=prolongation.space.child_error,
+        )
 
 
 def _position(i, j):

@@ -98,18 +98,19 @@ def _straight(graph, keys, weights, home, parts, shells=False):
         group, first, bits = _boxes(keys, weights, home.astype(np.int64) * parts + part, mean / boxes)
         coarse = graph.contracted(group, len(first))
         heavy = np.bincount(group, weights=weights, minlength=len(first)).astype(np.int64)
-        state = [keys[first], heavy, part[first], bits]
+        state = {"keys": keys[first], "weights": heavy, "start": part[first], "bits": bits}
         if boxes * parts <= MOST_BOXES:  # all of it on every rank costs less than hundreds of messages
             mine = slice(coarse.offset, coarse.offset + coarse.size)
-            state = [np.concatenate(comm.allgather(values)) for values in state]
+            state = {name: np.concatenate(comm.allgather(values)) for name, values in state.items()}
             coarse = coarse.gathered()
         else:
             mine = slice(None)
-        part = _flowed(coarse, *state, parts, mean, shells and boxes == BOXES[0])[mine][group]
+        flowed = _flowed(coarse, **state, parts=parts, mean=mean, shells=shells and boxes == BOXES[0])
+        part = flowed[mine][group]
     return part
 
 
-def _flowed(graph, keys, weights, start, bits, parts, mean, shells):
+def _flowed(graph, *, keys, weights, start, bits, parts, mean, shells):
     """The parts of the cells after the flow of their interfaces.  Collective on graph.comm."""
     if shells:
         start = _shells(graph.comm, keys, bits, weights, parts)

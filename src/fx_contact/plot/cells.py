@@ -107,17 +107,19 @@ def draw_parts(forest, part, centre, reach, path):
     Raises:
         OutputError: the picture cannot be written.
     """
-    return _draw_groups(forest, part, _number_colour, "", np.asarray(centre), np.asarray(centre), reach, path)
+    cut = np.asarray(centre)
+    return _draw_groups(forest, part, path, colour=_number_colour, word="", cut=cut, centre=cut, reach=reach)
 
 
 def _draw_leaves(forest, colour, cut, centre, reach, path):
     """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by rank or level."""
     check_name("colouring", colour, _COLOURS)
     group = forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
-    return _draw_groups(forest, group, _COLOURS[colour], colour, cut, centre, reach, path)
+    look = {"cut": cut, "centre": centre, "reach": reach}
+    return _draw_groups(forest, group, path, colour=_COLOURS[colour], word=colour, **look)
 
 
-def _draw_groups(forest, group, colour, word, cut, centre, reach, path):
+def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach):
     """Draw groups of leaves, each in the colour of its number; with a word before the number in the legend."""
     faces, leaf = _visible_faces(forest, cut, reach)
     parts = forest.comm.gather((faces, group[leaf]), root=0)

@@ -48,7 +48,7 @@ def draw_stress(step, path, zoom=None):
     def draw(path):
         """The picture, on the first rank."""
         points, values, body = (np.concatenate(column) for column in zip(*parts))
-        _draw_cut(points, values, body, centre, reach, y, path)
+        _draw_cut(points, values, body, path, centre=centre, reach=reach, y=y)
 
     return draw_on_first(comm, path, draw)
 
@@ -85,7 +85,7 @@ def cut_by_body(points, values, body, y):
     return sections
 
 
-def _draw_cut(points, values, body, centre, reach, y, path):
+def _draw_cut(points, values, body, path, *, centre, reach, y):
     pyvista = import_pyvista()
     section = pyvista.merge(cut_by_body(points, values, body, y), merge_points=False)
     with plotter_for(path, 1500, 1000) as plotter:
