@@ -91,12 +91,12 @@ def _lines(found, group):
 
 
 def _draw(axes, lines, x, y):
-    """One panel, fitted slopes in its legend; hollow: the estimate stands for a true error that is not known."""
+    """One panel, slopes over a decade in its legend; hollow: the estimate stands for a true error that is not known."""
     for name, rows in lines.items():
         good = sorted((r for r in rows if not r.failed and y(r) is not None), key=x)
         at, values = [x(r) for r in good], [y(r) for r in good]
         label = name
-        if y is _energy and len(good) > 2 and "straight" not in name:
+        if y is _energy and len(good) > 2 and at[-1] > 10 * at[0] and "straight" not in name:
             label += f": slope {slope(at[1:], values[1:]):.2f}"
         if len(good) < len(rows):
             label += f", {len(rows) - len(good)} failed"
