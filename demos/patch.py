@@ -31,7 +31,7 @@ def beginning(_arguments, scene, comm):
     forest = Beginning.uniform(scene, 0, comm).forest
     for reach in (0.4, 0.2):
         forest, _ = forest.refined(np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < reach)
-    return Beginning(forest, np.zeros((len(forest), 8, 3)))
+    return Beginning.at_rest(forest)
 
 
 def errors(_arguments, step):

@@ -169,7 +169,7 @@ def _needs(forest, prolongation):
     """
     space, count = prolongation.space, len(forest)
     nodes = csr_matrix(
-        (np.ones(space.cells.size, dtype=np.int8), space.cells.ravel(), np.arange(count + 1) * space.nodes_per_cell),
+        (np.ones(space.cells.size, dtype=np.int8), space.cells.ravel(), np.arange(count + 1) * space.cells.shape[1]),
         shape=(count, len(space)),
     )
     pattern = prolongation.matrix.astype(bool).astype(np.int8)

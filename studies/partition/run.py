@@ -22,7 +22,7 @@ from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.partition import KINDS, along_curve, assign, by_graph
+from fx_contact.forest.partition import KINDS, along_curve, by_graph
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel.errors import OutputError, PartitionError
 from fx_contact.parallel.mpi import together
@@ -31,6 +31,7 @@ from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.scenes import hertz, indentation
 from studies import tables
+from studies.partition.assignment import assign
 from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
 from studies.partition.measures import Judge, Quality
 from studies.partition.scaling_kernels import measure, migration

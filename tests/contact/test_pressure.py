@@ -7,8 +7,8 @@ from model_problems import grown, pressed, roots, side_by_side, two_boxes
 from mpi4py import MPI
 
 from fx_contact import Enforcement
-from fx_contact.contact.node_pairs import create_node_pairs, facets_of, positions_across
-from fx_contact.contact.pressure import nodal_pressure
+from fx_contact.contact.contact_facets import facets_of, positions_across
+from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 
@@ -51,7 +51,7 @@ def test_quadratic_pressure(scene):
     middle = np.abs(pairs.position[:, 0] / SIZE % 1 - 0.5) < 1e-9
     off = -0.6 * SIZE**2 * np.where(middle, 1 / 40, -1 / 20)
     everywhere(np.abs(force / pairs.area - exact - off).max(initial=0.0) < 1e-12, "off by something else")
-    everywhere(np.abs(nodal_pressure(pairs, force) - exact).max(initial=0.0) < 1e-12, "not exact")
+    everywhere(np.abs(pairs.pressure(force) - exact).max(initial=0.0) < 1e-12, "not exact")
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -64,14 +64,14 @@ def test_uniform_pressure(degree):
     assert WORLD.allreduce(int(hanging)), "no contact facet has a hanging node"
     assert abs(WORLD.allreduce(float(pairs.area.sum())) - 4) < 1e-12
     everywhere((pairs.area > 0).all(), "an area that is not positive")
-    everywhere(np.abs(nodal_pressure(pairs, 3 * pairs.area) - 3).max(initial=0.0) < 1e-12, "not uniform")
+    everywhere(np.abs(pairs.pressure(3 * pairs.area) - 3).max(initial=0.0) < 1e-12, "not uniform")
 
 
 def test_degree_1():
     """The pressure is force over area, whatever the force."""
     pairs = pairs_of(pressed(two_boxes()), 1, rounds=2)
     force = np.sin(1e3 * pairs.position[:, 0])
-    everywhere(np.array_equal(nodal_pressure(pairs, force), force / pairs.area), "another pressure")
+    everywhere(np.array_equal(pairs.pressure(force), force / pairs.area), "another pressure")
 
 
 def test_where_the_pressure_is_not_smooth():
@@ -79,8 +79,8 @@ def test_where_the_pressure_is_not_smooth():
     pairs = pairs_of(pressed(two_boxes()), 2)
     x, y, _ = pairs.position.T
     raw = 2 + np.sin(1e3 * x + 1e4 * y)
-    change = np.abs(nodal_pressure(pairs, raw * pairs.area) / raw - 1)
+    change = np.abs(pairs.pressure(raw * pairs.area) / raw - 1)
     everywhere(change.max(initial=0.0) < 0.1 * (1 + 1e-12), "too large a change")
     assert WORLD.allreduce(float(change.max(initial=0.0)), MPI.MAX) > 0.05
     raw = np.where(np.minimum(x % SIZE, y % SIZE) < 1e-9, 0.0, raw)  # the middles of facets alone
-    everywhere(np.array_equal(nodal_pressure(pairs, raw * pairs.area), raw * pairs.area / pairs.area), "a change")
+    everywhere(np.array_equal(pairs.pressure(raw * pairs.area), raw * pairs.area / pairs.area), "a change")

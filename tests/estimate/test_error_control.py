@@ -193,7 +193,7 @@ def test_partners_by_hand(control, marked, partner):
     mine = (forest.cell == marked[0]) & (forest.anchor == marked[1]).all(axis=1)
     estimate = Estimate(None, np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
     times, _ = control.marked(estimate, 0.5, control.begin(), WORLD)
-    fine, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
+    fine, _ = forest.refined_with(times)
     sides, quarters = product((0, HALF), repeat=3), list(product((0, HALF // 2), repeat=3))
     expected = set()
     for place in product((0, 1), sides):

@@ -136,11 +136,11 @@ def test_refined_repeatedly(scene):
     forest = roots(scene)
     for _ in range(MAX_LEVEL - 1):
         forest, _ = forest.refined(corner_marks(forest, cell, 3))
-    deepest, _ = forest.refined_with(2 * corner_marks(forest, cell, 3).astype(int), np.empty((len(forest), 8, 0)))
+    deepest, _ = forest.refined_with(2 * corner_marks(forest, cell, 3).astype(int))
     assert WORLD.allreduce(int(deepest.level.max(initial=0)), op=MPI.MAX) == MAX_LEVEL
     with pytest.raises(GeometryError, match="finest level"):
         marks = corner_marks(deepest, cell, 3).astype(int)
-        deepest.refined_with(marks, np.empty((len(deepest), 8, 0)))
+        deepest.refined_with(marks)
 
 
 def test_finest_level(scene):

@@ -20,11 +20,12 @@ from mpi4py import MPI
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.leaf_graph import Graph
-from fx_contact.forest.partition import KINDS, along_curve, assign, repartition
+from fx_contact.forest.partition import KINDS, along_curve, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
+from studies.partition.assignment import assign
 
 KEEPING = [name for name, kind in KINDS.items() if kind.pairs]
 

@@ -111,7 +111,7 @@ def test_displacement_as_a_function():
     x, y, z = (lambda x, row=row: row @ x for row in gradient)
     scene = Scene("affine", box(), {"upper": STEEL}, tuple(Dirichlet(side, x, y, z) for side in SIDES))
     forest = grown(roots(scene), 2)
-    (step,) = adapt(scene, 0.1, max_steps=1, beginning=Beginning(forest, np.zeros((len(forest), 8, 3))))
+    (step,) = adapt(scene, 0.1, max_steps=1, beginning=Beginning.at_rest(forest))
     exact = vertex_positions(step.forest)[step.forest.vertices.cells] @ gradient.T
     assert step.record.hanging_nodes > 0 and step.record.estimate < 1e-6
     everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-9, "not linear")
@@ -134,7 +134,7 @@ def test_quadratic_displacement():
     loads = (BodyForce("upper", lambda x: np.tile(weight[:, None], len(x[0]))),)
     scene = Scene("bent", box(distortion=0.0), {"upper": STEEL}, held, body_forces=loads)
     forest = grown(roots(scene), 2)
-    beginning = Beginning(forest, np.zeros((len(forest), 8, 3)))
+    beginning = Beginning.at_rest(forest)
     (step,) = adapt(scene, 0.1, degree=2, max_steps=1, beginning=beginning)
     exact = np.moveaxis(u(np.moveaxis(leaf_positions(step.forest, slice(None), 2), 2, 0)), 0, 2)
     assert step.record.hanging_nodes > 0

@@ -158,7 +158,7 @@ def test_errors_against_the_reference():
     assert errors["force"] == step.record.force / reference.force - 1
     assert max(abs(errors[name]) for name in ("force", "contact_radius", "max_pressure")) < 0.02
     assert 0.01 < errors["pressure"] < 0.15 and 0.005 < errors["axis_stress"] < 0.05
-    same_mesh = Beginning(step.forest, np.zeros((len(step.forest), 8, 3)))
+    same_mesh = Beginning.at_rest(step.forest)
     (soft,) = adapt(scene, 0.16, enforcement=Enforcement("penalty", 1.0), beginning=same_mesh, max_steps=1)
     softer = contact_errors(soft, reference)
     assert softer["force"] < -0.05 and softer["pressure"] > errors["pressure"]
@@ -172,7 +172,7 @@ def test_patch():
         bool
     )
     forest, _ = forest.refined(near)
-    begin = Beginning(forest, np.zeros((len(forest), 8, 3)))
+    begin = Beginning.at_rest(forest)
     (step,) = adapt(scene, 0.1, beginning=begin, max_steps=1)
     assert step.record.hanging_nodes > 10
     exact = 0.01 / (1 + 1 / 3)

@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import SceneError
@@ -59,10 +60,12 @@ class Beginning:
             raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
         if not isinstance(values, np.ndarray) or values.dtype != np.float64:
             raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
-        if values.ndim != 3 or len(values) != len(forest) or values.shape[1] not in (8, 27) or values.shape[2] < 3:
+        nodes = [(degree + 1) ** 3 for degree in DEGREES]
+        if values.ndim != 3 or len(values) != len(forest) or values.shape[1] not in nodes or values.shape[2] < 3:
+            shape = f"({len(forest)}, {' or '.join(map(str, nodes))}, 3 or more)"
             raise SceneError(
-                f"the values of a Beginning must be an array of shape ({len(forest)}, 8 or 27, 3 or more), three "
-                f"components of the displacement and other fields at the nodes of each leaf, got one of {values.shape}"
+                f"the values of a Beginning must be an array of shape {shape}, three components of the displacement "
+                f"and other fields at the nodes of each leaf, got one of {values.shape}"
             )
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
@@ -74,6 +77,15 @@ class Beginning:
             return self.values
         functions = hexahedron.lagrange(own, np.linspace(0, 1, degree + 1))
         return hexahedron.tensor_evaluate((functions,) * 3, self.values)
+
+    @classmethod
+    def at_rest(cls, forest):
+        """A forest with zero displacement.  Local.
+
+        Args:
+            forest: Forest.
+        """
+        return cls(forest, np.zeros((len(forest), (DEGREES[0] + 1) ** 3, 3)))
 
     @classmethod
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
@@ -102,7 +114,7 @@ class Beginning:
         check_leaves(comm, len(forest) * 8 ** int(levels))
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-        return cls(forest, np.zeros((len(forest), 8, 3)))
+        return cls.at_rest(forest)
 
     @classmethod
     def after(cls, step, marked):

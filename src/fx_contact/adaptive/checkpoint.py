@@ -14,7 +14,7 @@ from fx_contact.adaptive.row_file import RowFile, write_rows
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
-from fx_contact.fem.space import Space
+from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
@@ -222,6 +222,8 @@ class Checkpoint:
         space = Space(forest, content["degree"])
         values, _ = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
-        estimate = Estimate(stress=None, error=error[:, 0], energy=None, **known, child_error=space.child_error)
+        estimate = Estimate(
+            stress=None, error=error[:, 0], energy=None, **known, child_error=child_error(space.degree)
+        )
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)

@@ -6,6 +6,7 @@ from numbers import Integral
 
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_number, shown
@@ -72,8 +73,10 @@ class Settings:
                 advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
                 raise SceneError(f"{name} must be {article} {kind.__name__}, got {shown(value)}{advice}")
         degree = self.degree
-        if isinstance(degree, bool) or not isinstance(degree, Integral) or degree not in (1, 2):
-            raise SceneError(f"the degree of displacements must be 1 or 2, got {shown(degree)}")
+        if isinstance(degree, bool) or not isinstance(degree, Integral) or degree not in DEGREES:
+            raise SceneError(
+                f"the degree of displacements must be {' or '.join(map(str, DEGREES))}, got {shown(degree)}"
+            )
         object.__setattr__(self, "degree", int(degree))
         if self.solver.preconditioner == "p-multigrid" and degree == 1:
             raise SceneError(
@@ -91,7 +94,7 @@ class Settings:
     @property
     def multigrid(self):
         """Whether the preconditioner needs the level of degree 1.  Local."""
-        return self.degree == 2 and self.solver.preconditioner in (None, "p-multigrid")
+        return self.degree > 1 and self.solver.preconditioner in (None, "p-multigrid")
 
     @cached_property
     def problem(self):

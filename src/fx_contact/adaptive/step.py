@@ -10,7 +10,7 @@ from dolfinx.mesh import meshtags
 
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.contact_goals import ContactError
-from fx_contact.estimate.recovery import VOIGT
+from fx_contact.estimate.recovery import TENSOR, VOIGT
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError
@@ -25,7 +25,7 @@ class ContactState:
     Attributes:
         points: (n, 3) float64, undeformed positions on the first surface [m].
         normal: (n, 3) float64, unit direction from the first body to the second.
-        pressure: (n,) float64, at degree 1 force over tributary area, as from `nodal_pressure` [Pa].
+        pressure: (n,) float64, at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
         force: (n,) float64, compression positive [N]; of the modelled part, without its symmetric copies.
         gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they overlap [m].
         active: (n,) bool, whether the pair is closed.
@@ -134,8 +134,7 @@ class Step:
         result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", space.element.basix_element.degree, (3, 3))))
         result.name = "stress"
         values = recovered.x.array.reshape(-1, len(VOIGT))[recovered.function_space.dofmap.list]
-        tensor = [VOIGT.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
-        result.x.array.reshape(-1, 9)[result.function_space.dofmap.list] = values[:, :, tensor]
+        result.x.array.reshape(-1, 9)[result.function_space.dofmap.list] = values[:, :, np.ravel(TENSOR)]
         return result
 
     @cached_property

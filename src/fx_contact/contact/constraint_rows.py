@@ -129,10 +129,22 @@ class ConstraintRows(ABC):
         Returns:
             (owned, 3) float64, forces on the conforming nodes that it balances [N].
         """
-        imap, blocks = self.prolongation.index_map, self.blocks
-        sums = np.zeros((imap.size_local + imap.num_ghosts, 3))
+        blocks, sums = self.blocks, self.prolongation.zeros(3)
         np.add.at(sums, blocks.node, force[blocks.row][:, None] * blocks.values)
         return self.prolongation.summed(sums)
+
+    def pressure(self, force):
+        """The contact pressure at the nodes of the rows: force over area, unless a kind of rows knows better.
+
+        Collective.
+
+        Args:
+            force: (n,) float64, compression positive [N].
+
+        Returns:
+            (n,) float64 [Pa].
+        """
+        return force / self.area
 
     def pressing(self, force, group, count):
         """Force of groups of rows, and about the approach of the bodies that it takes.
@@ -167,8 +179,7 @@ class ConstraintRows(ABC):
         Returns:
             (n, k) float64.
         """
-        imap = self.prolongation.index_map
-        sums = np.zeros((imap.size_local + imap.num_ghosts, values.shape[1]))
+        sums = self.prolongation.zeros(values.shape[1])
         np.add.at(sums, self.first, values)
         return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
 

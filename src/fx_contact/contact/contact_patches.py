@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fx_contact.contact.node_pairs import facets_of
+from fx_contact.contact.contact_facets import facets_of
 from fx_contact.parallel.components import lowest_labels
 from fx_contact.parallel.mpi import Directory
 
@@ -39,7 +39,7 @@ class ContactPatches:
         """The patches of one contact pair, whose closed pairs are given."""
         prolongation, space = pairs.prolongation, pairs.prolongation.space
         cells = space.on_faces(*facets_of(index, forest))
-        touched = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 1))
+        touched = prolongation.zeros(1)
         touched[pairs.first[active]] = 1
         closed = (prolongation.prolong(prolongation.summed(touched))[cells, 0] > 0).any(axis=1)
 

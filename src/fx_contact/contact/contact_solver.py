@@ -11,7 +11,6 @@ from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.initial_guess import relax
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.contact.pressure import nodal_pressure
 from fx_contact.linalg.conjugate_gradients import ROUNDING, ConjugateGradients
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
@@ -26,7 +25,7 @@ class ContactSolution:
         active: (n,) bool, status of this rank's rows.
         force: (n,) float64, contact force of each row, compression positive [N]; 0 where conditions hold all
             its vertices: they carry it.
-        pressure: (n,) float64, as from `nodal_pressure` [Pa].
+        pressure: (n,) float64, as from `ConstraintRows.pressure` [Pa].
         penetration: (n,) float64, B u - D, positive where the bodies overlap [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
@@ -99,7 +98,7 @@ def solve_system(problem, start, options, environment):
         u, trial, count = _settle(system, status, u, options)
         active, penetration, noise = status.active, rows.penetration(u), system.noise
         force = np.where(active & jump.movable, trial, 0.0)
-        pressure = nodal_pressure(rows, force)
+        pressure = rows.pressure(force)
     rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
     solution = ContactSolution(
         displacement=u,

@@ -111,7 +111,7 @@ class ContactSystem:
         """The dual solution z of K z + B^T f = B^T g, B z = d on the closed rows, nothing prescribed or loaded.
 
         Collective.  With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with forces g on
-        open rows that of the gaps there.  `solve` must not be called afterwards.
+        open rows that of the gaps there.
 
         Args:
             penetration: (n,) float64, d [m].
@@ -121,13 +121,16 @@ class ContactSystem:
             (owned, 3) float64 [m].
         """
         bounded, term, projection = self._enforced(self._jump.with_gap(penetration))
-        self._cg.correct(term.difference(self._active, bounded, self._known))
         right_hand_side = bounded.right_hand_side(self._known, -force)
         u = np.zeros_like(right_hand_side)
         if projection is not None:
             projection.close(self._active & self._projected)
             u = projection.onto_closed(u)
-        return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), projection)
+        self._cg.correct(term.difference(self._active, bounded, self._known))
+        try:
+            return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), projection)
+        finally:
+            self._correct(self._term)
 
     def _correct(self, term):
         """Let the operator have a penalty term of the closed rows; the right-hand side that belongs to the matrix."""

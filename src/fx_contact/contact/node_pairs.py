@@ -12,11 +12,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
+from fx_contact.contact.contact_facets import facet_shares, facets_of, positions_across
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST
+from fx_contact.contact.pressure import nodal_pressure
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE
 
 #: Cosine of the angle to their mean up to which the normals of rows at one node are those of a smooth surface: 15
 #: degrees, as between the facets of a circle of twelve cells and their mean normal.
@@ -40,6 +40,10 @@ class NodePairs(ConstraintRows):
         node = np.stack([self.first, self.second], axis=1).ravel()
         values = np.stack([self.normal, -self.normal], axis=1).reshape(-1, 3)
         return Blocks(np.repeat(np.arange(n), 2), node, np.tile([0, 1], n), values)
+
+    def pressure(self, force):
+        """As `ConstraintRows.pressure`; at degree 2 force over area alternates, `nodal_pressure` does not."""
+        return nodal_pressure(self, force)
 
 
 def create_node_pairs(scene, forest, prolongation, enforcement):
@@ -136,63 +140,3 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
         across=across,
         apart=apart,
     )
-
-
-def facets_of(index, forest):
-    """This rank's leaf facets on the first surface of a contact pair.
-
-    Local.
-
-    Args:
-        index: of the contact pair in the scene.
-        forest: Forest.
-
-    Returns:
-        (n,) int64 leaves, (n,) int64 their local faces.
-    """
-    leaf, face = forest.contact_faces()
-    cell, pairing = forest.cell[leaf], forest.pairing
-    ours = pairing.first[cell, face] & (pairing.pair[cell, face] == index)
-    return leaf[ours], face[ours]
-
-
-def positions_across(forest, leaf, face, points):
-    """Positions of points of contact facets, and of the points that face them, on the true curved geometry.
-
-    Local.
-
-    Args:
-        forest: Forest.
-        leaf, face: (n,) int64, leaves and their local faces, all paired.
-        points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
-
-    Returns:
-        two (n, m, 3) float64 [m].
-    """
-    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    return _evaluate(forest, forest.cell[leaf], points), _evaluate(forest, cell, opposite)
-
-
-def facet_shares(space, nodes, face):
-    """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
-
-    Local.
-
-    Args:
-        space: Space.
-        nodes: (n, (p+1)^2, 3) float64, positions of the facet nodes [m].
-        face: (n,) int, local faces.
-
-    Returns:
-        (n, (p+1)^2) float64 areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
-    """
-    weights, value, along_u, along_v = space.facet_rule
-    normal = np.cross(along_u @ nodes, along_v @ nodes) * hexahedron.FACE_ORIENTATION[face][:, None, None]
-    value = weights[:, None] * value
-    return np.linalg.norm(normal, axis=2) @ value, value.T @ normal
-
-
-def _evaluate(forest, cell, points):
-    """Positions (n, m, 3) of lattice points (n, m, 3) of root cells."""
-    flat = points.reshape(-1, 3, 1) / SIDE
-    return forest.mesh.evaluate(np.repeat(cell, points.shape[1]), flat).reshape(points.shape)

@@ -1,4 +1,4 @@
-"""The contact pressure at the nodes, from the forces of rows.
+"""The contact pressure at the nodes, from the forces of node pairs.
 
 At degree 2 force over area, p = D^-1 f, alternates around the true pressure: f has the integrals of p N, which
 Simpson's areas D give where p is linear.  On smooth contact with facets of size h it is off by -h^2 p''/20 at vertices
@@ -11,7 +11,7 @@ a facet by more than the part `_MOST`.
 
 import numpy as np
 
-from fx_contact.contact.node_pairs import facet_shares, facets_of, positions_across
+from fx_contact.contact.contact_facets import facet_shares, facets_of, positions_across
 
 #: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs.  Error of
 #: the largest pressure: force over area +1.33, +0.32, +0.083 %; here, with any limit from 0.02 to 0.4 or none, +0.51,
@@ -22,12 +22,12 @@ _MOST = 0.1
 
 
 def nodal_pressure(rows, force):
-    """The contact pressure at the nodes of rows.
+    """The contact pressure at the nodes of node pairs.
 
     Collective on the prolongation's comm.
 
     Args:
-        rows: ConstraintRows.
+        rows: NodePairs.
         force: (n,) float64, compression positive [N].
 
     Returns:
@@ -47,9 +47,9 @@ def nodal_pressure(rows, force):
 
 def _changes(rows, pressure, index, change):
     """What M^-1 D - 1, `change`, adds to the pressures of one contact pair: (n,) float64 [Pa].  Collective."""
-    prolongation, imap = rows.prolongation, rows.prolongation.index_map
-    space, (leaf, face) = prolongation.space, facets_of(index, prolongation.space.forest)
-    known, sums = np.zeros((imap.size_local + imap.num_ghosts, 1)), np.zeros((len(space), 1))
+    prolongation, space = rows.prolongation, rows.prolongation.space
+    leaf, face = facets_of(index, space.forest)
+    known, sums = prolongation.zeros(1), np.zeros((len(space), 1))
     np.add.at(known[:, 0], rows.first, pressure)
     nodal = prolongation.prolong(prolongation.summed(known))[space.on_faces(leaf, face), 0]
     pressed = nodal.any(axis=1)

@@ -85,9 +85,10 @@ class Goals:
         with self._stages("solve"):
             z = self._system.dual(penetration, force)
         elasticity.set_displacement(z)
-        estimate = self._recovery.estimate(loaded=False)
-        elasticity.set_displacement(self._state.solution.displacement)
-        return z, estimate
+        try:
+            return z, self._recovery.estimate(loaded=False)
+        finally:
+            elasticity.set_displacement(self._state.solution.displacement)
 
     def _moved(self, z):
         """|a(u, z)| by polarisation: ||u + s z||^2 - ||u - s z||^2 = 4 s a(u, z)."""

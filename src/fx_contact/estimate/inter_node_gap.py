@@ -9,7 +9,7 @@ from copy import copy
 
 import numpy as np
 
-from fx_contact.contact.node_pairs import facets_of, positions_across
+from fx_contact.contact.contact_facets import facets_of, positions_across
 from fx_contact.problem import hexahedron
 
 #: Penetration up to this part of what the gap varies by on a facet may come from the linear solver,
@@ -148,7 +148,7 @@ def _simpson(count):
 def _at_nodes(pairs, solution, index):
     """Columns of what is known of a contact pair's node pairs, at this rank's nodes: (m, 8) float64."""
     prolongation, ours = pairs.prolongation, pairs.contact == index
-    said = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 8))
+    said = prolongation.zeros(8)
     modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(solution.displacement)
     jump = u[pairs.first] - u[pairs.second]
     columns = solution.pressure, modulus, *jump.T, *pairs.normal.T

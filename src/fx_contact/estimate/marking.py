@@ -3,10 +3,10 @@
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.fem.space import child_error
+
 #: The lowest threshold for goals, relative to the largest error.
 _LOWEST_FOR_GOALS = 1e-12
-#: `Space.child_error` at degree 1.
-_CHILD_ERROR_DEGREE_1 = 1 / 32
 
 
 def by_criterion(estimate, tolerance):
@@ -47,7 +47,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
     aim = control.target * tolerance * estimate.energy_norm
-    if child < _CHILD_ERROR_DEGREE_1:
+    if child < child_error(1):
         aim = max(aim, control.least_reduction * estimate.error_global)
     need = estimate.error_global**2 - aim**2
 

@@ -14,10 +14,13 @@ from mpi4py import MPI
 
 from fx_contact.estimate.element_residual import ElementResidual
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.space import child_error
 from fx_contact.parallel.errors import SolveError
 
 #: Rows and columns of the six components of a symmetric stress in recovered fields.
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+#: Position in `VOIGT` of each component of a symmetric tensor.
+TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
 #: Degree of the Gauss rule with 2 x 2 x 2 points, at which stresses of degree 2 are superconvergent.
 _SUPERCONVERGENT = 3
 
@@ -33,7 +36,7 @@ class Estimate:
         error_global: xi of all cells (6) [J^(1/2)].
         energy_norm: omega (4) [J^(1/2)].
         cells: number of cells on all ranks.
-        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `Space.child_error` [-].
+        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `fem.space.child_error` [-].
     """
 
     stress: object
@@ -78,7 +81,7 @@ class Recovery:
             sigma = elasticity.stress(elasticity.u, elasticity.volume_strain)
             integrand = ufl.as_vector([*(sigma[i, j] for i, j in VOIGT), 1])
             self._moments = compiled(comm, ufl.inner(integrand, ufl.TestFunction(moments)) * gauss)
-            smooth = ufl.as_matrix([[self._recovered[_position(i, j)] for j in range(3)] for i in range(3)])
+            smooth = ufl.as_matrix([[self._recovered[component] for component in row] for row in TENSOR])
             both = ufl.as_vector([_energy(elasticity, smooth - sigma), _energy(elasticity, sigma)])
             self._energies = compiled(comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
         self._residual = None
@@ -125,12 +128,8 @@ class Recovery:
             error_global=error,
             energy_norm=omega,
             cells=int(total[2]),
-            child_error=prolongation.space.child_error,
+            child_error=child_error(prolongation.space.degree),
         )
-
-
-def _position(i, j):
-    return VOIGT.index((min(i, j), max(i, j)))
 
 
 def _energy(elasticity, stress):

@@ -37,10 +37,9 @@ def prescribed_displacements(scene, forest, prolongation):
     largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
     same = _SAME * forest.comm.allreduce(largest, op=MPI.MAX)
     result = np.full((prolongation.owned, 3), np.nan)
-    imap = prolongation.index_map
     for condition, (at, values) in zip(scene.conditions, said):
         # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
-        sums = np.zeros((imap.size_local + imap.num_ghosts, 4))
+        sums = prolongation.zeros(4)
         sums[at] = np.column_stack([np.nan_to_num(values), np.ones(len(at))])
         total = prolongation.summed(sums)
         ours = np.flatnonzero(total[:, 3])

@@ -118,6 +118,7 @@ def _add(forces, space, leaves, order, density, face=None):
 
 def _gauss(count):
     """Gauss points on [0, 1] and their weights."""
+    # NumPy has any number of points.  The errors of their last digits matter for gaps alone (`Space.facet_rule`).
     points, weights = np.polynomial.legendre.leggauss(count)
     return (points + 1) / 2, weights / 2
 

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from fx_contact.parallel import compat
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_side
 
 #: Leaves whose positions are computed at once: few enough for the processor's cache.
 _CHUNK = 1 << 13
@@ -126,7 +126,7 @@ def _deviation(exact, order):
 
     Seen at the maps' own nodes, (n, (p+1)^3, 3): the difference has no more freedom than that.
     """
-    p = round(exact.shape[1] ** (1 / 3)) - 1
+    p = hexahedron.order_of(exact.shape[1])
     to_nodes = hexahedron.lagrange(p, np.linspace(0, 1, order + 1))
     there_and_back = hexahedron.lagrange(order, np.linspace(0, 1, p + 1)) @ to_nodes
     distance = np.linalg.norm(hexahedron.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
@@ -147,8 +147,7 @@ def leaf_positions(forest, leaves, order, level=None):
     Returns:
         (n, (p+1)^3, 3) float64 [m], tensor order.
     """
-    level = forest.level[leaves].astype(np.int32) if level is None else np.full(len(leaves), level, dtype=np.int32)
-    side = (SIDE >> level)[:, None]
+    side = leaf_side(forest.level[leaves] if level is None else np.full(len(leaves), level))[:, None]
     low, side = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
     return forest.mesh.evaluate(
         forest.cell[leaves], low[:, :, None] + side[:, :, None] * np.linspace(0, 1, order + 1)

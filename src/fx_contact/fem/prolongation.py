@@ -91,6 +91,10 @@ class Prolongation:
         """Number of conforming nodes that this rank owns."""
         return self.index_map.size_local
 
+    def zeros(self, k):
+        """(owned + ghosts, k) float64 zeros, to put in what `summed` takes.  Local."""
+        return np.zeros((self.index_map.size_local + self.index_map.num_ghosts, k))
+
     def injected(self, values):
         """Owned conforming values out of values at all nodes, R: R P = I.
 

@@ -1,4 +1,4 @@
-"""Where the unknowns sit: the nodes of a degree on a forest, the one place that knows how many a leaf has.
+"""Where the unknowns sit: the nodes of a degree on a forest.
 
 The nodes of degree p are the lattice points i/p, 0 <= i <= p along each axis of a leaf, in tensor order, x fastest.
 They are named by their lattice keys, so that leaves and ranks that share a node agree on its name without a message.
@@ -14,8 +14,10 @@ from fx_contact.forest.forest import LatticePoints
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.lattice import leaf_side
 
+#: Degrees of the displacements.
+DEGREES = (1, 2)
 #: Gauss points and weights on [0, 1] by degree, p + 1 of them, right to the last digit, which NumPy's are not.
 _GAUSS = {
     1: (0.5 + np.array([-0.5, 0.5]) / np.sqrt(3), np.array([0.5, 0.5])),
@@ -46,7 +48,7 @@ class Space:
     """
 
     def __init__(self, forest, degree):
-        if not isinstance(degree, Integral) or isinstance(degree, bool) or degree not in _GAUSS:
+        if not isinstance(degree, Integral) or isinstance(degree, bool) or degree not in DEGREES:
             raise SceneError(
                 f"a Space has degree 1 or 2, got {shown(degree)}: nodes are points of the integer lattice, on which a "
                 "leaf can be halved, but not cut in three, nor in four on the finest level"
@@ -61,18 +63,13 @@ class Space:
     def __len__(self):
         return len(self.keys)
 
-    @property
-    def nodes_per_cell(self):
-        """(p+1)^3."""
-        return (self.degree + 1) ** 3
-
     @cached_property
     def points(self):
         """(n, (p+1)^3, 3) int32, lattice coordinates of the nodes of each leaf."""
         forest = self.forest
         if self.degree == 1:
             return forest.corners
-        side = (SIDE >> forest.level.astype(np.int32)).astype(np.int32)
+        side = leaf_side(forest.level)
         steps = hexahedron.lattice(self.degree).astype(np.int32)
         return forest.anchor[:, None] + side[:, None, None] * steps // self.degree
 
@@ -99,7 +96,7 @@ class Space:
             (k, 3) float64 [m].
         """
         leaf, local = self.example[nodes].T
-        return self.forest.mesh.evaluate(self.forest.cell[leaf], self.points[leaf, local][:, :, None] / SIDE)[:, 0]
+        return self.forest.evaluate(self.forest.cell[leaf], self.points[leaf, local])
 
     def on_faces(self, leaf, face):
         """Nodes of faces of this rank's leaves.
@@ -130,11 +127,6 @@ class Space:
         cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
         return forest.lattice.keys(cell, opposite)
 
-    @property
-    def child_interpolation(self):
-        """(8, (p+1)^3, (p+1)^3) float64: nodal values of each child from those of its parent."""
-        return hexahedron.child_interpolation(self.degree)
-
     @cached_property
     def facet_rule(self):
         """A Gauss rule on a facet, exact for products of its shape functions with the Jacobian of affine facets.
@@ -147,7 +139,7 @@ class Space:
         value, slope = hexahedron.lagrange(self.degree, x), hexahedron.lagrange_derivative(self.degree, x)
         return np.kron(w, w), np.kron(value, value), np.kron(value, slope), np.kron(slope, value)
 
-    @property
-    def child_error(self):
-        """xi_T^2 of a child over that of its parent where the solution is smooth: h^(2p+3), 1/32 at degree 1 [-]."""
-        return 2.0 ** -(2 * self.degree + 3)
+
+def child_error(degree):
+    """xi_T^2 of a child over that of its parent where the solution is smooth, h^(2p+3) of p = degree [-].  Local."""
+    return 2.0 ** -(2 * degree + 3)

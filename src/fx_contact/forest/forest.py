@@ -4,6 +4,7 @@ A leaf is (root cell, level, integer anchor).  The root mesh is replicated, the 
 the length of all leaves exists on a rank.  Forests are immutable: refining and moving return new ones.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -64,6 +65,21 @@ class Forest:
         """(n, 8, 3) int32, lattice coordinates of the leaf corners."""
         return lattice.leaf_corners(self.anchor, self.level)
 
+    def evaluate(self, cell, points):
+        """Where points of the lattice are, on the curved geometry.
+
+        Local.
+
+        Args:
+            cell: (n,) int, root cells.
+            points: (n, ..., 3) int32, lattice coordinates in those cells; float64 between lattice points.
+
+        Returns:
+            (n, ..., 3) float64 [m].
+        """
+        cells = np.repeat(cell, math.prod(points.shape[1:-1]))
+        return self.mesh.evaluate(cells, points.reshape(-1, 3, 1) / SIDE).reshape(points.shape)
+
     def positions(self, leaf, corner):
         """Where corners of leaves are, on the curved geometry.
 
@@ -75,12 +91,12 @@ class Forest:
         Returns:
             (m, 3) float64 [m].
         """
-        return self.mesh.evaluate(self.cell[leaf], self.corners[leaf, corner][:, :, None] / SIDE)[:, 0]
+        return self.evaluate(self.cell[leaf], self.corners[leaf, corner])
 
     @cached_property
     def centres(self):
         """(n, 3) float64, middles of the leaves on the curved geometry [m]."""
-        return self.mesh.evaluate(self.cell, self.corners.mean(axis=1)[:, :, None] / SIDE)[:, 0]
+        return self.evaluate(self.cell, self.corners.mean(axis=1))
 
     @cached_property
     def representatives(self):
@@ -170,29 +186,29 @@ class Forest:
         child = np.full(len(parent), -1, dtype=np.int8)
         child[marked[parent]] = np.tile(np.arange(8, dtype=np.int8), int(marked.sum()))
         level = self.level[parent] + (child >= 0).astype(np.int8)
-        side = (SIDE >> level.astype(np.int32)).astype(np.int32)
         offset = np.where(child[:, None] >= 0, hexahedron.CORNERS[child], 0).astype(np.int32)
-        anchor = self.anchor[parent] + side[:, None] * offset
+        anchor = self.anchor[parent] + lattice.leaf_side(level)[:, None] * offset
         return replace(self, cell=self.cell[parent], level=level, anchor=anchor), Glue(parent, child)
 
-    def refined_with(self, times, values):
+    def refined_with(self, times, values=None):
         """Refine leaves, some of them repeatedly, and carry a field along.
 
         Collective on comm.  Once refined, leaves stop at the finest level.
 
         Args:
             times: (n,) int, how often to refine each leaf; its children all alike.
-            values: (n, (p+1)^3, ...) float64, a field of degree p at the nodes of the leaves.
+            values: (n, (p+1)^3, ...) float64, a field of degree p at the nodes of the leaves; None: there is none.
 
         Returns:
-            The new Forest, and the field at the nodes of its leaves.
+            The new Forest, and the field at the nodes of its leaves, or None.
 
         Raises:
             GeometryError: a leaf of the finest level is to be refined.
             SolveError: as `refined`.
         """
         forest, glue = self.refined(times > 0)
-        values, times = glue.carry(values), np.maximum(times[glue.parent] - 1, 0)
+        values = None if values is None else glue.carry(values)
+        times = np.maximum(times[glue.parent] - 1, 0)
         times[forest.level == MAX_LEVEL] = 0
         if not self.comm.allreduce(bool(times.any()), op=MPI.LOR):
             return forest, values
@@ -241,7 +257,7 @@ class Forest:
     def _forbidden_edges(self, marked):
         """Keys of edges that no unrefined leaf may have once the marked leaves are refined."""
         leaves = np.flatnonzero(marked & (self.level > 0))
-        child = (self.anchor[leaves] // (SIDE >> self.level[leaves].astype(np.int32))[:, None]) & 1
+        child = (self.anchor[leaves] // lattice.leaf_side(self.level[leaves])[:, None]) & 1
         corner = child @ [1, 2, 4]
         # A child's corner one step from the corner it shares with its parent is the midpoint of a parent's edge.
         middles = self.vertices.cells[leaves[:, None], corner[:, None] ^ [1, 2, 4]]

@@ -99,34 +99,6 @@ KINDS = {
 }
 
 
-def assign(forest, parts, kind, home=None):
-    """A partition into any number of parts, without moving a leaf.
-
-    Collective on forest.comm; facing leaves are on one rank, and for "contact-sfc" what is on one part too.
-
-    Args:
-        forest: Forest.
-        parts: number of parts.
-        kind: a key of `KINDS`.
-        home: (n,) int, the part on which each leaf is before; default the first.
-
-    Returns:
-        Units of the kind, and the (m,) int32 part of each.
-
-    Raises:
-        PartitionError: more parts than units.
-    """
-    units = Units(forest, KINDS[kind].pairs)
-    if parts > units.comm.allreduce(len(units)):
-        raise PartitionError(f"{forest.size_global} leaves cannot be spread over {parts} parts by {kind!r}")
-    part = np.zeros(len(units), dtype=np.int32)
-    if home is not None:
-        part[units.of_leaf] = home
-    for stage in KINDS[kind].stages:
-        part = stage(units, parts, part)
-    return units, part
-
-
 def repartition(forest, values, kind="contact-sfc"):
     """Move leaves, and data they carry, to the ranks that a partition of the given kind assigns.
 

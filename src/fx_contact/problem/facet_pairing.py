@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, root_faces
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
 
 #: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
 _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
@@ -119,7 +119,7 @@ class Pairing:
         other, other_face, points = self.opposite(cell, face, corners)
         low = points.min(axis=1)
         high_side = np.flatnonzero(hexahedron.FACE_SIDE[other_face] == 1)
-        low[high_side, hexahedron.FACE_AXIS[other_face[high_side]]] -= SIDE >> level[high_side].astype(np.int32)
+        low[high_side, hexahedron.FACE_AXIS[other_face[high_side]]] -= leaf_side(level[high_side])
         return other, low
 
     def representatives(self, cell, level, anchor):

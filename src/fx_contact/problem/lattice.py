@@ -99,6 +99,11 @@ def _part_corners(code):
     return [x + 2 * y + 4 * z for z, y, x in product(*free[::-1])]
 
 
+def leaf_side(level):
+    """Sides of leaves in lattice units, of their levels (n,) int: (n,) int32."""
+    return (SIDE >> level.astype(np.int32)).astype(np.int32)
+
+
 def leaf_corners(anchor, level):
     """Lattice coordinates of the corners of leaves.
 
@@ -109,8 +114,7 @@ def leaf_corners(anchor, level):
     Returns:
         (n, 8, 3) int32, tensor order.
     """
-    side = (SIDE >> level.astype(np.int32)).astype(np.int32)
-    return anchor[:, None] + side[:, None, None] * hexahedron.CORNERS.astype(np.int32)
+    return anchor[:, None] + leaf_side(level)[:, None, None] * hexahedron.CORNERS.astype(np.int32)
 
 
 def edge_midpoints(corners):
@@ -133,8 +137,7 @@ def root_faces(anchor, level):
     Returns:
         (n, 6) bool.
     """
-    side = (SIDE >> level.astype(np.int32))[:, None]
-    ends = np.stack([anchor == 0, anchor + side == SIDE], axis=1)
+    ends = np.stack([anchor == 0, anchor + leaf_side(level)[:, None] == SIDE], axis=1)
     return ends[:, hexahedron.FACE_SIDE, hexahedron.FACE_AXIS]
 
 

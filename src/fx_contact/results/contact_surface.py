@@ -76,7 +76,7 @@ def _nodal_values(step):
     rows = pairs.area[:, None] * np.stack(
         [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1
     )
-    sums = np.zeros((prolongation.index_map.size_local + prolongation.index_map.num_ghosts, 4))
+    sums = prolongation.zeros(4)
     blocks = pairs.blocks  # a node where contact pairs of the scene meet is in several rows
     weight = np.linalg.norm(blocks.values, axis=1)[:, None]
     np.add.at(sums, blocks.node, weight * rows[blocks.row])

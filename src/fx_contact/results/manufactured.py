@@ -166,7 +166,7 @@ def adapt_manufactured(
         if not uniform:
             marked, history = control.marked(step.estimate, tolerance, history, comm)
             times[step.elasticity.leaf_mesh.leaf] = marked
-        forest, _ = forest.refined_with(times, np.empty((len(forest), 8, 0)))
+        forest, _ = forest.refined_with(times)
 
 
 def _solve(number, space, order, tolerance, stages):
