@@ -65,6 +65,30 @@ def test_dual_solutions(asked, method):
     assert abs((loads - moved) / goal.value - 1) < {"exact": 1e-6}.get(method, 0.02)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_after_a_dual_solution(monkeypatch, method):
+    """The system has the displacement that it had before, and so has the mesh, where the estimate fails too."""
+    tried = []
+
+    class Again(Goals):
+        def force(self, index):
+            shown, estimate = self._state.elasticity.u.x.array.copy(), self._recovery.estimate
+            goal, solution = super().force(index), self._state.solution
+            u = solution.displacement
+            again = self._system.solve(solution.active, 0.5 * u, 1e-8)
+            tried.append(np.abs(again - u).max(initial=0.0) / np.abs(u).max(initial=1e-300))
+            self._recovery.estimate = None
+            with pytest.raises(TypeError):
+                super().force(index)
+            self._recovery.estimate = estimate
+            tried.append(np.abs(self._state.elasticity.u.x.array - shown).max(initial=0.0))
+            return goal
+
+    monkeypatch.setattr("fx_contact.adaptive.step_solver.Goals", Again)
+    list(adapt(beam(0.5), 0.3, enforcement=Enforcement(method), max_steps=4))
+    assert len(tried) > 1 and max(tried[::2]) < 1e-5 and max(tried[1::2]) == 0, tried
+
+
 def test_gaps(asked):
     """What strains contribute to a gap is what it has changed by, where they have done most for what is left.
 

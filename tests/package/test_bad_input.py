@@ -844,7 +844,7 @@ CASES = {
         "other contact pairs",
     ),
     "beginning that is no number": (lambda: begin(nan_on_last_rank), SceneError, "must be finite"),
-    "beginning of other leaves": (lambda: begin(lambda values: values[1:]), SceneError, "8, 3 or more"),
+    "beginning of other leaves": (lambda: begin(lambda values: values[1:]), SceneError, "8 or 27, 3 or more"),
     "beginning of two components": (lambda: begin(lambda values: values[..., :2]), SceneError, "3 or more"),
     "beginning of text": (lambda: begin(lambda _: "rest"), SceneError, "array of float64, got 'rest'"),
     "beginning of one rank": (lambda: first(beginning=of_one_rank()), SceneError, "communicator of 1 rank"),
