@@ -630,13 +630,12 @@ def test_stiff_penalty_at_degree_2():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("make", COMPARED[:3])
-def test_iterations_do_not_depend_on_the_penalty(make, degree):
+def test_iterations_do_not_depend_on_the_penalty(make):
     """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
     scene, count = make(), []
     for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 3, 6, 12))):
-        *_, last = records = [step.record for step in adapt(scene, 0.16, degree=degree, enforcement=enforcement)]
+        *_, last = records = [step.record for step in adapt(scene, 0.16, degree=1, enforcement=enforcement)]
         count.append(iterations(records))
         if enforcement.method == "exact":
             exact = last

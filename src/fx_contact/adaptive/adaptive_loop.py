@@ -269,8 +269,8 @@ class Run:
 
     def _solve(self, stages):
         """Distribute the forest anew, solve on it, and keep the step."""
-        give_back()
         with stages("partition"):
+            give_back()
             if self._values is not None:
                 self._forest, self._values = repartition(self._forest, self._values, self._kind)
             partition = PartitionSummary.of(self._forest, self._kind)
