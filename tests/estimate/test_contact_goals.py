@@ -286,5 +286,5 @@ def test_each_contact_is_judged_by_its_own_energy(joined):
     expected = sixth * (force / (force + of_rod) if joined else 1.0)
     with pytest.raises(SolveError, match="penetration takes .*%") as caught:
         list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))
-    taken = float(re.search(r"take ([\d.]+)%", str(caught.value))[1]) / 100
+    taken = float(re.search(r"takes ([\d.]+)%", str(caught.value))[1]) / 100
     assert abs(taken - expected) < 0.002 and abs(sixth - 1 / 6) < 1e-12
