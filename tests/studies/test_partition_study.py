@@ -26,7 +26,7 @@ def study(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(WORLD.size > 2, reason="each rank scores a benchmark by itself: two show all")
+@pytest.mark.skipif(WORLD.size != 2, reason="each rank scores a benchmark by itself: two show all")
 def test_study(study, monkeypatch, tmp_path):
     """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
     folder = Path(WORLD.bcast(str(tmp_path)))
@@ -67,6 +67,7 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(WORLD.size != 2, reason="two ranks show all")
 def test_kernels(study):
     """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
     from studies.partition.scaling_kernels import TIMES, measure

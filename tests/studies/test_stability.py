@@ -26,12 +26,13 @@ SOFT = Material(1.0, 0.3)
 @pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
 def test_scores():
-    """The sampled scenes, each on one rank: right or rightly refused, or honest about why not; none silently wrong."""
-    mine = [stability.score(case) for case in list(CHOSEN.values())[WORLD.rank :: WORLD.size]]
+    """A third of the sample, each on one rank: right, rightly refused, or honest about why not; none silently wrong."""
+    some = list(CHOSEN.values())[::3]
+    mine = [stability.score(case) for case in some[WORLD.rank :: WORLD.size]]
     bad = [one for one in mine if one["score"] not in ("right", "refused", "noisy", "error", "unreached")]
     everywhere(not bad, "\n".join(stability.line(one) for one in bad))
     good = WORLD.allreduce(sum(one["score"] in ("right", "refused") for one in mine))
-    assert good > 0.8 * len(CHOSEN)
+    assert good > 0.8 * len(some)
 
 
 def test_the_tables():
