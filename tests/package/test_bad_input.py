@@ -144,8 +144,8 @@ def hanging_roots():
     return RootMesh(both[first], inverse.reshape(3, 8), ("a",), np.zeros(3, np.int32))
 
 
-def gmsh_box(recombine=True, order=1, extra=False, twice=False):
-    """A root mesh of a box, by Gmsh."""
+def gmsh_box(recombine=True, order=1, extra=False, twice=False, triangles=False):
+    """A root mesh of a box, by Gmsh; `triangles`: beside a surface that is not recombined."""
 
     def build():
         import gmsh
@@ -161,6 +161,10 @@ def gmsh_box(recombine=True, order=1, extra=False, twice=False):
             gmsh.model.addPhysicalGroup(3, [1], name="again")
         if recombine:
             gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
+        if triangles:
+            surface = gmsh.model.occ.addRectangle(0, 0, 2, 1, 1)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(2, [surface], name="apart")
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(order)
 
@@ -517,6 +521,7 @@ CASES = {
         "cannot work with",
     ),
     "volume with two names": (lambda: gmsh_box(twice=True), GeometryError, "root cell 0 is there twice"),
+    "surface of triangles": (lambda: gmsh_box(triangles=True), GeometryError, "group 'apart' of the Gmsh model needs"),
     "volume without name": (lambda: gmsh_box(extra=True), SceneError, "in no physical group"),
     "picture that cannot be written": (
         lambda: draw_pressure(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null/pressure.png"),

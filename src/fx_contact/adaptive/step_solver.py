@@ -132,7 +132,7 @@ def _discretise(settings, start, stages):
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
-        matrix = elasticity.stiffness(pairs)
+        matrix = elasticity.stiffness(pairs, copied=not settings.multigrid)
         coarse = create_coarse_level(elasticity, prescribed) if settings.multigrid else None
     problem = ContactProblem(
         matrix=matrix,

@@ -11,7 +11,7 @@ a facet by more than the part `_MOST`.
 
 import numpy as np
 
-from fx_contact.contact.contact_facets import facet_shares, facets_of, positions_across
+from fx_contact.contact.contact_facets import facet_shares, facets_of
 
 #: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs.  Error of
 #: the largest pressure: force over area +1.33, +0.32, +0.083 %; here, with any limit from 0.02 to 0.4 or none, +0.51,
@@ -54,8 +54,8 @@ def _changes(rows, pressure, index, change):
     nodal = prolongation.prolong(prolongation.summed(known))[space.on_faces(leaf, face), 0]
     pressed = nodal.any(axis=1)
     leaf, face, nodal = leaf[pressed], face[pressed], nodal[pressed]
-    here, _ = positions_across(space.forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
-    area, _ = facet_shares(space, here, face)
+    points = space.points[leaf[:, None], space.face_nodes[face]]
+    area, _ = facet_shares(space, space.forest.evaluate(space.forest.cell[leaf], points), face)
     changes, most = nodal @ change.T, _MOST * np.maximum(nodal, 0.0)
     part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
     np.add.at(sums[:, 0], space.on_faces(leaf, face), area * part[:, None] * changes)

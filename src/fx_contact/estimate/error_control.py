@@ -20,9 +20,9 @@ class ErrorControl:
     The mode "energy" is that of the paper: cells of criterion (2) are refined once, with their partners (5), until
     xi / (e omega) <= 1 (6), on the first mesh too.  It uses none of the parameters below, and judges no penalty.
 
-    The mode "contact" uses the measured effectivity theta of the estimator, refines cells once or twice by the
-    threshold that the tolerance needs, and holds the forces of contact pairs, open gaps, the penetration between nodes
-    and that of a penalty to the tolerance (`contact_goals`).
+    The mode "contact" uses the measured effectivity theta of the estimator, and refines cells once or twice by the
+    threshold that the tolerance needs.  It holds to the tolerance also the forces of contact pairs, open gaps, the
+    penetration between nodes and that of a penalty (`contact_goals`).
 
     Attributes:
         mode: "contact" or "energy".

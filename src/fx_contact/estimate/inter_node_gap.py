@@ -30,13 +30,13 @@ def inter_node_penetration(state, tolerance, patches, energy):
     """Leaves to refine because bodies penetrate or gape between the nodes of their contact facets.
 
     Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On the facets of a contact patch
-    the gap g differs from g_I, interpolated from the nodes, on any mesh of a round body.  There
+    the gap g differs from g_I, interpolated from the nodes, on any mesh of a round body.  With the pressure p and the
+    penetration o = max(-g - max(-g_I, 0), 0) beyond that of the nodes, its energy is
 
-        int p |g - g_I| + (E*/h) o^2 dA,    o = max(-g - max(-g_I, 0), 0) the penetration beyond that of the nodes,
+        int p |g - g_I| + (E*/h) o^2 dA.
 
-    is what the pressures p would do on the difference, and what it would take to press o.  Each patch may have e^2 of
-    the energy that it stores, or what the linear solver leaves.  Where it has more, its facets with more than their
-    share are refined.
+    Each patch may have e^2 of the energy that it stores, or what the linear solver leaves.  Where it has more, its
+    facets with more than their share are refined.
 
     Args:
         state: SolvedState.

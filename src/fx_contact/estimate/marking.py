@@ -52,6 +52,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     need = estimate.error_global**2 - aim**2
 
     def choose(once, twice):
+        """The highest threshold that suffices; as `_mark` wants it."""
         chosen = int(np.searchsorted(_lost(once, twice, loss * (loss_rate or 1.0))[:-1], need))
         return chosen if chosen < (half if loss_rate is None else len(thresholds)) else half - 1
 
@@ -88,6 +89,7 @@ def for_goal(error, allowed, child_error, control, comm):
     thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, control.thresholds) * largest
 
     def choose(once, twice):
+        """The highest threshold that suffices; as `_mark` wants it."""
         left = once[-1] - _lost(once, twice, smooth_loss(child_error))
         enough = (left <= control.goal_target * allowed) | (once[-1] - once <= control.goal_kept * allowed)
         return int(np.argmax(enough))

@@ -2,8 +2,7 @@
 
 A cell's nodes that hang have masters, of which the cell's own nodes may be some.  With C the rows of P of the cell's
 nodes, in the columns of all their masters, the cell adds C^T K_T C to the matrix.  At degree 2 no master hangs itself
-and C is square.  The idea: P. Munch, K. Ljungkvist, M. Kronbichler, Proc. SIAM PP (2022), "Efficient application of
-hanging-node constraints for matrix-free high-order FEM computations on CPU and GPU".
+and C is square.  The idea: P. Munch, K. Ljungkvist, M. Kronbichler, ISC High Performance 2022, LNCS 13289.
 """
 
 import numpy as np

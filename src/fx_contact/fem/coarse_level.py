@@ -30,9 +30,7 @@ def create_coarse_level(elasticity, prescribed):
     """
     fine = elasticity.prolongation
     coarse = Prolongation(Space(fine.space.forest, 1))
-    own = np.flatnonzero((coarse.conforming >= 0) & (coarse.conforming < coarse.owned))
-    place = np.empty(coarse.owned, dtype=np.int64)
-    place[coarse.conforming[own]] = fine.find(coarse.space.keys[own])
+    place = coarse.injected(fine.find(coarse.space.keys))
     free = fine.ghosted(np.isnan(prescribed).astype(float))[place] > 0
 
     matrix = elasticity.on(coarse).stiffness().mat
@@ -47,12 +45,10 @@ def create_coarse_level(elasticity, prescribed):
 
 def _interpolation(fine, coarse, free):
     """I from the coarse unknowns, those that are not free left out: PETSc AIJ."""
-    own = np.flatnonzero((fine.conforming >= 0) & (fine.conforming < fine.owned))
-    example = np.empty((fine.owned, 2), dtype=np.int64)
-    example[fine.conforming[own]] = fine.space.example[own]
+    leaf, node = fine.injected(fine.space.example).T
     corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
-    weights = np.kron(corners, np.kron(corners, corners))[example[:, 1]]
-    nodes = coarse.space.cells[example[:, 0]]
+    weights = np.kron(corners, np.kron(corners, corners))[node]
+    nodes = coarse.space.cells[leaf]
     values = csr_matrix(
         (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
     )

@@ -1,11 +1,11 @@
 """Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K.
 
 Nearly incompressible cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that need
-it, it is projected in each cell on the polynomials q of degree p - 1, here in the cell's reference coordinates,
+it, it is projected in each cell on the polynomials q of degree p - 1 in reference coordinates.  Its energy is
 
-    lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j,
+    lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j.
 
-the energy of the pair Q_p / P_(p-1) discontinuous with the pressure eliminated (D. S. Malkus, T. J. R. Hughes, Comput.
+That is the pair Q_p / P_(p-1) discontinuous with the pressure eliminated (D. S. Malkus, T. J. R. Hughes, Comput.
 Methods Appl. Mech. Eng. 15(1), 1978).  At degree 1 that is the mean of each cell (B-bar: J. C. Nagtegaal, D. M. Parks,
 J. R. Rice, Comput. Methods Appl. Mech. Eng. 4(2), 1974).  Linear displacements stay exact on distorted cells.
 """
@@ -104,6 +104,7 @@ class Elasticity:
         moments = self._compiled(ufl.TestFunction(self._volume_strains), ufl.div(u))
 
         def project():
+            """L2 projection of div u in each cell, by its moments.  Local."""
             of_cells = fem.assemble_vector(moments).array[self._volume_strains.dofmap.list]
             projected.x.array[self._volume_strains.dofmap.list] = np.einsum(
                 "nij,nj->ni", self._inverse_mass, of_cells
@@ -214,18 +215,19 @@ class Elasticity:
         forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
         return self.prolongation.restrict(self.at_nodes(forces))
 
-    def stiffness(self, rows=None):
+    def stiffness(self, rows=None, copied=True):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
         Collective on mesh.comm.
 
         Args:
             rows: ConstraintRows, or None without contact.
+            copied: as `create_matrix` has it.
 
         Returns:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
         """
-        matrix, imap = create_matrix(self.prolongation, self.cells, rows), self.prolongation.index_map
+        matrix, imap = create_matrix(self.prolongation, self.cells, rows, copied), self.prolongation.index_map
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         hangs = (self.prolongation.conforming[self.cells] < 0).any(axis=1)
         degree = self.prolongation.space.degree

@@ -15,8 +15,8 @@ from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.mpi import Exchange, together
 
-#: Memory of a block of 3 x 3 in the matrix, its copy in hypre's format and the levels below: what a system needs.
-_BLOCK_BYTES = 76 + 108 + 50
+#: Memory that a block of 3 x 3 takes in the matrix, in the preconditioner, and in a copy in hypre's format.
+_BLOCK_BYTES, _COPY_BYTES = 76 + 50, 108
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class BlockMatrix:
         return result
 
 
-def create_matrix(prolongation, cells, rows):
+def create_matrix(prolongation, cells, rows, copied=True):
     """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
 
     Collective on prolongation.comm.
@@ -69,6 +69,7 @@ def create_matrix(prolongation, cells, rows):
         prolongation: Prolongation.
         cells: (ncells, k) int32, position in the prolongation's space of each local cell's nodes.
         rows: ConstraintRows or None.
+        copied: whether the preconditioner will need a copy of it; p-multigrid does not.
 
     Returns:
         BlockMatrix.
@@ -80,7 +81,7 @@ def create_matrix(prolongation, cells, rows):
     check_memory(
         prolongation.comm,
         f"the system of {3 * imap.size_global:,} unknowns",
-        _BLOCK_BYTES * sum(int(length.sum()) for length in lengths),
+        (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths),
         "ask for a larger tolerance, or use more hosts",
     )
     mat = PETSc.Mat().create(prolongation.comm)

@@ -60,7 +60,7 @@ def root_mesh_from_file(comm, path):
     path = shared_path(comm, "a mesh file", path)
 
     def read():
-        """The file becomes Gmsh's current model."""
+        """The file becomes Gmsh's current model.  Raises SceneError where it cannot."""
         import gmsh
 
         try:
@@ -165,11 +165,13 @@ def _facing(model, dimension, family, corners, local):
         corners: (ncells, 8) int64, Gmsh's nodes at the cell corners.
         local: (k, m) int, corners of the local faces or edges.
     """
-    (k, m), (name, order) = local.shape, family
-    element_type = model.mesh.getElementType(name, order)
+    (k, m), order = local.shape, family[1]
+    element_type = model.mesh.getElementType(*family)
     known = np.sort(corners[:, local], axis=2).reshape(-1, m)
     groups = {}
     for name, entities in _groups(model, dimension).items():
+        if {kind for entity in entities for kind in model.mesh.getElementTypes(dimension, entity)} - {element_type}:
+            raise GeometryError(f"group {name!r} of the Gmsh model needs {family[0]}s alone: recombine its surfaces")
         nodes = np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
         wanted = np.sort(nodes.reshape(-1, (order + 1) ** dimension)[:, :m].astype(np.int64), axis=1)
         if not len(wanted):
@@ -187,7 +189,7 @@ def _vertices(model, used):
     vertices = {}
     for name, entities in _groups(model, 0).items():
         tags = np.concatenate([model.mesh.getNodes(0, entity)[0] for entity in entities]).astype(np.int64)
-        if not np.isin(tags, used).all():
+        if not len(tags) or not np.isin(tags, used).all():
             raise SceneError(f"point {name!r} of the Gmsh model is not a corner of the mesh of any body")
         vertices[name] = np.searchsorted(used, tags)
     return vertices
