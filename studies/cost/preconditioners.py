@@ -1,16 +1,20 @@
 """Preconditioners at degree 2: PCG iterations to 1e-8, CPU microseconds an unknown of one set-up and one solve.
 
-    python3 -m studies.cost.preconditioners                              # every scene and preconditioner: ten minutes
+    python3 -m studies.cost.preconditioners                              # every scene and preconditioner
     python3 -m studies.cost.preconditioners --scene "hertz 0.3" --tune   # other options of p-multigrid
 
-The contact is that of the last step, closed pairs held; PCG starts from the displacement carried from the mesh before,
-on root cells from zero.  CPU seconds are the least of three repetitions on one rank.
+"low-order refined" is BoomerAMG on the matrix of degree 1 of the leaves refined once, whose nodes are those of degree 2
+(S. A. Orszag, J. Comput. Phys. 37(1), 1980).  The contact is that of the last step, closed pairs held; PCG starts from
+the displacement carried from the mesh before, on root cells from zero.  CPU seconds are the least of three repetitions
+on one rank.
 """
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Scene, Solver, Traction, adapt
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
@@ -20,7 +24,13 @@ from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
+from fx_contact.fem.leaf_mesh import create_leaf_mesh
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.linalg.coarse_level import CoarseLevel
+from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, indentation
@@ -42,6 +52,8 @@ TUNED = {
     "threshold 0.7 below": {"mg_coarse_pc_hypre_boomeramg_strong_threshold": 0.7},
     "two cycles below": {"mg_coarse_pc_hypre_boomeramg_max_iter": 2},
 }
+#: The coarse level alone, without smoothing above.
+ALONE = {"mg_levels_ksp_type": "richardson", "mg_levels_ksp_max_it": 0, "mg_levels_pc_type": "none"}
 
 
 def plates(aspect):
@@ -79,12 +91,30 @@ def steps(name):
     return list(run)[-2:]
 
 
-def cost(step, solver):
+def low_order_refined(step, elasticity, prescribed):
+    """The matrix of degree 1 on the leaves refined once, in the place of a coarse level: CoarseLevel.  On one rank."""
+    fine, stages = elasticity.prolongation, Stages()
+    forest, _ = step.forest.refined(np.ones(len(step.forest), dtype=bool))
+    refined, leaf_mesh = Prolongation(Space(forest, 1)), create_leaf_mesh(forest, step.record.geometry_order)
+    body = step.scene.mesh.body[forest.cell[leaf_mesh.leaf]]
+    materials = np.array([[m.young, m.poisson] for m in map(step.scene.materials.get, step.scene.mesh.bodies)])
+    matrix = Elasticity(leaf_mesh, materials, body, refined, stages).stiffness().mat
+    matrix.assemble()
+    place = refined.injected(fine.find(refined.space.keys))
+    fixed = ~np.isnan(prescribed[place]).ravel()
+    matrix.zeroRowsColumns(np.flatnonzero(fixed).astype(np.int32), diag=matrix.getDiagonal().sum() / len(fixed))
+    entries = (~fixed).astype(float), (3 * place[:, None] + np.arange(3)).ravel(), np.arange(len(fixed) + 1)
+    interpolation = csr_matrix(entries, shape=(len(fixed), len(fixed))).T.tocsr()
+    matrix.convert("aij")
+    return CoarseLevel(matrix, distributed(fine.comm, interpolation, refined.index_map))
+
+
+def cost(step, solver, below=create_coarse_level):
     """Iterations, and CPU microseconds an unknown, of one set-up and one solve."""
     elasticity, rows, prolongation = step.elasticity, step.pairs, step.elasticity.prolongation
     prescribed = prescribed_displacements(step.scene, step.forest, prolongation)
     multigrid = solver.preconditioner == "p-multigrid"
-    coarse = create_coarse_level(elasticity, prescribed) if multigrid else None
+    coarse = below(elasticity, prescribed) if multigrid else None
     forces = load(step.scene, step.forest, elasticity)
     matrix = elasticity.stiffness(rows)
     problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, rows, step.scene, coarse=coarse)
@@ -103,28 +133,23 @@ def cost(step, solver):
     return {"at_the_end": system.preconditioner, "iterations": sum(system.iterations), **micro}
 
 
-def least(step, solver, repetitions):
+def least(step, repetitions, *args):
     """The same with the least CPU seconds of some repetitions."""
-    found = [cost(step, solver) for _ in range(repetitions)]
+    found = [cost(step, *args) for _ in range(repetitions)]
     return found[0] | {name: min(one[name] for one in found) for name in ("setup_us", "solve_us")}
 
 
 def measured(names, tune, repetitions):
     """Rows of the table."""
-    solvers = {"p-multigrid": Solver("p-multigrid")}
-    if tune:
-        solvers |= {name: Solver("p-multigrid", options=options) for name, options in TUNED.items()}
-    else:
-        solvers |= {"boomeramg": Solver("boomeramg")}
+    multigrid = {"p-multigrid": (Solver("p-multigrid"),)}
+    tuned = {name: (Solver("p-multigrid", options=options),) for name, options in TUNED.items()}
     for name in names:
         for step in steps(name):
-            for label, solver in solvers.items():
-                yield {
-                    "scene": name,
-                    "dofs": step.record.dofs,
-                    "preconditioner": label,
-                    **least(step, solver, repetitions),
-                }
+            refined = Solver("p-multigrid", options=ALONE), partial(low_order_refined, step)
+            others = tuned if tune else {"boomeramg": (Solver("boomeramg"),), "low-order refined": refined}
+            for label, how in (multigrid | others).items():
+                row = {"scene": name, "dofs": step.record.dofs, "preconditioner": label}
+                yield row | least(step, repetitions, *how)
 
 
 def main():

@@ -110,6 +110,8 @@ class State:
         record: of the step.
         force: sum of all contact forces [N].
         energy: twice the energy stored in the bodies [J].
+        potential: the quantity whose error is the square of the solution's: twice the potential energy where loads and
+            prescribed displacements act together, else the energy [J].
         work: of loads and reactions [J].
         yielded: sum of force times penetration: twice what the penalty stores [J].
         scale: a force to measure others by: contact, load or, without either, what may be lost [N].
@@ -154,14 +156,14 @@ class State:
         self._resultants = resultants(step.scene, self.pairs, contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
+        moved = held & (prescribed != 0)
+        self.potential = self.energy - (2 * float((u * self._load).sum()) if moved.any() else 0.0)
         self.yielded = float(contact.force @ self.penetration)
         self.size = float(np.abs(u).max())
         springs = self.pairs.bounded_stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
-        entries = (
-            3 * (2 * self.record.degree + 1) ** 3
-        )  # most of a row of the stiffness matrix, whose roundings add up
+        entries = 3 * (2 * self.record.degree + 1) ** 3  # most of a row of the stiffness, whose roundings add up
         loss += entries * np.finfo(float).eps * (diagonal + springs) * self.size
         self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
@@ -174,13 +176,20 @@ class State:
         return self.yielded / self.energy if self.force and self.energy > 0 else 0.0
 
     def stated(self):
-        """What discretisation changes in force and energy by the record, at most, relative."""
-        seen = self.record.assumed_effectivity
-        return 1.5 * (self.record.estimate / (1.0 if seen >= ErrorControl.trusted_effectivity else seen)) ** 2
+        """What discretisation changes in force and energy by the record, at most, relative.
+
+        A run takes the estimate at its word from `trusted_effectivity` on, so the error may be so much larger.
+        """
+        seen, trusted = self.record.assumed_effectivity, ErrorControl.trusted_effectivity
+        return (self.record.estimate / (trusted * (1.0 if seen >= trusted else seen))) ** 2
 
     def bulge(self):
-        """What a round contact changes in them between its nodes, relative."""
-        return 1.5 * np.pi / (8 * max(1, self.record.active_pairs * self.copies))
+        """What the rim of a round contact changes in them, relative.
+
+        With F(a) = 2 E* a (d - a^2 / (3 R)), a rim that is off by s changes the force by (3/2) (s / a)^2, in the mean
+        by h^2 / (8 a^2) where it lies anywhere in a facet of size h; N closed nodes of degree p: pi a^2 = N (h / p)^2.
+        """
+        return 1.5 * np.pi * self.record.degree**2 / (8 * max(1, self.record.active_pairs * self.copies))
 
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
@@ -244,7 +253,7 @@ class State:
         if not twin.same_contact:
             allowed += self.softness + other.softness
         force, energy = (
-            [getattr(state, name) * state.copies for state in (self, other)] for name in ("force", "energy")
+            [getattr(state, name) * state.copies for state in (self, other)] for name in ("force", "potential")
         )
         result = [
             Check("force against the twin", _off(force[0] * twin.force, force[1]), allowed),
