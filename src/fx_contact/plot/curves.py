@@ -83,8 +83,10 @@ def _draw_convergence(records, path):
         if len(true):
             axes.loglog(*true.T, "s", color="#D55E00", label="true")
         axes.axhline(100 * records[-1].tolerance, color="#555555", ls=":", label="tolerance")
-        smooth = error[-1] * (dofs / dofs[-1]) ** (-1 / 3)
-        axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label="uniform cells, smooth solution: dofs$^{-1/3}$")
+        degree = records[-1].degree
+        smooth = error[-1] * (dofs / dofs[-1]) ** (-degree / 3)
+        label = f"uniform cells, smooth solution: dofs$^{{-{degree}/3}}$"
+        axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label=label)
         axes.set_xlabel("unknowns")
         axes.set_ylabel("relative energy error [%]")
         for axis in (axes.xaxis, axes.yaxis):
