@@ -47,6 +47,7 @@ from fx_contact import (  # noqa: E402
     Solver,
     adapt,
 )
+from fx_contact.adaptive.settings import DEGREE  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.results import (  # noqa: E402
     RecordWriter,
@@ -90,7 +91,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add = result.add_argument
     add("--help", action="help", help="show this message and exit")
     add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
-    add("--degree", type=int, metavar="{1,2}", default=1, help="of displacements (%(default)s)")
+    add("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
     add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")

@@ -45,8 +45,8 @@ print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
 # %% [markdown]
 # ## Pressure
 #
-# A dot is a pair of facing vertices: its contact force over its area. The curve is Hertz's, of half-spaces, through the
-# same force. The dots bend away where the contact ends, within one facet.
+# A dot is the pressure at a pair of facing nodes, of which a facet has nine. The curve is Hertz's, of half-spaces,
+# through the same force. The dots bend away where the contact ends, within one facet.
 
 # %%
 from fx_contact.results import Hertz
@@ -83,14 +83,14 @@ import numpy as np
 approach = np.array([0.005, 0.01, 0.02, 0.04])
 force = []
 for delta in approach:
-    *_, last = adapt(hertz(displacement=delta, material=material), tolerance=0.2)
+    *_, last = adapt(hertz(displacement=delta, material=material), tolerance=0.08)
     force.append(last.record.force)
 
 plt.loglog(approach, force, "o", label="two half-spheres")
 plt.loglog(approach, 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5, label="half-spaces")
 plt.xlabel("approach [m]")
 plt.ylabel("force [N]")
-plt.legend();
+plt.legend()
 
 # %% [markdown]
 # Almost. They are a little stiffer: the faces that push are flat and near, not infinitely far away.

@@ -35,7 +35,7 @@ from fx_contact.plot import draw_mesh, draw_partition
 from fx_contact.scenes import hertz
 
 comm = MPI.COMM_WORLD
-for step in adapt(hertz(), tolerance=0.16, comm=comm):
+for step in adapt(hertz(), tolerance=0.08, comm=comm):
     pass
 print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record.cells:,} leaves")
 

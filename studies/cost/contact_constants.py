@@ -2,9 +2,9 @@
 
     python3 -m studies.cost.contact_constants    # three minutes
 
-`HELD`: factor of the springs in the matrix across rows that a projection constrains.  `STIFF`: a penalty of some
-factor, its springs in the matrix (STIFF above it) or its closed rows constrained (below).  `relaxation`: iterations
-with block Jacobi on the first guess, not counted here, times updates of the active set by it.
+Displacements have degree 1.  `HELD`: factor of the springs in the matrix across rows that a projection constrains.
+`STIFF`: a penalty of some factor, its springs in the matrix (STIFF above it) or its closed rows constrained (below).
+`relaxation`: iterations with block Jacobi on the first guess, not counted here, times updates of the active set by it.
 """
 
 import argparse
@@ -36,7 +36,7 @@ def row(constant, value, enforced=None):
     """A row of the table: iterations of each scene, and of all."""
     count = {}
     for name, (make, tolerance) in SCENES.items():
-        steps = adapt(make(), tolerance, enforcement=enforced or Enforcement())
+        steps = adapt(make(), tolerance, degree=1, enforcement=enforced or Enforcement())
         count[name] = sum(sum(step.record.krylov_iterations) for step in steps)
     return {"constant": constant, "value": value, **count, "all": sum(count.values())}
 

@@ -1,8 +1,8 @@
 """What contact costs: the contact problem of every step against a linear one on the same mesh.
 
 In the linear problem the active node pairs are glued: tied in all directions with the stiffness of a penalty. It has
-the same unknowns and tolerance, and no active set. Both are assembled and solved from the same first guess, in turns,
-several times; shown are medians of CPU seconds of all ranks.
+the same unknowns (degree 1) and tolerance, and no active set. Both are assembled and solved from the same first guess,
+in turns, several times; shown are medians of CPU seconds of all ranks.
 
     mpirun -n 2 python3 -m studies.cost.glued
 """
@@ -70,7 +70,8 @@ def run(arguments, show):
     """Print a row a step, and one for all of them."""
     show("     dofs  contact [CPU s]  glued [CPU s]  ratio")
     row, total = "{:>9}  {:15.2f}  {:13.2f}  {:5.2f}", np.zeros((arguments.repeats, 2))
-    for step in adapt(SCENES[arguments.scene](), arguments.tolerance, partition_kind=arguments.partition):
+    scene, partition = SCENES[arguments.scene](), arguments.partition
+    for step in adapt(scene, arguments.tolerance, degree=1, partition_kind=partition):
         given = (
             load(step.scene, step.forest, step.elasticity),
             prescribed_displacements(step.scene, step.forest, step.elasticity.prolongation),

@@ -1,7 +1,7 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
-The forests are those of adaptive runs of both benchmarks, every leaf refined once more: over a million leaves. Each
-rank scores one benchmark by itself, so two ranks halve the time:
+The forests are those of adaptive runs of both benchmarks at degree 1, every leaf refined once more: over a million
+leaves. Each rank scores one benchmark by itself, so two ranks halve the time:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
@@ -86,7 +86,7 @@ def in_curve_order(forest):
 
 def history(make, tolerance):
     """Forests of a run on one rank, then the last with every leaf refined once, all in curve order."""
-    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF)]
+    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=1)]
     finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
     return [*forests, in_curve_order(finest)]
 
@@ -292,7 +292,7 @@ def study(arguments):
     write(targets(rows), folder / "targets.md")
 
     tolerance = TOLERANCES[arguments.quick]
-    *_, last = adapt(hertz(), tolerance)
+    *_, last = adapt(hertz(), tolerance, degree=1)
     moved = (*migration(COMM, last.forest), last.forest.size_global)
     del last
     write(cost_table({name: found[name][1] for name in BENCHMARKS}, rows, moved), folder / "cost.md")

@@ -1,4 +1,4 @@
-"""What the model of `scaling_model` needs to know of this machine, measured with the package's own objects."""
+"""What the model of `scaling_model` needs to know of this machine, measured with the package's objects at degree 1."""
 
 import ctypes
 import os
@@ -63,9 +63,9 @@ def measure(comm, tolerance):
     runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
     best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
     # By hashed keys all ranks are reached; what the straightening adds goes to neighbours.
-    hashed = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), partition_kind="sfc"))
+    hashed = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc"))
     with as_for_many_parts():
-        counted = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm)))
+        counted = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
     counts = {"hashed": tuple(hashed.tolist()), "straightening": tuple((counted - hashed).tolist())}
     return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance) if comm.size == 1 else None)
 
@@ -83,7 +83,7 @@ def as_for_many_parts():
 
 def _measured(comm, tolerance):
     """Kernels of one run, but for levels and exchanges."""
-    *_, step = adapt(hertz(comm=comm), tolerance, comm)
+    *_, step = adapt(hertz(comm=comm), tolerance, comm, degree=1)
     record = step.record
     cell, dof = comm.size / record.cells, comm.size / record.dofs
     seconds, iterations = record.seconds, sum(record.krylov_iterations)
@@ -134,7 +134,7 @@ def _levels(comm, tolerance):
         screen = os.dup(1)
         os.dup2(printed.fileno(), 1)
         try:
-            for _ in adapt(hertz(comm=comm), tolerance, comm, solver=Solver(options=options)):
+            for _ in adapt(hertz(comm=comm), tolerance, comm, degree=1, solver=Solver(options=options)):
                 pass
             ctypes.CDLL(None).fflush(None)
         finally:

@@ -9,10 +9,10 @@ one rank, with a time limit; a crash and a hang are scores too.
     python3 -m studies.stability.run --quick            # a sixth of the scenes, spread over all rows
     python3 -m studies.stability.run                    # all: 6 minutes on two fast cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
-    python3 -m studies.stability.run --degree 2         # displacements of degree 2
+    python3 -m studies.stability.run --degree 1         # displacements of degree 1
 
 A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv,
-table.md and matrix.png, of another degree than the default scores_degree2.jsonl and so on.
+table.md and matrix.png, of another degree than the default scores_degree1.jsonl and so on.
 """
 
 import argparse

@@ -56,15 +56,9 @@ def folder(tmp_path):
     return WORLD.bcast(tmp_path)
 
 
-@pytest.fixture(scope="module")
-def through(scene):
-    """A run that nothing stops: the leaves and the force of each step."""
-    return uninterrupted(scene, 1)
-
-
 @cache
 def uninterrupted(scene, degree):
-    """The same, with displacements of a degree."""
+    """A run that nothing stops: the leaves and the force of each step."""
     result = [summary(step) for step in adapt(scene, 0.16, degree=degree)]
     assert len(result) >= 3 and len(result[-1][0]) > 2 * len(result[0][0])
     return result
@@ -148,27 +142,27 @@ def test_fields_go_along(scene, folder):
     list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
     (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
     (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
-    assert expected.shape == (through.record.cells, 8, 3) and np.ptp(expected) > 1
+    assert expected.shape == (through.record.cells, 27, 3) and np.ptp(expected) > 1
     assert np.abs(found - expected).max() < 1e-14
 
 
 @pytest.mark.slow
-def test_finished_run(scene, folder, through):
+def test_finished_run(scene, folder):
     """From the last step the same step comes again; with a tighter tolerance the run goes further."""
-    list(adapt(scene, 0.4, checkpoint=folder))
+    list(adapt(scene, 0.5, checkpoint=folder))
     before = Checkpoint(folder, scene, WORLD)
-    (again,) = adapt(scene, 0.4, checkpoint=folder, restart=before)
+    (again,) = adapt(scene, 0.5, checkpoint=folder, restart=before)
     assert again.record.step == before.records[-1].step
     assert abs(again.record.force / before.records[-1].force - 1) < 1e-7
     assert len(Checkpoint(folder, scene, WORLD).records) == len(before.records)
-    *_, further = adapt(scene, 0.16, restart=before)
+    *_, further = adapt(scene, 0.1, restart=before)
     assert further.record.step > again.record.step and further.record.ratio <= 1
 
 
 def test_the_last_step_again(scene, folder):
     """A solve on the mesh that a run has ended with says nothing new of the estimate."""
-    *_, last = adapt(scene, 0.16, max_steps=2, checkpoint=folder)
-    (again,) = adapt(scene, 0.16, max_steps=2, restart=Checkpoint(folder, scene, WORLD))
+    *_, last = adapt(scene, 0.16, degree=1, max_steps=2, checkpoint=folder)
+    (again,) = adapt(scene, 0.16, degree=1, max_steps=2, restart=Checkpoint(folder, scene, WORLD))
     assert again.record.step == last.record.step == 1 and 0.5 < last.history.effectivity < 0.7
     assert again.history.effectivity == last.history.effectivity and again.history.compared
 
@@ -281,7 +275,7 @@ def test_belongs_to_another_problem(scene, folder):
     for options, words in (
         ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
-        ({"degree": 2}, "degree (1 then, 2 now)"),
+        ({"degree": 1}, "degree (2 then, 1 now)"),
         (
             {"control": ErrorControl(gap_accuracy=0.2)},
             "problem: error control's gap_accuracy (0.25 then, 0.2 now); go on",
@@ -327,7 +321,7 @@ def test_two_runs_at_once(scene, folder):
 def holds_last_state(error, number):
     """An error in the middle of a run has the last step's record, and a displacement that belongs to a forest."""
     assert error.record.step == number
-    held = Prolongation(Space(error.forest, 1))
+    held = Prolongation(Space(error.forest, error.record.degree))
     everywhere(error.displacement.shape == (held.owned, 3), "a displacement of another forest")
     everywhere(WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) > 0, "no displacement")
 

@@ -124,7 +124,7 @@ def test_reports(step):
     for thing in (step, step.scene, step.scene.mesh):
         lines = repr(thing).splitlines()
         assert 3 <= len(lines) <= 30 and max(map(len, lines)) < 120 and "array" not in repr(thing)
-    assert "two boxes" in repr(step) and "15 node pairs closed" in repr(step)
+    assert "two boxes" in repr(step) and "49 node pairs closed" in repr(step)
     contact = step.contact
     first, second = repr(contact).splitlines()
     assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"

@@ -128,7 +128,7 @@ def test_methods_agree(name, degree):
 
 def test_complementarity():
     """Closed pairs do not pull, open ones do not overlap, and the pairs' forces are those of the held faces."""
-    for step in adapt(hertz(order=2, coarse=2, displacement=0.05), 0.25):
+    for step in adapt(hertz(order=2, coarse=2, displacement=0.05), 0.15):
         contact = step.solution
         scale = WORLD.allreduce(contact.force.max(initial=0.0), MPI.MAX)
         everywhere((contact.force > -1e-6 * scale).all(), "a pair pulls")
@@ -190,8 +190,8 @@ def test_conditions_that_press_vertices_into_each_other(method):
     with pytest.raises(SolveError, match=r"press them 0.001 m into each other, at \(0, 0, 1\)"):
         next(adapt(pinned(-0.003, -0.004), 0.3, enforcement=Enforcement(method)))
     held = next(adapt(pinned(-0.005, -0.005), 0.3, enforcement=Enforcement(method))).record
-    # Pins that just meet carry what is theirs, a sixteenth of the area, themselves.
-    assert abs(held.force / 0.005 - 15 / 16) < 3e-3
+    # Pins that just meet carry what is theirs themselves: of one facet in four what a corner has by Simpson's rule.
+    assert abs(held.force / 0.005 - (1 - 1 / 36 / 4)) < 3e-3
 
 
 def test_conditions_that_press_vertices_of_bodies_from_afar():
@@ -289,7 +289,7 @@ def test_two_bodies_at_one_vertex(deep):
     scene = two_punches(deep)
     exact = next(adapt(scene, 0.5))
     soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
-    assert exact.record.active_pairs == (15 if deep > 0.01 else 18)
+    assert exact.record.active_pairs == (45 if deep > 0.01 else 50)
     assert exact.record.max_penetration < 1e-12 * deep
     closed = exact.solution.penetration[exact.solution.active]
     everywhere(np.abs(closed).max(initial=0.0) < 1e-12 * deep, "a closed pair with a gap")
@@ -591,7 +591,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     first, second, *others = scene.materials
     for ratio in 10.0 ** np.arange(-6, 7, 4):
         materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
-        steps = adapt(replace(scene, materials=materials), 0.16)
+        steps = adapt(replace(scene, materials=materials), 0.16, degree=1)
         count.append(iterations([step.record for step in steps]))
     assert max(count) <= 1.2 * min(count), count
 
@@ -614,7 +614,7 @@ def test_iterations_on_one_mesh(make, levels):
         materials = dict.fromkeys(others, Material(1.0, 0.3)) | {first: Material(ratio, 0.3)}
         scaled = replace(scene, materials=materials)
         beginning = Beginning.uniform(scaled, levels)
-        count.append(iterations([next(adapt(scaled, 0.1, beginning=beginning, max_steps=1)).record]))
+        count.append(iterations([next(adapt(scaled, 0.1, degree=1, beginning=beginning, max_steps=1)).record]))
     equal, *unequal = count
     assert (1 - most) * equal <= min(unequal) and max(unequal) <= (1 + most) * equal, count
 

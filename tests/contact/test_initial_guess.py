@@ -27,7 +27,7 @@ def moved(monkeypatch):
 @pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e6])
 def test_a_stiff_body_takes_a_soft_one_along(ratio, moved):
     """The energy is not left in one layer of a stiff body's cells; what is prescribed stays."""
-    scene = stack((Material(1.0, 0.3), Material(ratio, 0.3)), cells=(4, 4, 4))
+    scene = stack((Material(1.0, 0.3), Material(ratio, 0.3)), cells=(2, 2, 2))
     step, *_ = list(adapt(scene, 0.3))
     (before, after, free), norm = moved, step.elasticity.energy_norm
     energy = step.estimate.energy_norm

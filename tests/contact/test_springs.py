@@ -11,9 +11,8 @@ from studies.stability.shapes import oblique
 def iterations(degrees, enforcement):
     """Krylov iterations of one solve of a contact whose normals are turned out of the axes."""
     scene = oblique(degrees)
-    record = next(
-        adapt(scene, 0.1, beginning=Beginning.uniform(scene, 1), max_steps=1, enforcement=enforcement)
-    ).record
+    options = {"beginning": Beginning.uniform(scene, 1), "max_steps": 1, "enforcement": enforcement}
+    record = next(adapt(scene, 0.1, degree=1, **options)).record
     assert record.active_pairs > 20
     return sum(record.krylov_iterations)
 

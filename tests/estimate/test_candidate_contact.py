@@ -87,7 +87,7 @@ def places_of(step):
 def test_rigid_motions_are_no_strains(load):
     """However far bodies come, and whether a condition brings them or a force, strains move them by no more."""
     near, far = (
-        next(iter(adapt(punch(gap=gap, block=Material(1.0, 0.3), punch=STIFF, **values), 0.2)))
+        next(iter(adapt(punch(gap=gap, block=Material(1.0, 0.3), punch=STIFF, **values), 0.2, degree=1)))
         for gap, values in ((0.0, load | ({"displacement": 0.01} if "displacement" in load else {})), (1.0, load))
     )
     here, there = (moved_by_strains(step) for step in (near, far))
@@ -116,7 +116,7 @@ def test_rigid_motions_of_all_ranks():
 
 def test_strains_that_bend_a_clamped_body_stay():
     """A beam is moved by all that it bends; a block that turns on its foot by no more than its faces are not flat."""
-    bent, turned = (next(iter(adapt(beam(1.5, near=1e-3, afar=afar), 0.3))) for afar in (0.0, 0.5))
+    bent, turned = (next(iter(adapt(beam(1.5, near=1e-3, afar=afar), 0.3, degree=1))) for afar in (0.0, 0.5))
     here, there = (moved_by_strains(step) for step in (bent, turned))
     whole, all_of_it = (gathered(step.solution.penetration + step.pairs.gap) for step in (bent, turned))
     assert np.array_equal(gathered(here), whole)
@@ -126,7 +126,8 @@ def test_strains_that_bend_a_clamped_body_stay():
 def test_places():
     """A place has open nodes of two bodies, those for which strains have done most, and of parts that are alike."""
     for number, near, touch in ((1, None, 0.0), (2, 1e-3, 0.0), (2, None, 2e-6)):
-        *_, step = adapt(beam(0.85 if touch else 0.95, tension=3e-3, near=near, touch=touch), 0.3, max_steps=2)
+        scene = beam(0.85 if touch else 0.95, tension=3e-3, near=near, touch=touch)
+        *_, step = adapt(scene, 0.3, degree=1, max_steps=2)
         weights, _ = places_of(step)
         assert len(weights) == number and np.allclose(weights.sum(axis=1), 1)
         assert (weights >= 0).all() and ((weights > 0).sum(axis=0) <= 1).all()
@@ -166,11 +167,11 @@ def test_what_closed_contact_stops_is_no_rigid_motion():
 
 @pytest.mark.parametrize("touch", [0.0, 2e-8])
 def test_a_mesh_that_locks_tells_nothing(touch, monkeypatch):
-    """Cells ten times as long as high hardly bend: a gap before them is not known to stay open."""
+    """Cells of degree 1, ten times as long as high, hardly bend: a gap before them is not known to stay open."""
     asked, gap = [], Goals.gap
     monkeypatch.setattr(Goals, "gap", lambda goals, weight: asked.append(gap(goals, weight)) or asked[-1])
     scene = beam(0.7, touch=touch, tension=0.1, thick=0.1)
-    *_, step = adapt(scene, 0.3, max_steps=2)
+    *_, step = adapt(scene, 0.3, degree=1, max_steps=2)
     goal, record = asked[0], step.record
     assert (
         goal.dual.relative > ErrorControl.dual_limit

@@ -211,7 +211,7 @@ def test_a_run_of_the_mode_energy():
 
     Contact has no goals.
     """
-    tolerance, steps = 0.2, list(adapt(indentation(coarse=2), 0.2, control=ENERGY))
+    tolerance, steps = 0.1, list(adapt(indentation(coarse=2), 0.1, control=ENERGY))
     assert len(steps) > 2
     for step, finer in zip(steps, steps[1:]):
         record, error, forest = step.record, step.estimate, step.forest

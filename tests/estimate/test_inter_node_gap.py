@@ -51,7 +51,7 @@ def test_a_touch_between_nodes(cells, pole, depth, radius):
 
 def test_what_is_unseen_is_refined_alone():
     """One facet in the middle of all overlaps; its leaf is marked, on the rank that has it."""
-    step = next(iter(adapt(bump(**HIDDEN), 0.3, max_steps=1)))
+    step = next(iter(adapt(bump(**HIDDEN), 0.3, degree=1, max_steps=1)))
     marked = step.forest.corners[step.contact_error.refine > 0]
     centre = np.concatenate(
         WORLD.allgather(
@@ -66,7 +66,7 @@ def test_what_is_unseen_is_refined_alone():
 
 def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
-    *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, max_steps=2)
+    *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, degree=1, max_steps=2)
     assert step.record.active_pairs > 0 and step.record.unseen_contact > 0
     named = inter_node_penetration(step, 1e6, *of_patches(step))
     assert WORLD.allreduce(int(named.sum())) == 0
@@ -107,7 +107,7 @@ def test_a_light_contact_beside_a_heavy_one(modulus, one_pair):
     """What is little of the whole energy is resolved as contact all the same, also as a patch of one contact pair."""
     depths, moduli = (0.01, 1e-4), (1.0, modulus)
     scene = bumps(depths, moduli)
-    *_, last = adapt(in_one(scene) if one_pair else scene, 0.2)
+    *_, last = adapt(in_one(scene) if one_pair else scene, 0.2, degree=1)
     light = last.solution.force[last.pairs.position[:, 0] > 5].sum()
     hertz = moduli[1] * 4 / 3 * 0.5 / (1 - 0.3**2) * 4**0.5 * depths[1] ** 1.5
     assert last.record.reached and abs(WORLD.allreduce(light) / hertz - 1) < 0.2
@@ -167,7 +167,7 @@ def test_overlaps_count_though_nothing_presses():
 
 def test_facets_with_more_than_their_share():
     """What is too much is too much in sum: as soon as it is, those are named that have more than the mean allowed."""
-    *_, step = adapt(punch(), 0.16)
+    *_, step = adapt(punch(), 0.16, degree=1)
 
     def named(tolerance):
         marked = inter_node_penetration(step, tolerance, *of_patches(step))
@@ -235,7 +235,7 @@ def test_bodies_that_come_close_are_not_in_contact(displacement):
 
 def test_restart(tmp_path):
     """A run that stops where contact between nodes is known to be missed knows it after a restart."""
-    folder, scene = WORLD.bcast(tmp_path), bump(**HIDDEN)
+    folder, scene = WORLD.bcast(tmp_path), bump(**QUARTER)
     through = list(adapt(scene, 0.3, max_steps=2))
     list(adapt(scene, 0.3, max_steps=1, checkpoint=folder))
     before = Checkpoint(folder, scene, WORLD)
@@ -329,11 +329,11 @@ def test_waves_between_quarters():
 @pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.0, 0.75], ids=["mean height", "crests"])
 def test_waves_that_seem_flat(phase):
-    """All nodes touch at once and the stress is uniform; what is between them is found, as on a finer mesh."""
+    """Nodes of degree 1 touch all at once, the stress is uniform; what is between them is found, as on a finer mesh."""
     scene = waves(phase)
-    first, *_, last = (step.record for step in adapt(scene, 0.3))
+    first, *_, last = (step.record for step in adapt(scene, 0.3, degree=1))
     assert first.estimate < 0.3 and first.unseen_contact > 0 and last.reached and not last.unseen_contact
-    *_, fine = (step.record for step in adapt(scene, 0.3, beginning=Beginning.uniform(scene, 2)))
+    *_, fine = (step.record for step in adapt(scene, 0.3, degree=1, beginning=Beginning.uniform(scene, 2)))
     assert abs(last.force / fine.force - 1) < 0.3**2 < abs(first.force / fine.force - 1)
 
 

@@ -50,13 +50,14 @@ def test_options_of_a_dict_and_of_the_command_line():
 @pytest.mark.parametrize(
     "solver, used",
     [
-        ({}, "boomeramg"),
+        ({}, "p-multigrid"),
+        ({"preconditioner": "boomeramg"}, "boomeramg"),
         ({"preconditioner": "ilu"}, "ilu"),
         ({"preconditioner": "boomeramg-robust"}, "boomeramg-robust"),
         ({"options": {"pc_type": "jacobi"}}, "jacobi"),
         ({"options": {"pc_type": "gamg"}}, "gamg"),
         ({"preconditioner": "cholesky", "options": {"pc_type": "lu"}}, "lu"),
-        ({"options": {"pc_hypre_type": "euclid"}}, "euclid"),
+        ({"preconditioner": "boomeramg", "options": {"pc_hypre_type": "euclid"}}, "euclid"),
     ],
 )
 def test_record_names_what_was_used(solver, used):
@@ -68,8 +69,9 @@ def test_record_names_what_was_used(solver, used):
 @pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
 def test_smoother_of_all_levels(smoother):
     """What sets several options at once wins over the defaults of each, in a dict and on the command line."""
-    program = PROGRAM.replace('"pc_type": "jacobi"', f'"PC_HYPRE_boomeramg_relax_type_all": "{smoother}"')
-    typed = PROGRAM.replace('"pc_type": "jacobi", ', "")
+    program = PROGRAM.replace("Solver(", 'Solver("boomeramg", ')
+    typed = program.replace('"pc_type": "jacobi", ', "")
+    program = program.replace('"pc_type": "jacobi"', f'"PC_HYPRE_boomeramg_relax_type_all": "{smoother}"')
     for words in ((program,), (typed, "-fx_pc_hypre_boomeramg_relax_type_all", smoother)):
         log = output(sys.executable, "-c", *words)
         kinds = re.findall(r"Relax (?:down|up) +(\S+)", log)
@@ -107,5 +109,5 @@ def test_monitor_goes_on_with_what_takes_over():
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help")
-    assert "-fx_ksp_max_it" in log and "-fx_pc_hypre_boomeramg_strong_threshold: <now 0.7" in log
+    assert "-fx_ksp_max_it" in log and "-fx_mg_coarse_pc_hypre_boomeramg_strong_threshold: <now 0.7" in log
     assert "usage: hertz.py" in demo(tmp_path, "--help")

@@ -88,7 +88,7 @@ def test_default_krylov_tolerance(scene):
         np.array([step.record.force for step in adapt(scene, 0.08, solver=solver)])
         for solver in (Solver(), Solver(tolerance=1e-13))
     ]
-    assert len(forces[0]) > 3
+    assert len(forces[0]) > 2
     assert np.abs(forces[0] / forces[1] - 1).max() < 1e-7, forces
 
 
@@ -147,8 +147,8 @@ def test_reference_values(scene):
 @pytest.mark.slow
 @pytest.mark.whole_run(1)
 def test_reference_values_at_4_percent(scene):
-    """HERTZ-A at 4 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
-    *_, step = adapt(scene, 0.04)
+    """HERTZ-A at 4 % and degree 1: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
+    *_, step = adapt(scene, 0.04, degree=1)
     record = step.record
     assert record.ratio <= 1
     assert abs(record.force / 5.37755e-4 - 1) < 0.002
@@ -170,9 +170,8 @@ def test_failure_while_steps_are_collected(monkeypatch):
     done = []
 
     def counted():
-        for step in adapt(
-            hertz(order=2, coarse=2), 0.16, solver=Solver(max_krylov=45, options={"pc_type": "jacobi"})
-        ):
+        solver = Solver(max_krylov=45, options={"pc_type": "jacobi"})
+        for step in adapt(hertz(order=2, coarse=2), 0.16, degree=1, solver=solver):
             done.append((step.record, WORLD.allreduce(np.abs(step.solution.displacement).max(initial=0.0), MPI.MAX)))
             yield step
 
@@ -185,11 +184,15 @@ def test_failure_while_steps_are_collected(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name, most, options",
-    [("cholesky", 3, {}), ("cholesky", 8, {"pc_type": "jacobi"}), ("boomeramg-robust", 22, {"pc_type": "jacobi"})],
-    ids=["hypre to cholesky", "jacobi to cholesky", "jacobi to hypre"],
+    "name, most, solver",
+    [
+        ("cholesky", 5, {"loose_tolerance": 1e-6}),
+        ("cholesky", 8, {"options": {"pc_type": "jacobi"}}),
+        ("boomeramg-robust", 22, {"options": {"pc_type": "jacobi"}}),
+    ],
+    ids=["p-multigrid to cholesky", "jacobi to cholesky", "jacobi to hypre"],
 )
-def test_fallback(monkeypatch, name, most, options):
+def test_fallback(monkeypatch, name, most, solver):
     """Where PCG fails a stronger preconditioner takes over: factors if there is memory for them, else BoomerAMG.
 
     Pairs that close later are added to the matrix in its new format.
@@ -202,22 +205,21 @@ def test_fallback(monkeypatch, name, most, options):
     monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     right, last = (
-        list(adapt(scene, 0.25, solver=solver))[-1].record
-        for solver in (Solver(), Solver(max_krylov=most, options=options))
+        list(adapt(scene, 0.25, solver=one))[-1].record for one in (Solver(), Solver(max_krylov=most, **solver))
     )
-    assert right.preconditioner == "boomeramg" and last.preconditioner == name
+    assert right.preconditioner == "p-multigrid" and last.preconditioner == name
     assert last.krylov_iterations[0] > most and last.contact_iterations > 1, "no pair changes after the failure"
     assert last.active_pairs == right.active_pairs
     assert abs(last.force / right.force - 1) < 1e-6
 
 
-@pytest.mark.parametrize("free, what", [(2e6, "the system of .* unknowns"), (1e6, "a forest of .* leaves")])
-def test_memory_is_not_overdrawn(monkeypatch, free, what):
+@pytest.mark.parametrize(
+    "free, shown, what", [(2e6, "2.0 MB", "the system of .* unknowns"), (2e5, "200.0 kB", "a forest of .* leaves")]
+)
+def test_memory_is_not_overdrawn(monkeypatch, free, shown, what):
     """What would not fit is refused before it is allocated, with what it needs and what there is; no step is lost."""
     scene, steps = hertz(order=2, coarse=2), []
-    with pytest.raises(
-        SolveError, match=rf"{what} needs .* [kM]B on a host that has {free / 1e6:.1f} MB left"
-    ) as caught:
+    with pytest.raises(SolveError, match=rf"{what} needs .* [kM]B on a host that has {shown} left") as caught:
         for step in adapt(scene, 0.16):
             steps.append(step.record)
             monkeypatch.setattr(memory, "available", lambda: free)

@@ -37,7 +37,7 @@ def test_stack_is_in_uniform_compression(materials, gap):
     assert len(record.pair_forces) == pairs and abs(sum(record.pair_forces) / record.force - 1) < 1e-12
     for force in record.pair_forces:
         assert -0.02 < force / exact - 1 <= 1e-7
-    assert record.estimate < 1e-6 and record.active_pairs == 25 * pairs
+    assert record.estimate < 1e-6 and record.active_pairs == 81 * pairs
 
 
 def test_weights_add_up_downward():
@@ -79,8 +79,8 @@ def test_punch_is_hertz():
 
 def test_punch_by_force():
     """Force and displacement are two ways to the same state."""
-    pressed = last(punch())
-    held = last(punch(force=pressed.force))
+    pressed = last(punch(), 0.1)
+    held = last(punch(force=pressed.force), 0.1)
     assert abs(held.force / pressed.force - 1) < 1e-7
     assert abs(held.contact_radius / pressed.contact_radius - 1) < 0.05
 
@@ -102,11 +102,11 @@ def test_spheres_are_hertz(radii):
 def test_cylinders_are_hertz():
     """The largest pressure along the line is Hertz's through the force, to 5 %, in a slice of any length."""
     scene = cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF)
-    record = last(scene, 0.15)
+    record = last(scene, 0.08)
     modulus = 1 / (1 / SOFT.plane_strain_modulus + 1 / STIFF.plane_strain_modulus)
     exact = HertzLine(2 / 3, modulus, record.force / 0.125)
     assert abs(record.max_pressure / exact.max_pressure - 1) < 0.05
-    again = last(cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF, length=0.0625), 0.15)
+    again = last(cylinders((1.0, 2.0), displacement=5e-3, upper=STIFF, length=0.0625), 0.08)
     assert abs(2 * again.force / record.force - 1) < 0.02
 
 

@@ -84,7 +84,7 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
 @pytest.mark.slow
 def test_few_layers_keep_what_was_asked_for():
     """Where the estimate sees half of the error the accuracy is that asked for, and a reference 3 % off is noticed."""
-    case = NAMED["aspect/clamped-cubes/10"]
+    case = replace(NAMED["aspect/clamped-cubes/10"], degree=1)
     one = stability.score(case)
     assert one["score"] == "right" and one["assumed_effectivity"] < 0.8
     missed = max(check[1] for check in one["checks"] if "against the twin" in check[0])

@@ -14,7 +14,7 @@ from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.scene import Scene, check_scene
 
 #: Degree of the displacements where none is given.
-DEGREE = 1
+DEGREE = 2
 #: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
 #: where the program chooses the geometry order.
 GEOMETRY_SHARE = 0.1

@@ -17,7 +17,7 @@ class PetscOptions:
     Args:
         comm: MPI communicator of the ranks that have the object.
         prefix: of the object.
-        defaults: dict of the program's options.
+        defaults: dict of the program's options; another `pc_type` of the user replaces all of them.
         given: dict of the user's options.
 
     Attributes:
@@ -34,6 +34,8 @@ class PetscOptions:
         typed = {name.removeprefix(prefix): value for name, value in typed.items()}
         defaults, given = ({name.lower(): value for name, value in some.items()} for some in (defaults, given))
         self.of_user = given | typed
+        if self.of_user.get("pc_type", defaults.get("pc_type")) != defaults.get("pc_type"):
+            defaults = {}  # of a preconditioner that the user's replaces: PETSc's GAMG refuses those of its MG
         self._ours = {name: value for name, value in (defaults | given).items() if name not in typed}
         self._unread = set(self.of_user)
 
