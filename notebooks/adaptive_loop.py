@@ -86,7 +86,7 @@ plt.axvline(line, color="#D55E00", label=r"$e\,\omega/\sqrt{N}$")
 plt.xscale("log")
 plt.xlabel(r"$\xi_T$ of a cell")
 plt.ylabel("cells of the last step")
-plt.legend()
+plt.legend();
 
 # %% [markdown]
 # Some cells are above the line in the last step too; others, below it, make up for them. The tail of small errors to the
@@ -105,7 +105,7 @@ for stage in stages:
     bottom += seconds
 plt.xlabel("step")
 plt.ylabel("wall time [s]")
-plt.legend(bbox_to_anchor=(1, 1))
+plt.legend(bbox_to_anchor=(1, 1));
 
 # %% [markdown]
 # ## Take the wheel

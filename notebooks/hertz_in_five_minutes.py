@@ -90,7 +90,7 @@ plt.loglog(approach, force, "o", label="two half-spheres")
 plt.loglog(approach, 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5, label="half-spaces")
 plt.xlabel("approach [m]")
 plt.ylabel("force [N]")
-plt.legend()
+plt.legend();
 
 # %% [markdown]
 # Almost. They are a little stiffer: the faces that push are flat and near, not infinitely far away.

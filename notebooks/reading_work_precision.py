@@ -71,7 +71,7 @@ axes.set_xlabel("wall time of all steps [s]")
 axes.set_ylabel("true relative energy error [%]")
 axes.yaxis.set_minor_formatter("{x:g}")
 axes.margins(x=0.3)
-axes.legend()
+axes.legend();
 
 # %% [markdown]
 # How to read it:
