@@ -72,12 +72,17 @@ class RankZeroParser(argparse.ArgumentParser):
             super()._print_message(message, file)
 
 
+def shown(default):
+    """A default for the help, by degree where it depends on it."""
+    return ", ".join(f"{one} at degree {p}" for p, one in default.items()) if isinstance(default, dict) else default
+
+
 def parser(description, *, tolerance, order, coarse, output):
     """Options that all demos have.
 
     Args:
         description: the demo's docstring.
-        tolerance, order, coarse, output: defaults of these options.
+        tolerance, order, coarse, output: defaults of these options, {degree: value} where they depend on it.
     """
     result = RankZeroParser(
         description=description,
@@ -90,9 +95,9 @@ def parser(description, *, tolerance, order, coarse, output):
 
     add = result.add_argument
     add("--help", action="help", help="show this message and exit")
-    add("--tolerance", type=float, default=tolerance, help="relative error in the energy norm (%(default)s)")
+    add("--tolerance", type=float, default=tolerance, help=f"relative error in the energy norm ({shown(tolerance)})")
     add("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
-    add("--order", type=int, default=order, help="order of the root mesh's geometry, 1 to 6 (%(default)s)")
+    add("--order", type=int, default=order, help=f"order of the root mesh's geometry, 1 to 6 ({shown(order)})")
     add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
     add("--enforcement", metavar=METHODS, help="(exact; penalty where one of the next two is given)")
@@ -102,7 +107,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
     add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
-    add("--coarse", type=int, default=coarse, help="root cells along a block (%(default)s)")
+    add("--coarse", type=int, default=coarse, help=f"root cells along a block ({shown(coarse)})")
     add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
     add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
@@ -162,6 +167,9 @@ def _parsed(options):
         near = get_close_matches(f"--{unknown[0].lstrip('-').partition('=')[0]}", names, 1)
         advice = f"did you mean {near[0]!r}?" if near else "--help lists them, all with two dashes"
         options.error(f"unknown option {unknown[0]!r}; {advice}")
+    for name, value in vars(arguments).items():
+        if isinstance(value, dict):  # a default by degree; another degree is refused later
+            setattr(arguments, name, value.get(arguments.degree, value[DEGREE]))
     if arguments.restart and not arguments.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
     if arguments.restart and arguments.uniform is not None:

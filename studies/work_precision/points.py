@@ -73,7 +73,7 @@ def _all():
     for tolerance in (0.02, 0.01):
         yield Point("defaults", "defaults", reference(tolerance, true=0))
     for order in (2, 3, 6):
-        case = reference(0.01, f"--degree 2 --order {order}", true=0, ranks=1)
+        case = reference(0.01, f"--degree 2 --coarse 4 --order {order}", true=0, ranks=1)
         yield Point("orders", f"order {order}, 1 rank", case)
     for order, line in ((1, "straight cells"), (3, "order 3")):
         yield Point("picture", line, Case("hertz", f"--degree 1 --order {order} --tolerance 0.04"))
@@ -91,7 +91,7 @@ def _hertz():
         yield Point("HERTZ-A", f"uniform, degree {degree}", _uniform(levels, degree, true), levels < 2)
     for tolerance in (0.16, 0.04):
         # Straight cells are so far off that a finer solution need not be fine.
-        case = reference(tolerance, "--degree 2 --order 1", true=1)
+        case = reference(tolerance, "--degree 2 --coarse 4 --order 1", true=1)
         yield Point("HERTZ-A", "straight cells, degree 2", case, tolerance == 0.16)
 
 
