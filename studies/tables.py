@@ -113,7 +113,6 @@ TABLES = {
     ),
     "studies/partition/table.csv": partial(markdown, columns=PARTITION),
     "studies/stability/scores.csv": counts,
-    "studies/stability/scores_degree1.csv": counts,
 }
 
 
