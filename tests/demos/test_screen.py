@@ -1,5 +1,6 @@
 """What the demos say while they run: a line a step, the stage at work on a terminal, nothing if that is asked for."""
 
+import json
 import os
 import subprocess
 import sys
@@ -52,3 +53,12 @@ def test_silence_elsewhere(tmp_path):
     assert "largest pressure" in out and err == ""
     assert said(tmp_path / "b", "--quiet", terminal=True) == ("", "")
     assert (tmp_path / "b" / "steps.jsonl").stat().st_size > 0
+
+
+@pytest.mark.parametrize("options, cells, order", [((), 64, 6), (("--degree", "1"), 512, 3)])
+def test_root_mesh_by_degree(tmp_path, options, cells, order):
+    """Without other words the root mesh of the Hertz demo is that which fits the degree."""
+    command = [sys.executable, DEMO, "--max-steps", "1", "--records-only", "--geometry-order", str(order)]
+    subprocess.run([*command, "--output", tmp_path, *options], env=outside(), stdout=subprocess.DEVNULL, check=True)
+    record = json.loads((tmp_path / "steps.jsonl").read_text())
+    assert (record["cells"], record["geometry_order"]) == (cells, order)
