@@ -11,6 +11,8 @@ from fx_contact.fem.leaf_mesh import sufficient_order
 from fx_contact.problem import hexahedron
 from fx_contact.scenes import hertz
 
+pytestmark = pytest.mark.whole_run
+
 
 def deviation(forest, order):
     """Largest distance of root maps from their interpolants of an order, over the size of the cell, of all ranks."""

@@ -16,6 +16,8 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.parallel.errors import SceneError, SolveError
 from fx_contact.scenes import hertz, shrink_fit, stack
 
+pytestmark = pytest.mark.whole_run(1, 2)
+
 #: Areas of surfaces of two boxes, 2 x 2 x 2 on 4 x 4 x 1; `lower contact` is a part of `lower z high`.
 AREAS = {"upper z high": 4, "lower z low": 16, "lower z high": 16, "upper x low": 4, "lower contact": 4}
 SURFACE = 6 * 4 + 2 * 16 + 4 * 4

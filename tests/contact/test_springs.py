@@ -7,6 +7,8 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.scenes import punch
 from studies.stability.shapes import oblique
 
+pytestmark = pytest.mark.whole_run
+
 
 def iterations(degrees, enforcement):
     """Krylov iterations of one solve of a contact whose normals are turned out of the axes."""

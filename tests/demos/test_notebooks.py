@@ -15,9 +15,12 @@ PICTURES = {"adaptive_loop": 4, "hertz_in_five_minutes": 4, "reading_work_precis
 #: What is run instead: coarse meshes.
 SMALLER = (
     (r"tolerance=0\.[0-2]\d*", "tolerance=0.3"),
-    (r"reference\(0\.08", "reference(0.4"),
-    (r"reference\(0\.04", "reference(0.3"),
-    (r"--uniform 1 --true-error 0\.25", "--coarse 4 --uniform 0 --true-error 0.4"),
+    (r"\bhertz\(", "hertz(coarse=2, "),
+    (r"reference\(0\.08", "reference(0.9"),
+    (r"reference\(0\.04", "reference(0.8"),
+    (r"--coarse 3", "--coarse 2"),
+    (r"--uniform 1 --true-error 0\.25", "--coarse 3 --uniform 0 --true-error 0.6"),
+    (r"--uniform 0 --true-error 0\.3", "--uniform 0 --true-error 0.6"),
 )
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")

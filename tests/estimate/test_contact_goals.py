@@ -274,11 +274,10 @@ def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor, pressure", [(None, 0.02), (300.0, 0.5)])
-def test_a_penalty_too_soft_beside_a_pressure(factor, pressure):
+def test_a_penalty_too_soft_beside_a_pressure():
     """Nor does what a load along the normal stores next to the plates count for them."""
     with pytest.raises(SolveError, match="too soft"):
-        list(adapt_linear(on_a_base(pressure=pressure), 0.1, enforcement=Enforcement("penalty", factor)))
+        list(adapt_linear(on_a_base(pressure=0.5), 0.1, enforcement=Enforcement("penalty", 300.0)))
 
 
 @pytest.mark.parametrize("joined", [False, True])
