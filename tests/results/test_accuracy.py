@@ -125,7 +125,7 @@ def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
     bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]
     clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
-    few, many = (replace(stack(bodies, cells=c), dirichlet=clamped) for c in ((9, 9, 1), (4, 4, 8)))
+    few, many = (replace(stack(bodies, cells=c), dirichlet=clamped) for c in ((9, 9, 1), (6, 6, 12)))
     *_, fine = adapt(many, 0.04)
     tolerance = 0.12
     *_, step = adapt(few, tolerance)
