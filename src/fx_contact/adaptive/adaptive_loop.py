@@ -69,8 +69,9 @@ def adapt(
         the measured effectivity, for which two meshes are needed at least, and contact is resolved (`ErrorControl`).
 
     Raises:
-        SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown partition, a
-            progress that is no function, a beginning of another scene, arguments that differ between ranks.
+        SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
+            partition, a progress that is no function, a beginning of another scene, arguments that differ between
+            ranks.
         PartitionError: a rank would get no leaf.
         GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, degree, enforcement or geometry
