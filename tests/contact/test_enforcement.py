@@ -114,6 +114,7 @@ def forces(scene, tolerance, degree, **options):
     return step.record.force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
 def test_methods_agree(name, degree):
@@ -619,6 +620,7 @@ def test_iterations_on_one_mesh(make, levels):
     assert (1 - most) * equal <= min(unequal) and max(unequal) <= (1 + most) * equal, count
 
 
+@pytest.mark.slow
 def test_stiff_penalty_at_degree_2():
     """Of the stiff springs of constrained rows, which are beside the matrix, p-multigrid is to know nothing."""
     scene, enforcements = hertz(order=2), (Enforcement(), Enforcement("penalty", 1e6))

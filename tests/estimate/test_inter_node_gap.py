@@ -147,6 +147,7 @@ def beside_an_edge(swapped):
     )
 
 
+@pytest.mark.slow
 def test_contact_around_the_edge_from_closed_pairs_of_others():
     """Closed pairs of one contact hide nothing of another that shares their vertices, whichever surface is first."""
     first, second = ([step.record for step in adapt(beside_an_edge(swapped), 0.3)] for swapped in (False, True))
@@ -281,6 +282,7 @@ def test_a_corner_of_a_contact_cut_out(method):
     assert np.abs(np.array(two.record.pair_forces) / pressure - [0.25, 0.75]).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stiffness, enforcement",
     [(1.0, Enforcement()), (1e3, Enforcement()), (1.0, Enforcement("penalty", node_stiffness=0.1))],
@@ -320,6 +322,7 @@ def wave(order=6, gap=0.012, height=0.03):
     return Scene("wave", boxes.mesh(surfaces, place=place), {"base": material, "wave": material}, held, (pair,))
 
 
+@pytest.mark.slow
 def test_waves_between_quarters():
     """Cells of order 6 may touch where neither nodes nor quarters of their facets do."""
     first, *_, last = (step.record for step in adapt(wave(), 0.4, max_steps=4))

@@ -107,6 +107,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
     assert errors[1] < 0.2**2 < errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.whole_run(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""

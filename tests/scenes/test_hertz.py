@@ -270,6 +270,7 @@ def test_preconditioner_does_not_matter(solver):
     assert abs(other.record.force / one.record.force - 1) < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
 def test_units_do_not_matter(radius, young):
     """Scaled lengths and moduli give the same cells and scaled forces."""
@@ -295,6 +296,7 @@ def test_root_mesh_is_a_ball():
     assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
 
 
+@pytest.mark.slow
 def test_full_and_quarter_model():
     """The whole half-spheres and a quarter of them have the same results and error estimate on the same mesh."""
     records = []

@@ -230,6 +230,7 @@ def test_cells_of_rubber_do_not_lock(monkeypatch):
     assert abs(coarse / fine - 1) < 0.1 and locked < 0.6 * fine
 
 
+@pytest.mark.slow
 def test_quadratic_cells_do_not_lock(monkeypatch):
     """Neither do those of degree 2; fully integrated they are a tenth too stiff."""
     coarse, fine = (indented(rounds, SOFT.poisson, degree=2) for rounds in (0, 1))

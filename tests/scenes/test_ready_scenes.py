@@ -222,6 +222,7 @@ def test_not_round_enough(make, order):
     assert make(6).mesh.order == 6
 
 
+@pytest.mark.slow
 def test_roundness_decides_the_force():
     """What is refused would be wrong: the computed force is off by about half of what the surfaces are."""
     force = last(hertz(order=3, displacement=1e-4), 0.15).force
