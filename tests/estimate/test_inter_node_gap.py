@@ -109,7 +109,7 @@ def test_a_light_contact_beside_a_heavy_one(modulus, one_pair):
     """What is little of the whole energy is resolved as contact all the same, also as a patch of one contact pair."""
     depths, moduli = (0.01, 1e-4), (1.0, modulus)
     scene = bumps(depths, moduli)
-    *_, last = adapt(in_one(scene) if one_pair else scene, 0.2, degree=1)
+    *_, last = adapt(in_one(scene) if one_pair else scene, 0.2)
     light = last.solution.force[last.pairs.position[:, 0] > 5].sum()
     hertz = moduli[1] * 4 / 3 * 0.5 / (1 - 0.3**2) * 4**0.5 * depths[1] ** 1.5
     assert last.record.reached and abs(WORLD.allreduce(light) / hertz - 1) < 0.2
@@ -156,7 +156,8 @@ def test_contact_around_the_edge_from_closed_pairs_of_others():
     assert abs(first[seen].pair_forces[1] / second[seen].pair_forces[1] - 1) < 1e-6
     for last in (first[-1], second[-1]):  # their normals, and with these some leaves, are not quite the same
         assert last.reached and abs(last.pair_forces[0] / 3e-5 - 1) < 1e-3
-        assert abs(last.pair_forces[1] / 7.47e-5 - 1) < 0.05  # at a tolerance of 0.1
+        # At degree 2 7.111e-5 and 7.109e-5 at tolerances of 0.1 and 0.04, at degree 1 7.26e-5 at 0.05 and falling.
+        assert abs(last.pair_forces[1] / 7.11e-5 - 1) < 0.02
 
 
 def test_overlaps_count_though_nothing_presses():
@@ -383,13 +384,17 @@ def test_energy_between_nodes():
 
 
 def test_facets_of_degree_2():
-    """Of the gaps 0, 0, g along x the parabola penetrates by g/8 between the first two nodes: A E*/h (g/8)^2 / 3."""
-    gap, modulus, size = 0.01, 7.0, 2.0
+    """Of the gaps 0, 0, g along x the parabola penetrates by up to g/8 between the first two nodes.
+
+    Everywhere it is up to g/8 below the lines between the nodes, in the mean g/12; of 0, g/4, g half as much.
+    """
+    gap, modulus, pressure, size = 0.01, 7.0, 3.0, 2.0
     forest, *leaf_face = facet(0.0, size)
-    nodal = np.tile([3.0, modulus, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (1, 9, 1))
+    nodal = np.tile([pressure, modulus, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (1, 9, 1))
     nodal[0, 2::3, 4] = -gap
     facets = _Facets(Space(forest, 2), *leaf_face, nodal)
-    assert abs(facets.energy()[0] / (size * modulus * (gap / 8) ** 2 / 3) - 1) < 1e-5 and facets.penetrate()
+    expected = size**2 * pressure * gap / 12 + size * modulus * (gap / 8) ** 2 / 3
+    assert abs(facets.energy()[0] / expected - 1) < 1e-5 and facets.penetrate()
     nodal[0, 1::3, 4] = -gap / 4
     facets = _Facets(Space(forest, 2), *leaf_face, nodal)
-    assert facets.energy()[0] == 0 and not facets.penetrate()
+    assert abs(facets.energy()[0] / (size**2 * pressure * gap / 24) - 1) < 1e-5 and not facets.penetrate()

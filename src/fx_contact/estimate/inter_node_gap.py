@@ -30,8 +30,10 @@ def inter_node_penetration(state, tolerance, patches, energy):
     """Leaves to refine because bodies penetrate or gape between the nodes of their contact facets.
 
     Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On the facets of a contact patch
-    the gap g differs from g_I, interpolated from the nodes, on any mesh of a round body.  With the pressure p and the
-    penetration o = max(-g - max(-g_I, 0), 0) beyond that of the nodes, its energy is
+    the gap g differs from g_I, bilinear between neighbouring nodes, on any mesh of a round body.  (Quadratic
+    displacements follow a round gap, but not the pressure that ends within a facet: interpolated as they are, a contact
+    of one node would have no error.)  With the pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that
+    of the nodes, its energy is
 
         int p |g - g_I| + (E*/h) o^2 dA.
 
@@ -80,7 +82,10 @@ class _Facets:
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
         self._count, self._nodal, self._orientation = parts + 1, nodal, hexahedron.FACE_ORIENTATION[face]
-        bilinear, self._shape = (_tensor(order, np.linspace(0, 1, self._count)) for order in (1, degree))
+        line = np.linspace(0, 1, self._count)
+        bilinear, self._shape = (_tensor(order, line) for order in (1, degree))
+        hats = np.stack([np.interp(line, np.linspace(0, 1, degree + 1), row) for row in np.eye(degree + 1)], axis=1)
+        self._linear = np.kron(hats, hats)  # between neighbouring nodes
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
         nodes = np.arange(degree + 1) * parts // degree
@@ -124,9 +129,9 @@ class _Facets:
         """The integral of `inter_node_penetration`, twice an energy: (n,) float64 [J]."""
         gap, size = self._gap(), np.sqrt(self._area)
         at_nodes, rounding = gap[:, self._nodes], _ROUNDING * size[:, None]
-        off = np.maximum(np.abs(gap - at_nodes @ self._shape.T) - rounding, 0.0)
+        off = np.maximum(np.abs(gap - at_nodes @ self._linear.T) - rounding, 0.0)
         # The penetration at the nodes is that of a penalty, and has a bound of its own.
-        beyond = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._shape.T - rounding, 0.0)
+        beyond = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._linear.T - rounding, 0.0)
         pressure, modulus = np.maximum(self._sampled(_PRESSURE), 0.0), self._sampled(_MODULUS)
         return self._area * ((pressure * off + modulus / size[:, None] * beyond**2) @ _simpson(self._count))
 
