@@ -161,7 +161,7 @@ def _energy(good):
 def _forces(good):
     for r in (r for r in good if r.point.group == "defaults"):
         errors = f"{r.last['errors']['force']:+.3%}, {r.last['errors']['max_pressure']:+.2%}, {r.cpu:.1f} CPU s"
-        what = f"force to 0.02 % (order 3: less its 0.03 %), largest pressure to 0.3 %, e = {r.last['tolerance']:.0%}"
+        what = f"force to 0.02 %, largest pressure to 0.3 %, e = {r.last['tolerance']:.0%}"
         yield f"HERTZ-A by default: {what}: at most 8 CPU s", errors
 
 
