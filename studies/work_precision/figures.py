@@ -114,9 +114,9 @@ def _draw(axes, lines, x, y):
 
 
 def _plain(axis):
-    """Plain numbers at 1, 2, 5, 10, ..."""
+    """Plain numbers at 1, 2, 5, 10, ..., long ones at powers of ten alone."""
     low, high = sorted(axis.get_data_interval())
-    axis.set_major_locator(LogLocator(subs=(1,) if high / low > 300 else (1, 2, 5)))
+    axis.set_major_locator(LogLocator(subs=(1,) if high / low > 300 or high > 1e4 else (1, 2, 5)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.7g}"))
     axis.set_minor_formatter(NullFormatter())
 
