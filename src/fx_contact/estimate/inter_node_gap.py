@@ -30,9 +30,9 @@ def inter_node_penetration(state, tolerance, patches, energy):
     """Leaves to refine because bodies penetrate or gape between the nodes of their contact facets.
 
     Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On the facets of a contact patch
-    the gap g differs from g_I, bilinear between neighbouring nodes, on any mesh of a round body.  (Quadratic
-    displacements follow a round gap, but not the pressure that ends within a facet: interpolated as they are, a contact
-    of one node would have no error.)  With the pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that
+    the gap g differs from g_I, bilinear between neighbouring nodes, on any mesh of a round body.  Quadratic
+    displacements follow a round gap, but not a pressure that ends within a facet: g_I of their own degree would see no
+    error in a contact of one node.  With the pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that
     of the nodes, its energy is
 
         int p |g - g_I| + (E*/h) o^2 dA.
