@@ -153,7 +153,9 @@ def draw_in_32(name, forests, lineage, folder):
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
     for kind, part, _ in partitions(forests[: chosen + 1], lineage, 32, pieces):
         if kind in KINDS:
-            draw_parts(forest, part, make().contact_centre, reach, folder / f"{name}_{kind}_32.png")
+            draw_parts(
+                forest, part, make().contact_centre or (0.0, 0.0, 0.0), reach, folder / f"{name}_{kind}_32.png"
+            )
     pictures = {kind: folder / f"{name}_{kind}_32.png" for kind in KINDS}
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 

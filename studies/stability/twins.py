@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, SceneError, Traction
+from fx_contact import ContactPair, Dirichlet, Material, SceneError, SymmetryPlane, Traction
 
 
 def scaled(scene, length=1.0, stress=1.0):
@@ -31,10 +31,13 @@ def scaled(scene, length=1.0, stress=1.0):
         scene,
         mesh=replace(scene.mesh, points=length * scene.mesh.points),
         materials={name: Material(stress * m.young, m.poisson) for name, m in scene.materials.items()},
-        dirichlet=tuple(replace(c, **{i: times(length, getattr(c, i)) for i in "xyz"}) for c in scene.conditions),
+        dirichlet=tuple(
+            c if isinstance(c, SymmetryPlane) else replace(c, **{i: times(length, getattr(c, i)) for i in "xyz"})
+            for c in scene.dirichlet
+        ),
         tractions=tuple(replace(t, value=times(stress, t.value)) for t in scene.tractions),
         body_forces=tuple(replace(f, value=times(stress / length, f.value)) for f in scene.body_forces),
-        contact_centre=times(length, scene.contact_centre),
+        contact_centre=scene.contact_centre and times(length, scene.contact_centre),
     )
 
 
@@ -65,10 +68,15 @@ def turned(scene, rotation):
         """A pressure: the value stays, its place turns."""
         return (lambda x: value(rotation.T @ x)) if callable(value) else value
 
+    def turned_condition(given, condition):
+        """A plane of symmetry stays one, where another direction of it can be told."""
+        turned = _turned_condition(condition, rotation)
+        return given if isinstance(given, SymmetryPlane) else turned
+
     return replace(
         scene,
         mesh=replace(scene.mesh, points=scene.mesh.points @ rotation.T),
-        dirichlet=tuple(_turned_condition(c, rotation) for c in scene.conditions),
+        dirichlet=tuple(map(turned_condition, scene.dirichlet, scene.conditions)),
         contact=tuple(
             pair if pair.direction is None else replace(pair, direction=turn(pair.direction))
             for pair in scene.contact
@@ -78,7 +86,7 @@ def turned(scene, rotation):
             for t in scene.tractions
         ),
         body_forces=tuple(replace(f, value=turn(f.value)) for f in scene.body_forces),
-        contact_centre=turn(scene.contact_centre),
+        contact_centre=scene.contact_centre and turn(scene.contact_centre),
     )
 
 

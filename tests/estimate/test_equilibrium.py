@@ -7,7 +7,7 @@ import pytest
 from model_problems import EXACT
 
 from fx_contact import Material, adapt
-from fx_contact.estimate.equilibrium import check_balance, unbalanced
+from fx_contact.estimate.equilibrium import check_balance, nodal_residual, unbalanced
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.parallel.errors import SolveError
@@ -25,7 +25,8 @@ def solution():
     def with_factor(factor):
         solution = replace(step.solution, force=factor * step.solution.force)
         state = SolvedState(scene, step.forest, step.elasticity, step.pairs, solution, step.estimate)
-        return state, np.zeros((prolongation.owned, 3)), prescribed
+        load = np.zeros((prolongation.owned, 3))
+        return state, nodal_residual(state, load), load, prescribed
 
     return with_factor
 

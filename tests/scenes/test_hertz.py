@@ -27,7 +27,8 @@ pytestmark = pytest.mark.whole_run
 KEYS = """scene, step, ranks, cells, dofs, degree, hanging_nodes, max_level, geometry_order, active_pairs,
 contact_iterations, krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces,
 contact_radius, pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
-cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share"""
+cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share,
+contact_centre, pair_alignments, resultants"""
 
 
 @pytest.fixture(scope="module")

@@ -98,7 +98,8 @@ class Step:
         if self.pairs is not None:
             lines.append(
                 f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g} N, largest pressure "
-                f"{r.max_pressure:.5g} Pa, contact radius {r.contact_radius:.5g} m"
+                f"{r.max_pressure:.5g} Pa"
+                + (f", contact radius {r.contact_radius:.5g} m" if r.contact_radius else "")
             )
         return "\n".join(lines)
 
@@ -106,6 +107,11 @@ class Step:
         # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
         # of dolfinx freed then hang in mpi4py (see `parallel.mpi`).  Inside `__del__` the error is set aside.
         self.__dict__.clear()
+
+    @property
+    def resultants(self):
+        """Tuple of Resultant: contact pairs, loads, conditions, and the balance of each body.  Local."""
+        return self.record.resultants
 
     @property
     def nodal_displacement(self):

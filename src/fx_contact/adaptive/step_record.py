@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, fields
 
 from mpi4py import MPI
 
+from fx_contact.adaptive.resultants import Resultant
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.versions import library_versions
 
@@ -121,7 +122,8 @@ class StepRecord(SolveRecord):
         active_pairs: closed node pairs.
         force: sum of `pair_forces` [N].
         pair_forces: normal contact force of each contact pair [N].
-        contact_radius: radius of the circular contact with this distribution of forces [m].
+        contact_radius: radius of the circular contact with this distribution of forces about `contact_centre` [m]; None
+            where their second moments are not those of round contact (a square has such, too), 0 where nothing touches.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
         contact_iterations: of the active set.
@@ -137,6 +139,11 @@ class StepRecord(SolveRecord):
         errors: deviations from known values by name, relative to them [-]; None: nothing is known.
         true_error: TrueError, or None if it was not measured.
         effectivity: estimate over true error [-], or None.
+        contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; where there are none the
+            middle of the bodies [m].
+        pair_alignments: length of the sum of each pair's forces over the sum of their lengths [-], 1 where they are
+            parallel; None: the pair is open.
+        resultants: tuple of Resultant, of contact pairs, loads, conditions, and the balance of each body.
     """
 
     enforcement: str
@@ -144,7 +151,7 @@ class StepRecord(SolveRecord):
     active_pairs: int
     force: float
     pair_forces: list[float]
-    contact_radius: float
+    contact_radius: float | None
     max_pressure: float
     max_penetration: float
     contact_iterations: int
@@ -159,6 +166,9 @@ class StepRecord(SolveRecord):
     errors: dict[str, float] | None = None
     true_error: TrueError | None = None
     effectivity: float | None = None
+    contact_centre: list[float] | None = None
+    pair_alignments: list[float | None] | None = None
+    resultants: tuple[Resultant, ...] | None = None
 
     @classmethod
     def from_json(cls, entries):
@@ -176,4 +186,6 @@ class StepRecord(SolveRecord):
         for name, kind in (("partition", PartitionSummary), ("true_error", TrueError)):
             if name in known:
                 known[name] = kind(**known[name])
+        if "resultants" in known:
+            known["resultants"] = tuple(map(Resultant.from_json, known["resultants"]))
         return cls(**known)

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.contact_figures import figures_of_contact
+from fx_contact.adaptive.resultants import sum_up
 from fx_contact.adaptive.settings import GEOMETRY_SHARE
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.contact.constraint_rows import resultants
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.initial_guess import RigidModes
@@ -17,13 +18,13 @@ from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.equilibrium import check_balance
+from fx_contact.estimate.equilibrium import check_balance, nodal_residual
 from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.external_forces import body_force, load
+from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -63,6 +64,7 @@ class _Discrete(NamedTuple):
     leaf_mesh: LeafMesh
     elasticity: Elasticity
     problem: ContactProblem
+    load_totals: np.ndarray
 
 
 class _Verdict(NamedTuple):
@@ -128,7 +130,7 @@ def _discretise(settings, start, stages):
         pairs = create_node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
     with stages("system"):
         prescribed = prescribed_displacements(scene, forest, prolongation)
-        forces = load(scene, forest, elasticity)
+        forces, totals = load_and_totals(scene, forest, elasticity)
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
@@ -144,7 +146,7 @@ def _discretise(settings, start, stages):
         motions=motions,
         coarse=coarse,
     )
-    return _Discrete(mesh, elasticity, problem)
+    return _Discrete(mesh, elasticity, problem, totals)
 
 
 def _judge(settings, start, discrete, solution, system, stages):
@@ -164,11 +166,14 @@ def _judge(settings, start, discrete, solution, system, stages):
     estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)
     _check_solver(solution, estimate, tolerance)
     state = SolvedState(scene, forest, elasticity, pairs, solution, estimate)
+    residual = nodal_residual(state, problem.load)
     if estimate.energy_norm:
-        check_balance(state, problem.load, problem.prescribed)
+        check_balance(state, residual, problem.load, problem.prescribed)
     if control.of_contact:
         history = history.observed(estimate, change, control.least_effectivity)
-    contact = _contact_results(scene, pairs, solution, comm)
+    contact = figures_of_contact(scene, pairs, solution, comm)
+    contact["resultants"] = sum_up(state, residual, discrete.load_totals, contact["contact_centre"])
+    contact["contact_centre"] = contact["contact_centre"].tolist()
     of_contact = ContactError.unknown(len(forest), len(scene.contact))
     if pairs is not None and control.of_contact:
         goals = Goals(state, system, recovery, stages)
@@ -215,26 +220,3 @@ def _check_solver(contact, error, tolerance):
             f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
             "let the bodies begin closer to each other, whose rigid motions are large against their strains"
         )
-
-
-def _contact_results(scene, pairs, contact, comm):
-    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used."""
-    if pairs is None:
-        return dict(
-            active_pairs=0, force=0.0, pair_forces=[], contact_radius=0.0, max_pressure=0.0, max_penetration=0.0
-        )
-    force = resultants(scene, pairs, contact.force)
-    arm = pairs.position - scene.contact_centre
-    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
-    total, moment, active = comm.allreduce(np.array([force.sum(), force @ radius2, contact.active.sum()]), op=MPI.SUM)
-    of_pair = np.bincount(pairs.contact, weights=force, minlength=len(scene.contact)).astype(float)
-    comm.Allreduce(MPI.IN_PLACE, of_pair)
-    pressure = comm.allreduce(float(contact.pressure.max(initial=0.0)), op=MPI.MAX)
-    return {
-        "active_pairs": int(active),
-        "force": float(total * scene.symmetry),
-        "pair_forces": (of_pair * scene.symmetry).tolist(),
-        "contact_radius": float(np.sqrt(2.5 * moment / total)) if total else 0.0,
-        "max_pressure": pressure,
-        "max_penetration": comm.allreduce(float(contact.penetration.max(initial=0.0)), op=MPI.MAX),
-    }

@@ -10,7 +10,25 @@ MOST = 0.005
 _REACTIONS = 0.01
 
 
-def unbalanced(state, load, prescribed):
+def nodal_residual(state, load):
+    """K u - L + B^T f: the reactions where displacements are prescribed, elsewhere 0 but for the solver's error.
+
+    Collective on state.forest.comm.
+
+    Args:
+        state: SolvedState, its `elasticity.u` set.
+        load: (owned, 3) float64, external forces L [N].
+
+    Returns:
+        (owned, 3) float64, at the conforming nodes, K u integrated from the stresses [N].
+    """
+    residual = state.elasticity.internal_forces() - load
+    if state.pairs is not None:
+        residual += state.pairs.transposed(state.solution.force)
+    return residual
+
+
+def unbalanced(state, residual, load, prescribed):
     """Share of the forces that no reaction balances.
 
     Collective on state.forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads,
@@ -18,6 +36,7 @@ def unbalanced(state, load, prescribed):
 
     Args:
         state: SolvedState.
+        residual: (owned, 3) float64, its `nodal_residual` [N].
         load: (owned, 3) float64 external forces [N].
         prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
 
@@ -25,33 +44,28 @@ def unbalanced(state, load, prescribed):
         float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
         of the reactions where those are less [-].
     """
-    forest, pairs, force = state.forest, state.pairs, state.solution.force
-    prolongation, free = state.elasticity.prolongation, np.isnan(prescribed)
-    residual, pressed = state.elasticity.internal_forces() - load, 0.0
-    if pairs is not None:
-        residual += pairs.transposed(force)
-        pressed = force.sum()
+    forest, prolongation, free = state.forest, state.elasticity.prolongation, np.isnan(prescribed)
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
     sums = np.zeros((len(forest.mesh.bodies) + 1, 3))
     np.add.at(sums, body, np.where(free, residual, 0.0))
-    sums[-1] = pressed, np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
+    sums[-1] = state.solution.force.sum(), np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
     sums = forest.comm.allreduce(sums)
     return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
 
 
-def check_balance(state, load, prescribed):
+def check_balance(state, residual, load, prescribed):
     """See that a solution is in balance.
 
     Collective on state.forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
     products have lost it too.
 
     Args:
-        state, load, prescribed: as `unbalanced` takes them.
+        state, residual, load, prescribed: as `unbalanced` takes them.
 
     Raises:
         SolveError: more than `MOST` of the forces is not balanced.
     """
-    left = unbalanced(state, load, prescribed)
+    left = unbalanced(state, residual, load, prescribed)
     if left > MOST:
         raise SolveError(
             f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: rigid motions are too "

@@ -49,11 +49,36 @@ def prescribed_displacements(scene, forest, prolongation):
     return result
 
 
+def held_nodes(scene, prolongation):
+    """The nodes that each condition of a scene holds.
+
+    Collective on prolongation.comm.
+
+    Args:
+        scene: Scene.
+        prolongation: Prolongation of a Space on a forest of its root mesh.
+
+    Returns:
+        list of (k,) int64, for each of `scene.conditions` the conforming nodes that this rank owns of those it is on.
+    """
+    if not scene.conditions:
+        return []
+    on = prolongation.zeros(len(scene.conditions))
+    for column, condition in enumerate(scene.conditions):
+        on[prolongation.conforming[_conforming_at(scene, prolongation, condition.where)], column] = 1
+    return [np.flatnonzero(column) for column in prolongation.summed(on).T]
+
+
 def _said(condition, scene, prolongation):
     """What a condition says of this rank's conforming nodes: (n,) their positions in the index map, (n, 3) [m]."""
-    here = np.unique(_nodes_at(scene, prolongation.space, condition.where))
-    here = here[~prolongation.hanging[here]]
+    here = _conforming_at(scene, prolongation, condition.where)
     return prolongation.conforming[here], condition.at(prolongation.space.positions(here))
+
+
+def _conforming_at(scene, prolongation, where):
+    """This rank's conforming nodes at a named place: (n,) positions in the Space."""
+    here = np.unique(_nodes_at(scene, prolongation.space, where))
+    return here[~prolongation.hanging[here]]
 
 
 def _position(prolongation, node):

@@ -17,7 +17,7 @@ _CHUNK = 1 << 12
 
 
 def load(scene, forest, elasticity):
-    """Generalised external forces on the conforming vertices.
+    """Generalised external forces on the conforming nodes.
 
     Collective on forest.comm.
 
@@ -32,19 +32,38 @@ def load(scene, forest, elasticity):
     Raises:
         SceneError: a force that is a function fails or is not finite somewhere.
     """
+    return load_and_totals(scene, forest, elasticity)[0]
+
+
+def load_and_totals(scene, forest, elasticity):
+    """As `load`, and what each surface and body force adds up to.
+
+    Collective on forest.comm.
+
+    Args:
+        scene, forest, elasticity: as `load` takes them.
+
+    Returns:
+        (owned, 3) float64 [N]; (k, nbodies, 6) float64 of the k = tractions + body forces of the scene, in this order,
+        and of each body: force [N] and moment about the origin [N m] of this rank's leaves, by the same Gauss rule.
+
+    Raises:
+        SceneError: as `load`.
+    """
     space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
     forces = np.zeros((len(space), 3))
+    totals = np.zeros((len(scene.tractions) + len(scene.body_forces), len(forest.mesh.bodies), 6))
     if scene.tractions or scene.body_forces:
         with together(forest.comm):
-            for traction in scene.tractions:
+            for traction, total in zip(scene.tractions, totals):
                 leaf, face = forest.boundary_faces(forest.mesh.surface(traction.surface))
                 for which in np.unique(face):
-                    _add(forces, space, leaf[face == which], order, traction.at, which)
-            for force in scene.body_forces:
+                    _add((forces, total), space, leaf[face == which], order, traction.at, which)
+            for force, total in zip(scene.body_forces, totals[len(scene.tractions) :]):
                 body = forest.mesh.bodies.index(force.body)
                 leaves = np.flatnonzero(forest.mesh.body[forest.cell] == body)
-                _add(forces, space, leaves, order, force.at)
-    return elasticity.prolongation.restrict(forces)
+                _add((forces, total), space, leaves, order, force.at)
+    return elasticity.prolongation.restrict(forces), totals
 
 
 def body_force(scene, elasticity):
@@ -76,11 +95,11 @@ def body_force(scene, elasticity):
     return function
 
 
-def _add(forces, space, leaves, order, density, face=None):
+def _add(sums, space, leaves, order, density, face=None):
     """Add the integrals of a force over leaves, or over one local face of theirs, times the functions of the nodes.
 
     Args:
-        forces: (m, 3) float64, at the nodes; changed [N].
+        sums: (m, 3) float64, at the nodes [N], and (nbodies, 6) float64, force [N] and moment [N m] by body; changed.
         space: Space.
         leaves: (n,) int.
         order: geometry order of the leaves.
@@ -97,6 +116,7 @@ def _add(forces, space, leaves, order, density, face=None):
     slope = [hexahedron.lagrange_derivative(order, x) for x in axes]
     functions = _tensor([hexahedron.lagrange(space.degree, x) for x in axes])
     weight = _tensor([w[:, None] for w in rules])[:, 0]
+    forces, totals = sums
     for start in range(0, len(leaves), _CHUNK):
         part = leaves[start : start + _CHUNK]
         nodal = leaf_positions(space.forest, part, order)
@@ -114,6 +134,9 @@ def _add(forces, space, leaves, order, density, face=None):
             force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
         force = (force * measure[:, None]).reshape(len(part), -1, 3) * weight[:, None]
         np.add.at(forces, space.cells[part], functions.T @ force)
+        moment = np.cross(x.reshape(force.shape), force).sum(axis=1)
+        body = space.forest.mesh.body[space.forest.cell[part]]
+        np.add.at(totals, body, np.concatenate([force.sum(axis=1), moment], axis=1))
 
 
 def _gauss(count):

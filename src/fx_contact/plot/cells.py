@@ -52,12 +52,12 @@ def draw_mesh(step, path, zoom=3.0, colour="rank"):
     """
     check_step(step, contact=True)
     check_number("the zoom of a picture", zoom, positive=True)
-    centre = np.asarray(step.scene.contact_centre)
+    centre = np.asarray(step.record.contact_centre)
     return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path)
 
 
 def contact_size(step):
-    """Radius of the contact, or the size of its facets if that is larger or if nothing touches [m].
+    """Radius of the contact, of another than round contact its reach; at least the size of its facets [m].
 
     Collective on the step's communicator.
 
@@ -65,8 +65,11 @@ def contact_size(step):
         step: Step with contact.
     """
     shown = step.solution.active if step.record.active_pairs else np.ones(len(step.pairs), dtype=bool)
-    size = float(np.sqrt(step.pairs.area[shown].max(initial=0.0)))
-    return max(step.record.contact_radius, step.forest.comm.allreduce(size, op=MPI.MAX))
+    size, radius = float(np.sqrt(step.pairs.area[shown].max(initial=0.0))), step.record.contact_radius
+    if radius is None:
+        arm = np.linalg.norm(step.pairs.position[shown] - step.record.contact_centre, axis=1)
+        size = max(size, float(arm.max(initial=0.0)))
+    return max(radius or 0.0, step.forest.comm.allreduce(size, op=MPI.MAX))
 
 
 def draw_partition(step, path, colour="rank"):
@@ -88,7 +91,7 @@ def draw_partition(step, path, colour="rank"):
     """
     check_step(step)
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
-    cut = np.asarray(step.scene.contact_centre)
+    cut = np.asarray(step.record.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))
     return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path)
 

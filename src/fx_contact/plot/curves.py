@@ -28,7 +28,7 @@ def draw_pressure(step, path, exact=None):
     """
     check_step(step, contact=True)
     pairs, comm = step.pairs, step.forest.comm
-    arm = pairs.position - step.scene.contact_centre
+    arm = pairs.position - step.record.contact_centre
     along = np.einsum("ni,ni->n", arm, pairs.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
     near = radius <= 1.6 * step.record.contact_radius

@@ -31,14 +31,14 @@ def draw_stress(step, path, zoom=None):
     check_step(step, contact=zoom is not None)
     if zoom is not None:
         check_number("the zoom of a picture", zoom, positive=True)
-    comm, forest, y = step.forest.comm, step.forest, step.scene.contact_centre[1]
+    comm, forest, y = step.forest.comm, step.forest, step.record.contact_centre[1]
     points = leaf_positions(forest, slice(None), step.record.degree)
     across = points[:, :, 1]
     size = np.ptp(across, axis=1)
     # Slightly beside the plane, so that one between leaves cuts those of one side.
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
     cut = (across.min(axis=1) <= y) & (across.max(axis=1) >= y)
-    centre, reach = np.asarray(step.scene.contact_centre), None
+    centre, reach = np.asarray(step.record.contact_centre), None
     if zoom is not None:
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)

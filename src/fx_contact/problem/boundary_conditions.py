@@ -103,6 +103,11 @@ class SymmetryPlane:
 
     surface: str
 
+    @property
+    def where(self):
+        """The surface, by the name that it has in other conditions."""
+        return self.surface
+
     def on(self, mesh):
         """The same as a displacement condition.
 

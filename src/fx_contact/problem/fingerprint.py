@@ -32,7 +32,7 @@ def scene_parts(scene):
             for t in scene.tractions
         ],
         "body forces": [[f.body, _given(scene, f.body, f.value, 3)] for f in scene.body_forces],
-        "symmetry": [int(scene.symmetry), *_floats(scene.contact_centre)],
+        "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
 

@@ -12,6 +12,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction, merged
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
+from fx_contact.problem.mirrors import mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene_validation import check_held, check_units
@@ -45,6 +46,11 @@ class ContactPair:
                 raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
 
     @property
+    def name(self):
+        """The names of both surfaces, as records have them."""
+        return f"{self.first} on {self.second}"
+
+    @property
     def unit_direction(self):
         """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
         if self.direction is None:
@@ -66,8 +72,9 @@ class Scene:
         tractions: surface forces: `Traction` and `Pressure`; those on one surface add up.
         body_forces: `BodyForce`; those on one body add up.
         symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
-            records are those of the whole.
-        contact_centre: a point on the axis about which `contact_radius` is measured [m].
+            records are those of the whole; vectors where symmetry planes say how the copies lie (`mirrors`).
+        contact_centre: a point on the axis about which `contact_radius` is measured, and about which moments are
+            taken [m]; None: the centroid of the contact forces.
 
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
@@ -82,7 +89,7 @@ class Scene:
     contact: tuple[ContactPair, ...] = ()
     tractions: tuple[Traction | Pressure, ...] = ()
     symmetry: int = 1
-    contact_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
 
     def __post_init__(self):
@@ -96,7 +103,8 @@ class Scene:
                 wanted = " and ".join(kind.__name__ for kind in kinds)
                 raise SceneError(f"{name} must be a tuple of {wanted}, got {shown(items)}")
         check_count("symmetry, the number of copies,", self.symmetry)
-        check_vector("contact_centre", self.contact_centre)
+        if self.contact_centre is not None:
+            check_vector("contact_centre", self.contact_centre)
         materials = self.materials if isinstance(self.materials, Mapping) else {}
         if {*materials} != {*mesh.bodies} or not all(isinstance(m, Material) for m in materials.values()):
             raise SceneError(
@@ -116,6 +124,11 @@ class Scene:
     def conditions(self):
         """Tuple of Dirichlet: `dirichlet`, symmetry planes among them as what they prescribe."""
         return tuple(c.on(self.mesh) if isinstance(c, SymmetryPlane) else c for c in self.dirichlet)
+
+    @cached_property
+    def mirrors(self):
+        """How copies of the modelled part make the whole (`Mirrors`)."""
+        return mirrors_of(self)
 
     @cached_property
     def pairing(self):

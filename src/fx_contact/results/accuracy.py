@@ -95,15 +95,16 @@ def contact_errors(step, reference):
         reference: ContactReference.
 
     Returns:
-        dict of float [-]: `force`, `contact_radius` and `max_pressure`, with sign.  Where the reference has them also
-        `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered stress along the axis in
-        the Euclidean norm over the reference's heights.
+        dict of float [-]: `force`, `contact_radius` (of round contact) and `max_pressure`, with sign.  Where the
+        reference has them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered
+        stress along the axis in the Euclidean norm over the reference's heights.
 
     Raises:
         SceneError: no step, or one without contact.
     """
     check_step(step, contact=True)
-    result = {name: getattr(step.record, name) / getattr(reference, name) - 1 for name in FIGURES}
+    found = {name: getattr(step.record, name) for name in FIGURES}
+    result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
     if len(reference.axis):
@@ -114,7 +115,7 @@ def contact_errors(step, reference):
 def _pressure_error(step, reference):
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
-    known = reference.pressure(np.linalg.norm((pairs.position - step.scene.contact_centre)[:, :2], axis=1))
+    known = reference.pressure(np.linalg.norm((pairs.position - step.record.contact_centre)[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
     return np.sqrt(sums[0] / sums[1])
@@ -125,7 +126,7 @@ def _axis_error(step, reference):
     forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
     space = elasticity.prolongation.space
     leaf, node = space.example.T
-    position = space.positions() - step.scene.contact_centre
+    position = space.positions() - step.record.contact_centre
     upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
     on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
     stress = elasticity.at_leaves(step.estimate.stress)[leaf, node, VOIGT.index((2, 2))]

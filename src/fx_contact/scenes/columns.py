@@ -4,7 +4,7 @@ import math
 
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count
-from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.arguments import MOST_CELLS, check_arguments
@@ -58,7 +58,7 @@ def stack(
         """From unit boxes to blocks of the size that is asked for, with the gaps between them."""
         return points * [side, side, height] + [0, 0, names.index(body) * gap]
 
-    conditions = [Dirichlet("bottom", z=0.0), Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)]
+    conditions = [Dirichlet("bottom", z=0.0), SymmetryPlane("x = 0"), SymmetryPlane("y = 0")]
     if pressure is None:
         conditions.append(Dirichlet("top", z=-float(displacement)))
     return Scene(

@@ -68,6 +68,7 @@ def _scene(mesh, radius, displacement, material, symmetry):
         dirichlet=(*flat_faces, *sideways(symmetry, ("lower", "upper"), "radius")),
         contact=(ContactPair("lower pole", "upper pole", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
+        contact_centre=(0.0, 0.0, 0.0),
     )
 
 

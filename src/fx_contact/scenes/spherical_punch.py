@@ -70,6 +70,7 @@ def punch(
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
         tractions=() if force is None else (Traction("top", (0.0, 0.0, -float(force) / side**2)),),
         symmetry=4 if symmetry == "quarter" else 1,
+        contact_centre=(0.0, 0.0, 0.0),
     )
     modulus = 1 / (1 / block.plane_strain_modulus + 1 / punch.plane_strain_modulus)
     approach = displacement - gap if force is None else Hertz(radius, modulus, max(force, 0.0)).approach

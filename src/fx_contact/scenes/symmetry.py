@@ -1,6 +1,6 @@
 """Quarter models and whole bodies: what stops sideways motion."""
 
-from fx_contact.problem.boundary_conditions import Dirichlet
+from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 
 
 def sideways(symmetry, bodies, line="side"):
@@ -15,10 +15,10 @@ def sideways(symmetry, bodies, line="side"):
         line: name of the second curve, in the plane y = 0.
 
     Returns:
-        tuple of Dirichlet.
+        tuple of SymmetryPlane or Dirichlet.
     """
     if symmetry == "quarter":
-        return Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)
+        return SymmetryPlane("x = 0"), SymmetryPlane("y = 0")
     return tuple(
         condition
         for body in bodies

@@ -69,6 +69,7 @@ def spheres(
         ),
         contact=(ContactPair("lower end", "upper end", direction=(0.0, 0.0, 1.0)),),
         symmetry=4,
+        contact_centre=(0.0, 0.0, 0.0),
     )
 
 

@@ -1,0 +1,121 @@
+"""Resultants: force and moment of contact pairs, loads and reactions, and what they leave of each body.
+
+All are of the undeformed bodies, about one point, the contact's centre.  With the residual r = K u - L + B^T f at the
+conforming nodes x_i, the reaction of a condition is the sum of r_i, and of (x_i - c) x r_i, over the components that it
+prescribes.  What several conditions prescribe is shared among them equally.
+
+On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  Their moments
+do on cells whose geometry has at most the displacement's degree, which then may be a rotation; on others, up to what
+the displacement cannot follow of the geometry.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_contact.fem.dirichlet import held_nodes
+from fx_contact.problem.boundary_conditions import SymmetryPlane
+
+
+@dataclass(frozen=True)
+class Resultant:
+    """What forces add up to.
+
+    Attributes:
+        name: of the contact pair (`ContactPair.name`), the place of the condition or load, or the body.
+        kind: "contact": of the first surface on the second; "traction", "pressure" or "body force": a load; "reaction"
+            of a condition on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry;
+            "balance": of all that acts on a body, as it is modelled, 0 but for errors.
+        force: (3,) float [N].
+        moment: (3,) float, about `point` [N m].
+        point: (3,) float [m].
+        parts: modelled parts that are added up, each mirrored: those of the whole; 1 for symmetry and balance, and for
+            all where the symmetry planes of the scene do not make `Scene.symmetry` copies.
+    """
+
+    name: str
+    kind: str
+    force: tuple[float, float, float]
+    moment: tuple[float, float, float]
+    point: tuple[float, float, float]
+    parts: int
+
+    @classmethod
+    def from_json(cls, entries):
+        """As `json.loads` makes it of a record.  Local."""
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in entries.items()})
+
+
+def sum_up(state, residual, totals, centre):
+    """The resultants of a solution.
+
+    Collective on state.forest.comm.
+
+    Args:
+        state: SolvedState.
+        residual: (owned, 3) float64, as `nodal_residual` [N].
+        totals: (k, nbodies, 6) float64, of the loads, as from `load_and_totals`.
+        centre: (3,) float64, the point of moments, on all mirrors of the scene [m].
+
+    Returns:
+        tuple of Resultant: contact pairs, tractions, body forces, conditions, bodies, in the order of the scene.
+    """
+    scene = state.scene
+    # Of each pair on its two bodies, then of the others: entries x bodies x (force, moment).
+    on_first, on_second = _of_contact(state, centre)
+    shifted = totals.copy()
+    shifted[..., 3:] -= np.cross(centre, totals[..., :3])
+    reactions = _of_conditions(state, residual, centre)
+    sums = state.forest.comm.allreduce(np.concatenate([on_first, on_second, shifted, reactions]))
+    names = [(pair.name, "contact") for pair in scene.contact]
+    names += [(force.surface, type(force).__name__.lower()) for force in scene.tractions]
+    names += [(force.body, "body force") for force in scene.body_forces]
+    names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
+    names += [(body, "balance") for body in scene.mesh.bodies]
+    values = np.concatenate([sums[len(scene.contact) :].sum(axis=1), sums.sum(axis=0)])
+    point = tuple(map(float, centre))
+    return tuple(_resultant(name, kind, row, point, scene) for (name, kind), row in zip(names, values))
+
+
+def _resultant(name, kind, row, point, scene):
+    """A Resultant from the force and moment (6,) of the modelled part."""
+    (force, moment), parts = np.split(row, 2), 1
+    if kind not in ("symmetry", "balance"):
+        force, moment, parts = scene.mirrors.force(force), scene.mirrors.moment(moment), scene.mirrors.parts
+    return Resultant(name, kind, tuple(map(float, force)), tuple(map(float, moment)), point, parts)
+
+
+def _on_bodies(force, position, centre, entry, body, shape):
+    """Sums of forces (n, 3) and of their moments, by entry and body: (entries, bodies, 6)."""
+    sums = np.zeros((*shape, 6))
+    np.add.at(sums, (entry, body), np.concatenate([force, np.cross(position - centre, force)], axis=1))
+    return sums
+
+
+def _of_contact(state, centre):
+    """What this rank's rows press on first and on second bodies: two (pairs, bodies, 6)."""
+    pairs, shape = state.pairs, (len(state.scene.contact), len(state.scene.mesh.bodies))
+    if pairs is None:
+        return np.zeros((2, *shape, 6))
+    push = state.solution.force[:, None] * pairs.normal
+    return [
+        _on_bodies(sign * push, pairs.position, centre, pairs.contact, body, shape)
+        for sign, body in zip((-1, 1), pairs.bodies.T)
+    ]
+
+
+def _of_conditions(state, residual, centre):
+    """Reactions at this rank's nodes: (conditions, bodies, 6).  Collective."""
+    scene, space = state.scene, state.elasticity.prolongation.space
+    shape = len(scene.conditions), len(scene.mesh.bodies)
+    held = held_nodes(scene, state.elasticity.prolongation)
+    count = np.zeros(residual.shape)
+    for nodes, condition in zip(held, scene.conditions):
+        count[nodes] += condition.held
+    entry = np.repeat(np.arange(len(held)), list(map(len, held)))
+    nodes = np.concatenate([np.zeros(0, dtype=np.int64), *held])
+    on = np.array([condition.held for condition in scene.conditions]).reshape(-1, 3)[entry]
+    force = np.where(on, residual[nodes] / np.maximum(count[nodes], 1), 0.0)
+    place = state.elasticity.prolongation.injected(np.arange(len(space)))[nodes]
+    body = scene.mesh.body[state.forest.cell[space.example[place, 0]]]
+    return _on_bodies(force, space.positions(place), centre, entry, body, shape)

@@ -1,0 +1,144 @@
+"""Resultants: of known loads, in balance on all ready scenes, the same of a part and of the whole."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from model_problems import EXACT
+from scenes.test_ready_scenes import READY
+
+from fx_contact import BodyForce, Dirichlet, Material, Pressure, StepRecord, Traction, solve
+from fx_contact.scenes import hertz, indentation, shrink_fit, stack
+
+pytestmark = pytest.mark.whole_run
+
+#: Part of the largest force that the solver's tolerance leaves: of PCG, from 1e-8 of the first residual.
+CLOSE = 1e-6
+
+
+def once(scene, degree=1):
+    """The record of one step on the root mesh."""
+    return solve(scene, 0.9, degree=degree, max_steps=1, solver=EXACT).record
+
+
+def of_kind(record, kind):
+    """Name -> Resultant of one kind."""
+    return {one.name: one for one in record.resultants if one.kind == kind}
+
+
+def moved(scene, by):
+    """A scene elsewhere."""
+    return replace(scene, mesh=replace(scene.mesh, points=scene.mesh.points + by))
+
+
+def column(**parts):
+    """Two blocks, 1 x 1 x 2 in all, of which nothing is mirrored: x and y from 0 to 1/2 are all there is."""
+    return replace(stack((Material(1.0, 0.3),) * 2, height=1.0), symmetry=1, **parts)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("name", READY)
+def test_balance_of_ready_scenes(name, degree):
+    """Forces on each body, and of all on the whole, add up to nothing; contact is what conditions and loads balance."""
+    scene = READY[name]()
+    record = once(scene, degree)
+    scale = max(record.force, 1e-300)
+    for body in of_kind(record, "balance").values():
+        assert np.linalg.norm(body.force) < CLOSE * scale
+    whole = [one for one in record.resultants if one.kind not in ("contact", "symmetry", "balance")]
+    assert np.linalg.norm(np.sum([one.force for one in whole], axis=0)) < CLOSE * scale if whole else name == "rings"
+    for pair, force, alignment in zip(scene.contact, record.pair_forces, record.pair_alignments):
+        vector = np.array(of_kind(record, "contact")[pair.name].force)
+        along = np.linalg.norm(vector) if pair.direction is None else vector @ pair.unit_direction
+        assert abs(along - force * (alignment if pair.direction is None else 1)) < CLOSE * scale
+    assert record.resultants == StepRecord.from_json(json.loads(json.dumps(record.as_json()))).resultants
+
+
+def test_stack_passes_its_load_on():
+    """A pressure on top: each contact, and the reaction below, have the load's force, about any centre."""
+    record = once(stack(pressure=0.01, side=2.0))
+    forces = of_kind(record, "traction") | of_kind(record, "contact") | of_kind(record, "reaction")
+    assert list(forces) == ["top", "on block 0 on under block 1", "on block 1 on under block 2", "bottom"]
+    for one, sign in zip(forces.values(), (-1, 1, 1, 1)):
+        assert np.allclose(one.force, [0, 0, sign * 0.04], atol=1e-9) and one.parts == 4
+    cuts = of_kind(record, "symmetry")  # a quarter's half width and heights; no stress acts across
+    assert list(cuts) == ["x = 0", "y = 0"] and all(np.allclose(cut.force, 0, atol=1e-9) for cut in cuts.values())
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_load_off_the_middle(degree):
+    """A traction that grows along x, a pressure and a weight: force and moment by hand; the clamped end balances."""
+    clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", z=0.0)
+    scene = column(
+        dirichlet=(*clamped, Dirichlet("under block 1", x=0.0, y=0.0)),
+        tractions=(Traction("x = 0", lambda x: np.stack([0 * x[0], 1e-3 * x[2], 0 * x[0]])), Pressure("y = 0", 2e-3)),
+        body_forces=(BodyForce("block 1", (0.0, 0.0, -1e-2)),),
+        contact_centre=(0.25, 0.25, 1.0),
+    )
+    record = once(scene, degree)
+    assert np.allclose(of_kind(record, "pressure")["y = 0"].force, [0, 2e-3, 0])  # on 0.5 x 2 m^2
+    along, weight = of_kind(record, "traction")["x = 0"], of_kind(record, "body force")["block 1"]
+    # On x = 0, half as wide as 2 high: int 1e-3 z dA = 1e-3, at z = 4/3, 0.25 m beside the centre.
+    assert np.allclose(along.force, [0, 1e-3, 0]) and np.allclose(along.moment, [-1e-3 / 3, 0, -0.25e-3])
+    assert np.allclose(weight.force, [0, 0, -0.25e-2]) and np.allclose(weight.moment, 0, atol=1e-12)
+    acting = [one for one in record.resultants if one.kind not in ("contact", "balance")]
+    for what in ("force", "moment"):
+        assert np.abs(np.sum([getattr(one, what) for one in acting], axis=0)).max() < 1e-9
+        assert max(np.abs(getattr(one, what)).max() for one in of_kind(record, "balance").values()) < 1e-9
+    assert {one.point for one in record.resultants} == {(0.25, 0.25, 1.0)}
+
+
+def test_conditions_share_what_both_prescribe():
+    """A condition that is there twice has half of the reaction each; on an edge only the common component is shared."""
+    scene = stack((Material(1.0, 0.3),) * 2)
+    single = of_kind(once(scene), "reaction")["top"].force[2]
+    twice = replace(scene, dirichlet=(*scene.dirichlet, Dirichlet("top", z=-0.01)))
+    tops = [one for one in once(twice).resultants if one.name == "top"]
+    assert len(tops) == 2 and all(abs(one.force[2] / single - 0.5) < 1e-9 for one in tops)
+
+
+@pytest.mark.parametrize("make", [lambda **k: hertz(coarse=2, **k), lambda **k: indentation(coarse=2, **k)])
+def test_quarter_and_full_model(make):
+    """Contact and reactions of the flat faces are those of the whole, whatever is modelled."""
+    quarter, full = (once(make(symmetry=which)) for which in ("quarter", "full"))
+    for kind, name in (("contact", None), ("reaction", "top"), ("reaction", "bottom")):
+        one, other = (of_kind(r, kind)[name or next(iter(of_kind(r, kind)))] for r in (quarter, full))
+        assert np.allclose(one.force, other.force, atol=1e-7 * full.force) and (one.parts, other.parts) == (4, 1)
+        assert np.allclose(one.moment, other.moment, atol=1e-7 * full.force)
+        assert abs(abs(one.force[2]) / full.force - 1) < 1e-7
+    assert (quarter.contact_radius is None) == (full.contact_radius is None)
+
+
+def test_forces_without_a_direction():
+    """On a quarter of a ring the sum of magnitudes is pi / (2 sqrt 2) of the vector, on all of it that is nothing."""
+    scene = shrink_fit(interference=1e-3, coarse=4)
+    quarter, ring = once(replace(scene, symmetry=1)), once(scene)
+    assert abs(quarter.pair_alignments[0] * np.pi / np.sqrt(8) - 1) < 0.01
+    assert ring.pair_alignments[0] < 1e-6 and np.abs(of_kind(ring, "contact")["shaft on hub"].force).max() < 1e-12
+    assert abs(ring.force / quarter.force / 8 - 1) < 1e-9 and ring.contact_radius is None
+
+
+@pytest.mark.parametrize("symmetry", ["quarter", "full"])
+def test_centre_is_the_centroid(symmetry):
+    """Wherever round contact is, its radius is about its own centre, with or without mirrors."""
+    scene = hertz(coarse=2, symmetry=symmetry, displacement=0.1)
+    here = once(scene, 2)
+    there = once(moved(replace(scene, contact_centre=None), np.array([0.1, 0.2, -0.3])), 2)
+    assert here.contact_radius > 0.1 and abs(there.contact_radius / here.contact_radius - 1) < 1e-6
+    assert np.allclose(there.contact_centre[:2], [0.1, 0.2])
+    # On the lower sphere of radius 1: r^2 / 2 below the pole, in the mean a fifth of the square of the contact radius.
+    assert abs((-0.3 - there.contact_centre[2]) / (there.contact_radius**2 / 5) - 1) < 0.05
+
+
+@pytest.mark.parametrize("width, round_contact", [(1.0, True), (0.93, True), (0.87, False)])
+def test_radius_of_round_contact_alone(width, round_contact):
+    """A rectangle of sides 1 and b has second moments in the ratio b^2: round where b > 0.9."""
+    scene = stack((Material(1.0, 0.3),) * 2)
+    slim = replace(scene, mesh=replace(scene.mesh, points=scene.mesh.points * [1.0, width, 1.0]))
+    radius = once(slim).contact_radius
+    if round_contact:
+        # sum f r^2 / F = (h_x^2 + h_y^2) / 3 for the whole width 2 h; nodal forces have a little more.
+        assert 0 < radius / np.sqrt(2.5 * 0.25 * (1 + width**2) / 3) - 1 < 0.13
+    else:
+        assert radius is None
