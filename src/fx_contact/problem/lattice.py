@@ -48,7 +48,7 @@ class Lattice:
             parts = [i for i, code in enumerate(_CODES) if code.count(_INSIDE) == dimension]
             corners = np.stack([vertices[:, _part_corners(_CODES[i])] for i in parts], axis=1)
             rows = np.sort(corners, axis=2).reshape(ncells * len(parts), -1)
-            _, ids = np.unique(rows, axis=0, return_inverse=True)
+            ids = _numbered(rows)
             before, used = used, used + (int(ids.max() + 1) << dimension * BITS)
             if used >= 1 << 63:
                 raise GeometryError(f"the root mesh has {ncells} cells, and the keys of their points end at 250,000")
@@ -91,6 +91,14 @@ class Lattice:
         second = np.where(swap, local[:, :, 0], local[:, :, 1])
         inside = ((first << BITS | second) << BITS | local[:, :, 2]) >> self._unused[part]
         return self._start[cell, part] + inside
+
+
+def _numbered(rows):
+    """Number of each row (n, 2^k) of int below 2^31 among the different ones, in lexicographic order: (n,) int64."""
+    while rows.shape[1] > 1:
+        pairs = rows[:, ::2] << 32 | rows[:, 1::2]
+        rows = np.stack([np.unique(pair, return_inverse=True)[1] for pair in pairs.T], axis=1)
+    return np.unique(rows[:, 0], return_inverse=True)[1]
 
 
 def _part_corners(code):
