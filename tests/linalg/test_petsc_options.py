@@ -38,6 +38,7 @@ def demo(tmp_path, words, ranks=1):
     return output(*run, *small.split(), *words.split())
 
 
+@pytest.mark.slow
 def test_options_of_a_dict_and_of_the_command_line():
     """The dict replaces the program's option, the command line that of the dict."""
     kinds = [
@@ -90,6 +91,7 @@ def test_log_view_has_our_stages(tmp_path, ranks):
     assert max(flops, key=flops.get) == "solve"
 
 
+@pytest.mark.slow
 def test_monitor(tmp_path):
     """The monitor of the solver prints a line for every iteration."""
     log = demo(tmp_path, "-fx_ksp_monitor -fx_ksp_converged_reason")
@@ -106,6 +108,7 @@ def test_monitor_goes_on_with_what_takes_over():
     assert "Linear fx_ solve did not converge" in log and "Linear fx_fallback_ solve converged" in log, log
 
 
+@pytest.mark.slow
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help")

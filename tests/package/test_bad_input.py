@@ -1361,6 +1361,7 @@ for options in ({"ksp_monitor": "ascii:/no/such/file"}, {"ksp_max_it": "1"}):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_program_that_goes_on_after_errors_of_petsc():
     """It ends, though what PETSc has made is not the same on all ranks."""

@@ -77,6 +77,7 @@ def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
         true_error(step, 0.1, indentation(coarse=4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given, degree", [(1, 1), (2, 2), (1, 2), (2, 1)])
 def test_fields_go_along(given, degree):
     """A polynomial carried through refinements and partitions is still that one, from values of either degree."""

@@ -205,6 +205,7 @@ def test_arguments(make, message):
         make()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make, order",
     [

@@ -123,6 +123,7 @@ def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert len(started) == 4
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_or_hangs(tmp_path):
     """Errors of a demo come back as its own sentence; a run that takes too long is stopped."""
     from studies.runs import Case, RunFailed, run
