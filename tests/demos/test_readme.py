@@ -24,7 +24,9 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 #: What is run, without the launcher.
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
-    r"|(mpirun -n \d )?python3 (demos/(hertz|indentation|patch|manufactured|own_gmsh_model)\.py|-m studies\.\w+\.\w+).*"
+    r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured|own_gmsh_model)\.py.*"
+    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
+    r"|(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*"
     r"|python3 tests/mutations/run\.py .*"
 )
 #: What is not.

@@ -1,7 +1,7 @@
 """What comes out: records and fields on disk, contact surfaces, comparison with known and finer solutions."""
 
 from fx_contact.results.accuracy import contact_errors, field_error
-from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
+from fx_contact.results.analytic import Hertz, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
@@ -14,6 +14,7 @@ __all__ = [
     "ContactReference",
     "Hertz",
     "HertzLine",
+    "Persson",
     "RecordWriter",
     "ShrinkFit",
     "adapt_manufactured",

@@ -1,8 +1,11 @@
 """Exact solutions to compare with."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,54 @@ class HertzLine:
     def max_pressure(self):
         """p0 = 2 F / (pi a) [Pa]."""
         return 2 * self.force / (np.pi * self.half_width)
+
+
+@dataclass(frozen=True)
+class Persson:
+    """A shaft pressed into a bore with some play: conforming contact of a disc and an infinite plate, plane strain.
+
+    A. Persson, On the stress distribution of cylindrical elastic bodies in contact, Chalmers, 1964; here after M.
+    Ciavarella, P. Decuzzi, Int. J. Solids Structures 38 (2001) 4507-4523, for bodies of one material.
+
+    Attributes:
+        radius: R, of the bore [m].
+        modulus: E / (1 - nu^2) [Pa].
+        play: difference of the radii, not negative [m].
+        force: Q per length [N/m].
+    """
+
+    radius: float
+    modulus: float
+    play: float
+    force: float
+
+    @cached_property
+    def _b(self):
+        """b = tan(half angle / 2), at which E* play / Q = 2 (1 - b^2) / (pi b^2) - I(b) / (pi^2 b^2 (1 + b^2)) [-]."""
+
+        def excess(b):
+            integral = quad(lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b)[0]
+            play = 2 * (1 - b * b) / (np.pi * b * b) - integral / (np.pi * b) ** 2 / (1 + b * b)
+            return play - self.modulus * self.play / self.force
+
+        return brentq(excess, 1e-6, 1.0)
+
+    @property
+    def half_angle(self):
+        """Angle from the middle of the contact to its ends [rad]."""
+        return 2 * np.arctan(self._b)
+
+    @property
+    def max_pressure(self):
+        """The largest pressure, in the middle [Pa]."""
+        return float(self.pressure(0.0))
+
+    def pressure(self, angle):
+        """Contact pressure [Pa] at angles [rad] from the middle, of any shape."""
+        b2, y = self._b**2, np.tan(np.asarray(angle) / 2)
+        root = np.sqrt(np.maximum(0.0, b2 - y**2) / (1 + b2))
+        spread = 2 * root / (1 + y**2) + np.arctanh(root) / (b2 * (1 + b2))
+        return self.force / (np.pi * self.radius) * np.where(np.abs(angle) < np.pi, spread, 0.0)
 
 
 @dataclass(frozen=True)

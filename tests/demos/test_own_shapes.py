@@ -1,0 +1,44 @@
+"""The demos of own geometry: short, and right by known solutions."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, outside
+
+from fx_contact import Material
+from fx_contact.results import Hertz
+
+DEMOS = Path(__file__).parents[2] / "demos"
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(WORLD.size > 1, reason="a demo is a process of its own")]
+
+
+def last_record(name, folder, *options):
+    """What the last step of a demo leaves."""
+    path = DEMOS / f"{name}.py"
+    assert len(path.read_text().splitlines()) < 60
+    command = [sys.executable, path, "--records-only", "--quiet", "--output", folder, *options]
+    done = subprocess.run(command, env=outside(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "steps.jsonl").read_text().splitlines()[-1])
+
+
+@pytest.mark.parametrize("radius", [1.0, 25.0])
+def test_crossed_cylinders_are_hertz(tmp_path, radius):
+    """Equal cylinders press each other like a sphere of their radius and a plane, in any unit."""
+    record = last_record("crossed_cylinders", tmp_path, "--radius", str(radius), "--displacement", str(0.01 * radius))
+    exact = Hertz(radius, Material(1.0, 0.3).plane_strain_modulus / 2, record["force"])
+    assert abs(record["contact_radius"] / exact.contact_radius - 1) < 0.01
+    assert abs(record["max_pressure"] / exact.max_pressure - 1) < 0.02
+    assert abs(exact.approach / (0.01 * radius) - 1) < 0.1
+
+
+@pytest.mark.parametrize("play", ["0.002", "0.0005"])
+def test_shaft_in_bore_is_persson(tmp_path, play):
+    """The pressure is that of a shaft in a plate that is large enough, the force that of the load."""
+    record = last_record("shaft_in_bore", tmp_path, "--play", play)
+    assert abs(record["errors"]["max_pressure"]) < 0.025
+    assert abs(record["errors"]["load"]) < 1e-4
