@@ -56,6 +56,7 @@ from fx_contact.results import (  # noqa: E402
     table_row,
     total_seconds,
     true_error,
+    undirected,
     write_fields,
 )
 
@@ -246,10 +247,11 @@ def _summary(arguments, record, compared):
     if not record.active_pairs:
         yield "The bodies do not touch."
     yield from force_warnings(record)
+    yield from undirected(record)
     yield f"force {record.force:.6g} N, largest pressure {record.max_pressure:.5g} Pa"
     if compared:
-        radii = f"contact radius {record.contact_radius:.5g} m; Hertz: {compared.contact_radius:.5g} m"
-        yield f"{radii}, {compared.max_pressure:.5g} Pa"
+        found = f"contact radius {record.contact_radius:.5g} m; " if record.contact_radius is not None else ""
+        yield f"{found}Hertz: {compared.contact_radius:.5g} m, {compared.max_pressure:.5g} Pa"
     for name, value in (record.errors or {}).items():
         yield f"{name.replace('_', ' ')}: {value:.3%} from the reference"
     if arguments.true_error:

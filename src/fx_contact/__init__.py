@@ -3,7 +3,9 @@
 from fx_contact.adaptive.adaptive_loop import Run, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
-from fx_contact.adaptive.step import ContactState, Step
+from fx_contact.adaptive.contact_state import ContactState, ContactTable
+from fx_contact.adaptive.resultants import Resultant
+from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, TrueError
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
@@ -33,6 +35,7 @@ __all__ = [
     "CompilationError",
     "ContactPair",
     "ContactState",
+    "ContactTable",
     "Dirichlet",
     "Enforcement",
     "ErrorControl",
@@ -43,6 +46,7 @@ __all__ = [
     "PairingError",
     "PartitionError",
     "Pressure",
+    "Resultant",
     "RootMesh",
     "Run",
     "Scene",

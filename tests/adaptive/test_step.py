@@ -1,5 +1,6 @@
 """What a user sees of a step: fields, tags and measures of dolfinx, contact, a report; and which steps a run keeps."""
 
+import csv
 import weakref
 
 import numpy as np
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from fx_contact import adapt, solve
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.parallel.errors import SceneError, SolveError
+from fx_contact.parallel.errors import OutputError, SceneError, SolveError
 from fx_contact.scenes import hertz, shrink_fit, stack
 
 pytestmark = pytest.mark.whole_run(1, 2)
@@ -101,12 +102,42 @@ def test_fields():
 def test_contact(step):
     """Forces at all pairs add up to the record's; pressure is force over area, closed gaps are closed."""
     contact, record = step.contact, step.record
-    everywhere(all(len(part) == len(contact) for part in vars(contact).values()), "rows of other numbers")
+    columns = [part for part in vars(contact).values() if isinstance(part, np.ndarray)]
+    everywhere(len(columns) == 8 and all(len(c) == len(contact) for c in columns), "rows of other numbers")
     assert abs(WORLD.allreduce(contact.force.sum()) / record.force - 1) < 1e-12
     assert WORLD.allreduce(contact.pressure.max(initial=0.0), op=MPI.MAX) == record.max_pressure
     assert WORLD.allreduce(int(contact.active.sum())) == record.active_pairs == WORLD.allreduce(len(contact))
     everywhere(np.abs(contact.gap).max(initial=0.0) < 1e-12 and (contact.normal[:, 2] > 0.999).all(), "not closed")
     everywhere(np.abs(contact.points[:, 2]).max(initial=0.0) < 1e-12 and not contact.pair.any(), "elsewhere")
+
+
+def test_contact_table(tmp_path):
+    """One table on rank 0 with the node pairs of all ranks, in the same order on any number of them."""
+    step = solve(stack(cells=(3, 2, 1)), 0.9, max_steps=1, degree=1)
+    table = step.contact.gathered()
+    assert (table is None) == (WORLD.rank > 0)
+    if table is None:
+        return
+    alone = solve(stack(cells=(3, 2, 1)), 0.9, MPI.COMM_SELF, max_steps=1, degree=1).contact.gathered()
+    assert len(table) == 24 and table.pair.tolist() == 12 * [0] + 12 * [1] and table.active.all()
+    assert np.array_equal(table.points, alone.points) and np.allclose(table.force, alone.force, rtol=1e-6)
+    assert abs(4 * table.force.sum() / step.record.force - 1) < 1e-12
+    assert np.allclose(table.normal, [0, 0, 1]) and np.abs(table.gap).max() < 1e-9
+    assert repr(table).startswith("contact: 24 node pairs, 24 closed\n")
+    head, *rows = csv.reader(open(table.to_csv(tmp_path / "new" / "contact.csv"), newline=""))
+    assert head[:3] == ["x", "y", "z"] and head[6:] == ["pressure", "gap", "force", "closed", "pair"]
+    numbers = np.array([row[:10] for row in rows], dtype=float)
+    columns = table.points, table.normal, table.pressure, table.gap, table.force, table.active
+    assert np.array_equal(numbers, np.column_stack(columns))
+    assert [row[10] for row in rows] == [step.scene.contact[pair].name for pair in table.pair]
+    with pytest.raises(OutputError, match="name another file"):
+        table.to_csv(tmp_path / "new")
+
+
+def test_no_node_pairs(step):
+    """Without contact pairs the table is empty."""
+    table = solve(pressed(two_boxes(margin=1), contact=False), 0.9, max_steps=1).contact.gathered()
+    assert WORLD.rank or (len(table) == 0 and table.points.shape == (0, 3) and "0 node pairs" in repr(table))
 
 
 def test_open_gap():
@@ -127,6 +158,11 @@ def test_reports(step):
         lines = repr(thing).splitlines()
         assert 3 <= len(lines) <= 30 and max(map(len, lines)) < 120 and "array" not in repr(thing)
     assert "two boxes" in repr(step) and "49 node pairs closed" in repr(step)
+    ring = solve(shrink_fit(interference=1e-3), 0.9, max_steps=1, degree=1)
+    *_, last = repr(ring).splitlines()
+    how = "presses in many directions: its forces add up to (0, 0, 0) N, 0.0% of the sum of their magnitudes"
+    assert last == f"  'shaft on hub' {how}"
+    assert "many directions" not in repr(step) and "contact radius" not in repr(ring)
     contact = step.contact
     first, second = repr(contact).splitlines()
     assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"

@@ -16,6 +16,12 @@ import numpy as np
 from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.problem.boundary_conditions import SymmetryPlane
 
+#: Length of the sum of a pair's forces over the sum of their lengths from which on the pair has one direction: the
+#: force in the records is then the length of the vector to 1 %.
+DIRECTED = 0.99
+#: What is shown as 0 beside the sum of magnitudes: less than its digits on the screen.
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True)
 class Resultant:
@@ -44,6 +50,28 @@ class Resultant:
     def from_json(cls, entries):
         """As `json.loads` makes it of a record.  Local."""
         return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in entries.items()})
+
+
+def undirected(record):
+    """Lines on the contact pairs whose force is no vector: the sum of magnitudes is more than its length.
+
+    Local.
+
+    Args:
+        record: StepRecord.
+
+    Returns:
+        list of str.
+    """
+    pairs, lines = [one for one in record.resultants or () if one.kind == "contact"], []
+    for pair, force, alignment in zip(pairs, record.pair_forces, record.pair_alignments or ()):
+        if alignment is not None and alignment < DIRECTED:
+            vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
+            lines.append(
+                f"{pair.name!r} presses in many directions: its forces add up to ({vector}) N, {alignment:.1%} of the "
+                "sum of their magnitudes"
+            )
+    return lines
 
 
 def sum_up(state, residual, totals, centre):

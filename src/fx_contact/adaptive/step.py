@@ -8,6 +8,8 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import meshtags
 
+from fx_contact.adaptive.contact_state import ContactState
+from fx_contact.adaptive.resultants import undirected
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.recovery import TENSOR, VOIGT
@@ -16,38 +18,6 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ContactState:
-    """Contact at the node pairs that this rank holds; each pair is on one rank.
-
-    Attributes:
-        points: (n, 3) float64, undeformed positions on the first surface [m].
-        normal: (n, 3) float64, unit direction from the first body to the second.
-        pressure: (n,) float64, at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
-        force: (n,) float64, compression positive [N]; of the modelled part, without its symmetric copies.
-        gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they overlap [m].
-        active: (n,) bool, whether the pair is closed.
-        pair: (n,) int32, which of the scene's contact pairs it belongs to.
-    """
-
-    points: np.ndarray
-    normal: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
-    gap: np.ndarray
-    active: np.ndarray
-    pair: np.ndarray
-
-    def __len__(self):
-        return len(self.points)
-
-    def __repr__(self):
-        return (
-            f"contact on this rank alone: {len(self):,} node pairs, {int(self.active.sum()):,} closed\n"
-            f"  force {self.force.sum():.6g} N, largest pressure {self.pressure.max(initial=0.0):.5g} Pa"
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +71,7 @@ class Step:
                 f"{r.max_pressure:.5g} Pa"
                 + (f", contact radius {r.contact_radius:.5g} m" if r.contact_radius else "")
             )
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
     def __del__(self):
         # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
@@ -146,9 +116,11 @@ class Step:
     @cached_property
     def contact(self):
         """ContactState, without rows if the scene has no contact pairs.  Local."""
-        pairs, solution = self.pairs, self.solution
+        pairs, solution, comm = self.pairs, self.solution, self.forest.comm
+        names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
-            return ContactState(*np.zeros((2, 0, 3)), *np.zeros((3, 0)), np.zeros(0, bool), np.zeros(0, np.int32))
+            vectors, numbers, integers = np.zeros((2, 0, 3)), np.zeros((3, 0)), np.zeros(0, np.int64)
+            return ContactState(*vectors, *numbers, np.zeros(0, bool), integers, names, integers, comm)
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,
@@ -157,6 +129,9 @@ class Step:
             gap=-solution.penetration,
             active=solution.active,
             pair=pairs.contact,
+            names=names,
+            key=pairs.node_keys,
+            comm=comm,
         )
 
     @property

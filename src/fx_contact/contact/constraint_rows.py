@@ -80,6 +80,15 @@ class ConstraintRows(ABC):
         return node << 32 | self.contact
 
     @property
+    def node_keys(self):
+        """(n,) int64, lattice key of each row's node on the first surface, the same on any number of ranks.  Local."""
+        prolongation, keys = self.prolongation, self.prolongation.space.keys
+        named = np.empty(len(prolongation.zeros(1)), dtype=np.int64)
+        conforming = prolongation.conforming >= 0
+        named[prolongation.conforming[conforming]] = keys[conforming]
+        return named[self.first]
+
+    @property
     def relative_stiffness(self):
         """(n,) float64, c of k_N = c E* A^(1/2), A the row's area, 1/E* the sum of 1/modulus [-].  Local."""
         return self.stiffness * (1 / self.modulus).sum(axis=1) / np.sqrt(self.area)

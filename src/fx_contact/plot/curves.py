@@ -27,22 +27,24 @@ def draw_pressure(step, path, exact=None):
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=True)
-    pairs, comm = step.pairs, step.forest.comm
-    arm = pairs.position - step.record.contact_centre
-    along = np.einsum("ni,ni->n", arm, pairs.normal)
+    table = step.contact.gathered()
+    return draw_on_first(step.forest.comm, path, lambda path: _draw_pressure(table, step.record, path, exact))
+
+
+def _draw_pressure(table, record, path, exact):
+    arm = table.points - record.contact_centre
+    along = np.einsum("ni,ni->n", arm, table.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
-    near = radius <= 1.6 * step.record.contact_radius
-    rows = np.stack([radius, step.contact.pressure], axis=1)[near]
-    rows = comm.gather(rows, root=0)
-    return draw_on_first(comm, path, lambda path: _draw_pressure(np.concatenate(rows), step.record, path, exact))
-
-
-def _draw_pressure(rows, record, path, exact):
+    closed = record.contact_radius  # of other than round contact: how far it reaches
+    reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed)
+    near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
     with axes_for(path) as axes:
-        axes.plot(rows[:, 0] / scale, rows[:, 1], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+        axes.plot(
+            radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs"
+        )
         if exact:
-            r = np.linspace(0, 1.6 * record.contact_radius, 400)
+            r = np.linspace(0, reach, 400)
             axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g} N")
         axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
         axes.set_ylabel("contact pressure [Pa]")

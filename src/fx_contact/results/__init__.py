@@ -1,5 +1,6 @@
 """What comes out: records and fields on disk, contact surfaces, comparison with known and finer solutions."""
 
+from fx_contact.adaptive.resultants import undirected
 from fx_contact.results.accuracy import contact_errors, field_error
 from fx_contact.results.analytic import Hertz, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
@@ -26,5 +27,6 @@ __all__ = [
     "table_row",
     "total_seconds",
     "true_error",
+    "undirected",
     "write_fields",
 ]
