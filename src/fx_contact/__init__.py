@@ -11,6 +11,7 @@ from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import (
+    CallError,
     CheckpointError,
     CompilationError,
     FxContactError,
@@ -30,6 +31,7 @@ from fx_contact.problem.scene import ContactPair, Scene
 __all__ = [
     "Beginning",
     "BodyForce",
+    "CallError",
     "Checkpoint",
     "CheckpointError",
     "CompilationError",

@@ -1,6 +1,7 @@
 """Run a program so that an error on one rank ends all of them: mpirun -n 2 python3 -m fx_contact program.py.
 
-Without, the other ranks would wait for it.  mpi4py's own runner aborts too late: PETSc is shut down before, together
+Without, the others would wait for a rank that ends before its first Scene or call of this package, or while they are in
+calls of MPI of their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is shut down before, together
 with the others.
 """
 
@@ -11,6 +12,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from fx_contact.parallel.meeting import calling, leave
+
 
 def main():
     """Run the program that the command line names, with the arguments after it, as Python does."""
@@ -18,8 +21,14 @@ def main():
     if not sys.argv:
         sys.exit("usage: python3 -m fx_contact PROGRAM.py [ARGUMENT...]")
     sys.path[0] = str(Path(sys.argv[0]).resolve().parent)
+    with calling(MPI.COMM_WORLD, "python3 -m fx_contact"):
+        pass  # from now on all ranks count on each other
     try:
         runpy.run_path(sys.argv[0], run_name="__main__")
+    except SystemExit as error:
+        if error.code:
+            leave(error)
+        raise
     except Exception:
         traceback.print_exc()
         MPI.COMM_WORLD.Abort(1)

@@ -1337,10 +1337,10 @@ def test_error_of_one_rank_ends_all(tmp_path, program, error, runner, ranks):
 def test_import_changes_nothing():
     """Importing the package leaves hooks, handlers and environment of the process alone."""
     program = """
-import os, signal, sys, threading
+import atexit, os, signal, sys, threading
 import dolfinx, scipy
 hooks = lambda: (sys.excepthook, sys.displayhook, threading.excepthook, signal.getsignal(signal.SIGINT))
-state = lambda: (hooks(), dict(os.environ))
+state = lambda: (hooks(), dict(os.environ), atexit._ncallbacks())
 before = state()
 import fx_contact
 sys.exit(before != state())

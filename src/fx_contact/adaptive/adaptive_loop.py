@@ -19,12 +19,14 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import FxContactError, PartitionError, SceneError, SolveError
+from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, shown
 
 
+@collective("comm")
 def adapt(
     scene,
     tolerance,
@@ -138,6 +140,7 @@ def _check_start(settings, comm, beginning, restart):
         beginning.check(settings.scene, comm)
 
 
+@collective("comm")
 def solve(scene, tolerance, comm=MPI.COMM_WORLD, **options):
     """Solve a scene to a prescribed accuracy; no step but the last is kept.
 
@@ -206,16 +209,17 @@ class Run:
         """
         if self._finished:
             return False
-        self._finished = True  # unless this ends well
-        try:
-            if self._forest is None:
-                stages = self._begin()
-            else:
-                stages = self._refine()
-            self._solve(stages)
-        except FxContactError as error:
-            vars(error).update(self._last)
-            raise
+        with calling(self._comm, "the next step of adapt"):
+            self._finished = True  # unless this ends well
+            try:
+                if self._forest is None:
+                    stages = self._begin()
+                else:
+                    stages = self._refine()
+                self._solve(stages)
+            except FxContactError as error:
+                vars(error).update(self._last)
+                raise
         record = self.step.record
         self._finished = record.reached or record.step >= self._max_steps - 1
         return True

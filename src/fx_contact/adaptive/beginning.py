@@ -11,6 +11,7 @@ from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_count, check_same_comm, shown
@@ -88,6 +89,7 @@ class Beginning:
         return cls(forest, np.zeros((len(forest), (DEGREES[0] + 1) ** 3, 3)))
 
     @classmethod
+    @collective("comm")
     def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
         """The root cells, all of them refined alike, with zero displacement.
 
@@ -117,6 +119,7 @@ class Beginning:
         return cls.at_rest(forest)
 
     @classmethod
+    @collective("step.forest.comm")
     def after(cls, step, marked):
         """The forest of a step refined; its displacement is the first guess, and goes along, its estimate is trusted.
 

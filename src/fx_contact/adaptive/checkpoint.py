@@ -18,6 +18,7 @@ from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
 from fx_contact.parallel.validation import as_path, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
@@ -163,6 +164,7 @@ class Checkpoint:
         CheckpointError: there is none, it is not complete, damaged, of another format, or belongs to another scene.
     """
 
+    @collective("comm")
     def __init__(self, folder, scene, comm):
         check_comm(comm)
         with together(comm):
@@ -202,6 +204,7 @@ class Checkpoint:
                 "or begin anew in another folder"
             )
 
+    @collective("self.comm")
     def load(self):
         """Read the state.
 

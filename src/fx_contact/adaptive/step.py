@@ -16,6 +16,7 @@ from fx_contact.estimate.recovery import TENSOR, VOIGT
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
 
@@ -84,6 +85,7 @@ class Step:
         return self.record.resultants
 
     @property
+    @collective("self.forest.comm")
     def nodal_displacement(self):
         """Displacement at the nodes of this rank's leaves: (n, (p+1)^3, 3) [m].  Collective."""
         prolongation = self.elasticity.prolongation
@@ -104,6 +106,7 @@ class Step:
         return self.elasticity.u
 
     @cached_property
+    @collective("self.forest.comm")
     def stress(self):
         """dolfinx Function, a 3 x 3 tensor: the recovered stress, continuous inside each body [Pa].  Collective."""
         recovered, space = self.estimate.stress, self.elasticity.function_space
@@ -145,6 +148,7 @@ class Step:
         return {name: tag for tag, name in enumerate(self.scene.mesh.bodies, 1)}
 
     @cached_property
+    @collective("self.forest.comm")
     def facet_tags(self):
         """dolfinx MeshTags of the facets on named surfaces; one on several has the last of them.  Collective."""
         topology = self.mesh.topology
@@ -161,6 +165,7 @@ class Step:
         return tags
 
     @cached_property
+    @collective("self.forest.comm")
     def cell_tags(self):
         """dolfinx MeshTags of all cells by body.  Collective."""
         body = self.scene.mesh.body[self.forest.cell[self.leaf_mesh.leaf]]
@@ -195,6 +200,7 @@ class Step:
         ]
 
     @cached_property
+    @collective("self.forest.comm", "Step.ds")
     def _boundary_measure(self):
         """One for all surfaces: those of one form must have the same facets."""
         self.mesh.topology.create_connectivity(2, 3)

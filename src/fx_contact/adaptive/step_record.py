@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.resultants import Resultant
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.versions import library_versions
 
 
@@ -54,6 +55,7 @@ class SolveRecord:
     versions: dict[str, str]
 
     @classmethod
+    @collective("elasticity.prolongation.comm")
     def of(cls, elasticity, solution, estimate, tolerance, stages, **further):
         """The record of a solve.
 

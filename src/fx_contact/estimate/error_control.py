@@ -7,6 +7,7 @@ import numpy as np
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.marking import by_criterion, for_tolerance, smooth_loss
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_count, check_name, check_number
 
 #: The modes, the default first.
@@ -137,6 +138,7 @@ class ErrorControl:
             return corrected
         return None
 
+    @collective("comm")
     def marked(self, estimate, tolerance, history, comm):
         """Cells of the present mesh to refine: in "contact" all of a first mesh that meets the tolerance.
 

@@ -43,6 +43,10 @@ class CompilationError(FxContactError):
     """The kernels of the finite elements cannot be compiled: no compiler, or no folder to keep them in."""
 
 
+class CallError(FxContactError):
+    """Ranks do not make the same call, or one of them has ended its program."""
+
+
 class OutputError(FxContactError):
     """Results cannot be written where the user asked for."""
 

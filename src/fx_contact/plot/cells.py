@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.problem import hexahedron
@@ -32,6 +33,7 @@ _PIECES = 4
 _COLOURS = {"rank": _number_colour, "level": _level_colour}
 
 
+@collective("step.forest.comm")
 def draw_mesh(step, path, zoom=3.0, colour="rank"):
     """The undeformed leaves around the contact, cut open along y = 0 and coloured.
 
@@ -72,6 +74,7 @@ def contact_size(step):
     return max(radius or 0.0, step.forest.comm.allreduce(size, op=MPI.MAX))
 
 
+@collective("step.forest.comm")
 def draw_partition(step, path, colour="rank"):
     """All undeformed leaves, cut open along y = 0 through the contact's centre and coloured.
 

@@ -5,10 +5,12 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
 from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm
 from fx_contact.plot.canvas import axes_for, draw_on_first
 
 
+@collective("step.forest.comm")
 def draw_pressure(step, path, exact=None):
     """Contact pressure of every node pair over the radius, against Hertz's.
 
@@ -54,6 +56,7 @@ def _draw_pressure(table, record, path, exact):
         axes.legend(frameon=False)
 
 
+@collective("comm")
 def draw_convergence(records, path, comm=MPI.COMM_WORLD):
     """Estimated error of every step over its unknowns, and the true one where it has been measured.
 

@@ -5,12 +5,14 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
 
+@collective("step.forest.comm")
 def draw_stress(step, path, zoom=None):
     """Von Mises stress, recovered at the nodes, and the leaves in the plane across y through the contact's centre.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import GeometryError, SceneError
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
 from fx_contact.problem import hexahedron
@@ -15,6 +16,7 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 
+@collective("comm")
 def root_mesh_from_gmsh(comm, build):
     """Build a model with Gmsh on rank 0 and share its mesh.
 
@@ -40,6 +42,7 @@ def root_mesh_from_gmsh(comm, build):
         return RootMesh(**parts)
 
 
+@collective("comm")
 def root_mesh_from_file(comm, path):
     """Read a .msh file on rank 0 and share its mesh.
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.problem import hexahedron
@@ -58,6 +59,7 @@ class RootMesh:
         return mesh_summary(self)
 
     @classmethod
+    @collective("comm")
     def from_dolfinx(cls, mesh, cell_tags, facet_tags, bodies, surfaces, comm=MPI.COMM_WORLD):
         """A dolfinx mesh of hexahedra as root mesh, gathered on all ranks; cells and nodes in the order of its input.
 

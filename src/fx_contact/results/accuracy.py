@@ -10,6 +10,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import VOIGT
 from fx_contact.fem.compilation import compiled
+from fx_contact.parallel.meeting import collective
 
 #: Entries of a StepRecord that are compared with those of a reference.
 FIGURES = ("force", "contact_radius", "max_pressure")
@@ -28,6 +29,7 @@ class FieldError:
     l2: float
 
 
+@collective("elasticity.prolongation.comm")
 def field_error(elasticity, exact):
     """Relative errors of `elasticity.u` against a known displacement.
 
@@ -85,6 +87,7 @@ def energy_distance(step, values):
     return elasticity.change_norm(v - u) / elasticity.energy_norm(u)
 
 
+@collective("step.forest.comm")
 def contact_errors(step, reference):
     """Relative errors of a contact against a reference.
 

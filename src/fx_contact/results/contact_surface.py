@@ -7,6 +7,7 @@ from dolfinx.mesh import create_mesh
 
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
 from fx_contact.parallel.compat import stay
+from fx_contact.parallel.meeting import collective
 from fx_contact.problem import hexahedron
 from fx_contact.results.vtx import function_on
 
@@ -14,6 +15,7 @@ from fx_contact.results.vtx import function_on
 _SCALARS = ("pressure", "closed", "gap", "body", "level", "rank", "indicator")
 
 
+@collective("step.forest.comm")
 def contact_functions(step):
     """Fields on both sides of the contact surfaces.
 

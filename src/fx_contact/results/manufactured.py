@@ -27,6 +27,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.meeting import calling
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron
@@ -150,23 +151,26 @@ def adapt_manufactured(
     control = ErrorControl() if control is None else control
     if not isinstance(control, ErrorControl):
         raise SceneError(f"control must be an ErrorControl, got {shown(control)}")
-    mesh = quarter_ring(order, coarse)
-    forest, history = Forest.of_roots(comm, mesh, Pairing(mesh, ())), control.begin()
-    if uniform:
-        forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
+    mesh, history, step = quarter_ring(order, coarse), control.begin(), None
     for number in range(max_steps):
         stages = Stages()
-        with stages("partition"):
-            forest, _ = repartition(forest, None, "contact-sfc")
-        step = _solve(number, Space(forest, degree), geometry_order or order, tolerance, stages)
+        with calling(comm, "the next step of adapt_manufactured"):
+            if step is None:
+                forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
+                if uniform:
+                    forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
+            else:
+                times = np.ones(len(forest), dtype=np.int8)
+                if not uniform:
+                    marked, history = control.marked(step.estimate, tolerance, history, comm)
+                    times[step.elasticity.leaf_mesh.leaf] = marked
+                forest, _ = forest.refined_with(times)
+            with stages("partition"):
+                forest, _ = repartition(forest, None, "contact-sfc")
+            step = _solve(number, Space(forest, degree), geometry_order or order, tolerance, stages)
         yield step
-        if step.record.estimate <= tolerance or number == max_steps - 1:
+        if step.record.estimate <= tolerance:
             return
-        times = np.ones(len(forest), dtype=np.int8)
-        if not uniform:
-            marked, history = control.marked(step.estimate, tolerance, history, comm)
-            times[step.elasticity.leaf_mesh.leaf] = marked
-        forest, _ = forest.refined_with(times)
 
 
 def _solve(number, space, order, tolerance, stages):

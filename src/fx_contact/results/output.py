@@ -11,6 +11,7 @@ from dolfinx import fem
 from fx_contact.adaptive.step import check_step
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, writing
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
 from fx_contact.results.contact_surface import contact_functions
@@ -39,6 +40,7 @@ class RecordWriter:
         OutputError: the folder cannot be made or written, or has records of other steps than those before the restart.
     """
 
+    @collective("comm")
     def __init__(self, folder, comm, finished=()):
         check_comm(comm)
         self.path = shared_path(comm, "the output folder", folder, OutputError) / "steps.jsonl"
@@ -48,6 +50,7 @@ class RecordWriter:
                 with writing(self.path):
                     self._begin(finished)
 
+    @collective("self._comm")
     def write(self, record):
         """Append a record, or replace the last one written if it is of the same step.
 
@@ -106,6 +109,7 @@ def _step_of(line, finished):
     return known.step if same else None
 
 
+@collective("step.forest.comm")
 def write_fields(step, folder):
     """Write a step's fields for ParaView; all files keep the curved shape of the cells.
 
@@ -136,6 +140,7 @@ def write_fields(step, folder):
         write_vtu(comm, folder / "contact.pvtu", list(contact_functions(step).values()), time)
 
 
+@collective("step.forest.comm")
 def point_fields(step):
     """Displacement and recovered stress at the points by which ParaView draws curved cells.
 

@@ -12,6 +12,7 @@ from fx_contact.adaptive.step_record import TrueError
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.meeting import collective
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import check_scene
 from fx_contact.results.accuracy import energy_distance
@@ -20,6 +21,7 @@ from fx_contact.results.accuracy import energy_distance
 DEGREE = 2
 
 
+@collective("step.forest.comm")
 def true_error(step, tolerance, scene=None):
     """Go on from a step to a finer solution of degree 2, by default settings else, and measure the distance to it.
 

@@ -4,6 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
 from fx_contact.problem.boundary_conditions import Dirichlet
@@ -16,6 +17,7 @@ from fx_contact.scenes.roundness import check_roundness
 from fx_contact.scenes.symmetry import sideways
 
 
+@collective("comm")
 def hertz(
     radius=1.0,
     displacement=0.01,
