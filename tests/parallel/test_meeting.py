@@ -50,6 +50,7 @@ CALLS = {
     "Step.stress": lambda run, folder: run.step.stress,
     "Step.facet_tags": lambda run, folder: run.step.facet_tags,
     "Step.ds": lambda run, folder: run.step.ds("top"),
+    "ContactState.gathered": lambda run, folder: run.step.contact.gathered(),
     "draw_mesh": lambda run, folder: draw_mesh(run.step, folder / "a.png"),
     "draw_partition": lambda run, folder: draw_partition(run.step, folder / "a.png"),
     "draw_pressure": lambda run, folder: draw_pressure(run.step, folder / "a.png"),

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.meeting import collective
 
 _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "force", "closed", "pair")
 
@@ -97,6 +98,7 @@ class ContactState:
     def __repr__(self):
         return _summary("contact on this rank alone", self)
 
+    @collective("self.comm")
     def gathered(self):
         """The node pairs of all ranks in one table, on rank 0.
 
