@@ -4,8 +4,8 @@ Each rank tells rank 0 of the communicator what it calls; rank 0 compares and an
 tells that instead, from an exit function that is registered with its first call or Scene.
 
 The messages go from point to point, for a collective would be matched with those of PETSc, which begin when a program
-ends.  They go over a duplicate of the user's communicator; until all have agreed on a first call, over that itself, with
-tags of their own.
+ends.  They go over a duplicate of the user's communicator; until all have agreed on a first call, over that itself,
+with tags of their own.
 """
 
 import atexit
@@ -151,7 +151,7 @@ def _meetings(comm):
 
 
 def _wait(meetings, limit=np.inf, watch=None):
-    """Wait for the answers of some Meetings, up to a limit [s]; `watch` is called meanwhile.  bool: whether all came."""
+    """Wait for the answers of some Meetings, up to a limit [s], and call `watch` meanwhile: bool, whether all came."""
     start, waiting = time.monotonic(), meetings
     while waiting := [one for one in waiting if one.answer() is None]:
         waited = time.monotonic() - start
