@@ -6,7 +6,8 @@ from mpi4py import MPI
 from fx_contact.contact.constraint_rows import resultants
 
 #: Contact is round where the semi-axes of the ellipse with its second moments differ by no more than this part: its
-#: radius is then within 6 % of both.
+#: radius is then within 6 % of both.  A sphere whose pole is beside the nodes has semi-axes 1 : 0.81, 0.88,
+#: 0.94 with 4, 26, 11 closed pairs, 1 : 0.998 with 142 (a unit sphere 0.01 deep in a block, E = 1).
 ROUND = 0.1
 #: Least length of the sum of the forces over the sum of their lengths of contact that has an axis: that of uniform
 #: pressure on a hemisphere; (1 + cos t) / 2 on a cap up to the angle t.

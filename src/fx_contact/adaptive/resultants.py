@@ -1,12 +1,14 @@
 """Resultants: force and moment of contact pairs, loads and reactions, and what they leave of each body.
 
-All are of the undeformed bodies, about one point, the contact's centre.  With the residual r = K u - L + B^T f at the
+All are of the undeformed bodies, about one point, the contact's centre.  Nodes are where the leaves of the mesh have
+them.  With the residual r = K u - L + B^T f at the
 conforming nodes x_i, the reaction of a condition is the sum of r_i, and of (x_i - c) x r_i, over the components that it
 prescribes.  What several conditions prescribe is shared among them equally.
 
 On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  Their moments
-do on cells whose geometry has at most the displacement's degree, which then may be a rotation; on others, up to what
-the displacement cannot follow of the geometry.
+do where the order of the leaves' geometry is at most the degree, so that rotations are among the displacements; on
+others, up to what the displacement cannot follow of the geometry: 3e-3 of the force times the radius on the coarsest
+Hertz mesh, of order 2, at degree 1.
 """
 
 from dataclasses import dataclass
@@ -113,37 +115,56 @@ def _resultant(name, kind, row, point, scene):
     return Resultant(name, kind, tuple(map(float, force)), tuple(map(float, moment)), point, parts)
 
 
-def _on_bodies(force, position, centre, entry, body, shape):
-    """Sums of forces (n, 3) and of their moments, by entry and body: (entries, bodies, 6)."""
-    sums = np.zeros((*shape, 6))
-    np.add.at(sums, (entry, body), np.concatenate([force, np.cross(position - centre, force)], axis=1))
-    return sums
-
-
 def _of_contact(state, centre):
-    """What this rank's rows press on first and on second bodies: two (pairs, bodies, 6)."""
-    pairs, shape = state.pairs, (len(state.scene.contact), len(state.scene.mesh.bodies))
-    if pairs is None:
-        return np.zeros((2, *shape, 6))
-    push = state.solution.force[:, None] * pairs.normal
-    return [
-        _on_bodies(sign * push, pairs.position, centre, pairs.contact, body, shape)
-        for sign, body in zip((-1, 1), pairs.bodies.T)
-    ]
+    """What this rank's nodes press on first and on second bodies: two (pairs, bodies, 6).  Collective."""
+    scene, rows, sums = state.scene, state.pairs, []
+    for index in range(len(scene.contact)):
+        blocks, ours = rows.blocks, rows.contact == index
+        push = -np.where(ours, state.solution.force, 0.0)[blocks.row, None] * blocks.values
+        nodal = rows.prolongation.zeros(6)
+        columns = 3 * blocks.side[:, None] + np.arange(3)
+        np.add.at(nodal, (blocks.node[:, None], columns), push)
+        nodal = rows.prolongation.summed(nodal)
+        for side in np.split(nodal, 2, axis=1):
+            nodes = np.flatnonzero(side.any(axis=1))
+            sums.append(_on_bodies(state, nodes, side[nodes], np.zeros_like(nodes), 1, centre))
+    shape = len(scene.contact), 2, len(scene.mesh.bodies), 6
+    return np.reshape(sums, shape).transpose(1, 0, 2, 3)
 
 
 def _of_conditions(state, residual, centre):
     """Reactions at this rank's nodes: (conditions, bodies, 6).  Collective."""
-    scene, space = state.scene, state.elasticity.prolongation.space
-    shape = len(scene.conditions), len(scene.mesh.bodies)
-    held = held_nodes(scene, state.elasticity.prolongation)
-    count = np.zeros(residual.shape)
-    for nodes, condition in zip(held, scene.conditions):
+    conditions, count = state.scene.conditions, np.zeros(residual.shape)
+    held = held_nodes(state.scene, state.elasticity.prolongation)
+    for nodes, condition in zip(held, conditions):
         count[nodes] += condition.held
     entry = np.repeat(np.arange(len(held)), list(map(len, held)))
     nodes = np.concatenate([np.zeros(0, dtype=np.int64), *held])
-    on = np.array([condition.held for condition in scene.conditions]).reshape(-1, 3)[entry]
+    on = np.array([condition.held for condition in conditions]).reshape(-1, 3)[entry]
     force = np.where(on, residual[nodes] / np.maximum(count[nodes], 1), 0.0)
-    place = state.elasticity.prolongation.injected(np.arange(len(space)))[nodes]
-    body = scene.mesh.body[state.forest.cell[space.example[place, 0]]]
-    return _on_bodies(force, space.positions(place), centre, entry, body, shape)
+    return _on_bodies(state, nodes, force, entry, len(conditions), centre)
+
+
+def _on_bodies(state, nodes, force, entry, entries, centre):
+    """Sums of forces at conforming nodes that this rank owns, and of their moments, by entry and body.
+
+    Local.
+
+    Args:
+        state: SolvedState.
+        nodes: (k,) int, positions in the index map.
+        force: (k, 3) float64 [N].
+        entry: (k,) int, what each is added to.
+        entries: number of these.
+        centre: (3,) float64 [m].
+
+    Returns:
+        (entries, bodies, 6) float64, force [N] and moment [N m].
+    """
+    prolongation = state.elasticity.prolongation
+    space, mesh = prolongation.space, state.scene.mesh
+    leaf, local = space.example[prolongation.injected(np.arange(len(space)))[nodes]].T
+    arm = state.elasticity.leaf_mesh.positions(leaf, local, space.degree) - centre
+    sums, body = np.zeros((entries, len(mesh.bodies), 6)), mesh.body[state.forest.cell[leaf]]
+    np.add.at(sums, (entry, body), np.concatenate([force, np.cross(arm, force)], axis=1))
+    return sums

@@ -61,8 +61,6 @@ def held_nodes(scene, prolongation):
     Returns:
         list of (k,) int64, for each of `scene.conditions` the conforming nodes that this rank owns of those it is on.
     """
-    if not scene.conditions:
-        return []
     on = prolongation.zeros(len(scene.conditions))
     for column, condition in enumerate(scene.conditions):
         on[prolongation.conforming[_conforming_at(scene, prolongation, condition.where)], column] = 1

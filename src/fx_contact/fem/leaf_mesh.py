@@ -53,6 +53,25 @@ class LeafMesh:
         rows = np.stack([cell[leaf], face.astype(np.int32)], axis=1)
         return rows[np.lexsort(rows.T[::-1])]
 
+    def positions(self, leaf, local, degree):
+        """Where nodes of leaves are in the geometry of order q, over which the mesh is integrated.
+
+        Local.
+
+        Args:
+            leaf: (k,) int, this rank's leaves.
+            local: (k,) int, a node of each, in tensor order.
+            degree: p of the nodes, i/p along each axis.
+
+        Returns:
+            (k, 3) float64 [m].
+        """
+        cell, geometry = np.empty(len(self.leaf), dtype=np.int32), self.mesh.geometry
+        cell[self.leaf] = np.arange(len(cell))
+        along = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
+        weights = np.kron(along, np.kron(along, along))[:, basix_order(CellType.hexahedron, self.order)]
+        return np.einsum("kn,kni->ki", weights[local], geometry.x[geometry.dofmap[cell[leaf]]])
+
 
 def create_leaf_mesh(forest, order):
     """Make the dolfinx mesh of a forest.

@@ -22,7 +22,7 @@ def cylinders(
     """Two bars with cylindrical faces along y, pressed together along z, between planes of symmetry y = 0 and length.
 
     Local.  Half (x >= 0) of a slice is modelled: plane strain, whatever its length, so that a thin slice will do; one
-    root cell along y.  The record's `contact_radius` has no meaning here.  Exact for small contacts:
+    root cell along y.  The record's `contact_radius` is None here.  Exact for small contacts:
     `analytic.HertzLine`.
 
     Args:
