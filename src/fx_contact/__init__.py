@@ -4,9 +4,11 @@ from fx_contact.adaptive.adaptive_loop import Run, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.adaptive.contact_state import ContactState, ContactTable
+from fx_contact.adaptive.load_path import Sweep, SweepPoint, sweep
 from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, TrueError
+from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.linalg.solver_options import Solver
@@ -57,6 +59,9 @@ __all__ = [
     "Solver",
     "Step",
     "StepRecord",
+    "Sweep",
+    "SweepPoint",
+    "SweepRecord",
     "SymmetryPlane",
     "Traction",
     "TrueError",
@@ -64,4 +69,5 @@ __all__ = [
     "root_mesh_from_file",
     "root_mesh_from_gmsh",
     "solve",
+    "sweep",
 ]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 
-from fx_contact import ErrorControl, adapt
+from fx_contact import ErrorControl, SweepRecord, adapt
 from fx_contact.parallel.errors import OutputError, SceneError
-from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress, draw_sweep
 from fx_contact.plot.cells import _level_colour
 from fx_contact.plot.cut import _outlines, cut_by_body
 from fx_contact.scenes import hertz
@@ -46,6 +46,13 @@ def a_step(degree=1):
     return steps[-1], [step.record for step in steps]
 
 
+def _point(record):
+    """A record as a point of a load path."""
+    return SweepRecord(
+        point=record.step, value=1.0 + record.step, begun="anew", solves=1, unknowns=0, cpu_seconds=0.0, record=record
+    )
+
+
 PICTURES = {
     "mesh": lambda step, records, path: draw_mesh(step, path),
     "levels": lambda step, records, path: draw_mesh(step, path, zoom=4, colour="level"),
@@ -54,6 +61,7 @@ PICTURES = {
     "stress": lambda step, records, path: draw_stress(step, path),
     "stress near": lambda step, records, path: draw_stress(step, path, zoom=3),
     "convergence": lambda step, records, path: draw_convergence(records, path, WORLD),
+    "sweep": lambda step, records, path: draw_sweep([*map(_point, records)], path, WORLD, quantity="dofs"),
 }
 
 

@@ -3,7 +3,8 @@
 from fx_contact.adaptive.adaptive_loop import adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.adaptive.load_path import sweep
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 
-__all__ = ["Beginning", "Checkpoint", "Step", "StepRecord", "adapt", "solve"]
+__all__ = ["Beginning", "Checkpoint", "Step", "StepRecord", "adapt", "solve", "sweep"]

@@ -191,6 +191,11 @@ class Run:
     def __iter__(self):
         return self
 
+    @property
+    def settings(self):
+        """Settings of the run."""
+        return self._settings
+
     def __next__(self):
         if not self.advance():
             raise StopIteration

@@ -4,7 +4,7 @@ Leaves and nodes are named by keys that do not depend on the ranks: a leaf with 
 with its displacement 32.  A checkpoint knows the problem it belongs to, and has the records of all steps so far.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from uuid import uuid4
 
 import numpy as np
@@ -61,7 +61,7 @@ class CheckpointWriter:
                     self._path.parent.mkdir(parents=True, exist_ok=True)
                     self._allow()
 
-    def save(self, step, records):
+    def save(self, step, records, further=None):
         """Replace the checkpoint in the folder by the state after a step.
 
         Collective on the step's comm.
@@ -69,13 +69,12 @@ class CheckpointWriter:
         Args:
             step: Step.
             records: list of StepRecord, of all steps up to this one.
+            further: dict that JSON can hold, to keep beside the rest or in its place; None: nothing.
 
         Raises:
             OutputError: the checkpoint cannot be written, or another run has written one; what was there still is.
         """
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
-        indicator = np.empty(len(forest))
-        indicator[step.leaf_mesh.leaf] = error.error
         leaf, node = prolongation.space.example.T
         values = np.concatenate([prolongation.prolong(step.solution.displacement), step.along[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
@@ -91,10 +90,11 @@ class CheckpointWriter:
                 "records": [record.as_json() for record in records],
                 "estimate": [error.error_global, error.energy_norm, error.cells],
                 "history": asdict(step.history),
+                **(further or {}),
             },
             {
                 "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
-                "indicator": indicator[:, None],
+                "indicator": _by_leaf(step)[:, None],
                 "refine": step.contact_error.refine[:, None].astype(float),
                 "nodes": prolongation.space.keys[rows, None],
                 "values": values[rows],
@@ -110,6 +110,13 @@ class CheckpointWriter:
                 f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
                 "restart, remove it, or name another folder"
             )
+
+
+def _by_leaf(step):
+    """xi_T of a step in the order of the leaves: (n,) float64."""
+    result = np.empty(len(step.forest))
+    result[step.leaf_mesh.leaf] = step.estimate.error
+    return result
 
 
 def _names(cell, level, anchor):
@@ -141,6 +148,18 @@ class State:
     estimate: Estimate
     refine: np.ndarray
     history: RefinementHistory
+
+    @classmethod
+    def of(cls, step):
+        """The state after a step, without fields that go along.
+
+        Collective on the step's comm.
+
+        Args:
+            step: Step.
+        """
+        estimate = replace(step.estimate, stress=None, error=_by_leaf(step), energy=None)
+        return cls(step.forest, step.nodal_displacement, estimate, step.contact_error.refine, step.history)
 
 
 class Checkpoint:

@@ -1,4 +1,4 @@
-"""Curves: contact pressure over the radius, error over the unknowns."""
+"""Curves: contact pressure over the radius, error over the unknowns, force over the approach."""
 
 import numpy as np
 from mpi4py import MPI
@@ -6,7 +6,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_comm
+from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.plot.canvas import axes_for, draw_on_first
 
 
@@ -98,6 +98,45 @@ def _draw_convergence(records, path):
             axis.set_major_formatter("{x:,g}")
             axis.set_minor_formatter(_few_digits)
         axes.legend(frameon=False)
+
+
+@collective("comm")
+def draw_sweep(points, path, comm=MPI.COMM_WORLD, *, quantity="force", label="value", logarithmic=False):
+    """A quantity at the points of a load path over their values: with the force, a force-approach curve.
+
+    Collective on comm; rank 0 draws.
+
+    Args:
+        points: list of SweepRecord, alike on all ranks.
+        path: of the PNG.
+        comm: MPI communicator.
+        quantity: entry of a StepRecord that is a number.
+        label: of the values.
+        logarithmic: whether both axes are.
+
+    Returns:
+        Path of the picture.
+
+    Raises:
+        SceneError: comm is no communicator, or there is no such entry.
+        OutputError: there is no point, or the picture cannot be written.
+    """
+    check_comm(comm)
+    if not points:
+        raise OutputError("no curve to draw: there is no point of a sweep")
+    numbers = [name for name, value in vars(points[0].record).items() if isinstance(value, (int, float))]
+    check_name("entry of a record", quantity, numbers)
+    rows = np.array([(point.value, getattr(point.record, quantity)) for point in points])
+    return draw_on_first(comm, path, lambda path: _draw_sweep(rows, path, quantity, label, logarithmic))
+
+
+def _draw_sweep(rows, path, quantity, label, logarithmic):
+    with axes_for(path) as axes:
+        axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color="#0072B2")
+        if logarithmic:
+            axes.loglog()
+        axes.set_xlabel(label)
+        axes.set_ylabel(quantity.replace("_", " "))
 
 
 def _few_digits(value, _position):

@@ -1,0 +1,42 @@
+"""Coarser forests: leaves merged with their siblings, by the rules of refinement."""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.forest.forest import Forest
+from fx_contact.forest.partition import repartition
+from fx_contact.parallel.errors import PartitionError
+from fx_contact.parallel.mpi import Directory
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.lattice import leaf_side
+
+
+def coarsened(forest, level, kind="contact-sfc"):
+    """The coarsest forest in which each leaf of another one has the level that it needs.
+
+    Collective on forest.comm.  It is refined from the root cells, so that the rules of `Forest.refined` hold: a leaf
+    stays where one of its siblings needs it, or balance, or a partner.  No leaf is finer than before.
+
+    Args:
+        forest: Forest.
+        level: (n,) int, the level that each leaf needs, at most its own.
+        kind: of partition, a key of `partition.KINDS`.
+
+    Returns:
+        Forest.
+    """
+    comm, result = forest.comm, Forest.of_roots(forest.comm, forest.mesh, forest.pairing)
+    for depth in range(comm.allreduce(int(np.max(level, initial=0)), op=MPI.MAX)):
+        side = leaf_side(np.array([depth]))
+        finer = level > depth
+        needed = np.unique(leaf_code(forest.cell[finer], forest.anchor[finer] // side * side))
+        ours = np.flatnonzero(result.level == depth)
+        marked = np.zeros(len(result), dtype=bool)
+        codes = leaf_code(result.cell[ours], result.anchor[ours])
+        marked[ours] = Directory(comm, codes).asked(needed)
+        result, _ = result.refined(marked)
+        try:
+            result, _ = repartition(result, None, kind)
+        except PartitionError:  # still too few leaves for the ranks
+            continue
+    return result

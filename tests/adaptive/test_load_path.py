@@ -1,0 +1,161 @@
+"""Load paths: no more cells than needed, the slopes that theory has, the same after a restart."""
+
+import csv
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+
+from fx_contact import CheckpointError, Material, SceneError, adapt, solve, sweep
+from fx_contact.adaptive.carry_over import carried_over
+from fx_contact.adaptive.checkpoint import State
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.fem.space import Space
+from fx_contact.scenes import hertz, stack
+
+pytestmark = pytest.mark.whole_run
+
+small = partial(hertz, order=3, coarse=2)
+
+
+def pressed(approach):
+    return small(displacement=approach)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """One folder for all ranks."""
+    return WORLD.bcast(tmp_path)
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_displacement_at_the_nodes_of_merged_leaves(degree, coarse):
+    """Nodes of merged leaves are nodes of their parts: their values are the same, to the last digit."""
+    step = solve(small(), 0.3, degree=degree)
+    space, rows = Space(step.forest, degree), np.array([[1.0, 2, 3], [0, 1, -1], [2, 0, 1]])
+    state = State.of(step)
+    estimate = replace(state.estimate, error=state.estimate.error / (1 if coarse else 1e3))
+    state = replace(state, values=(space.positions() @ rows)[space.cells], estimate=estimate)
+    begin = carried_over(state, 0.3, ErrorControl(), "contact-sfc", coarse)
+    everywhere(begin.forest.size_global < step.forest.size_global, "leaves merge")
+    after = Space(begin.forest, degree)
+    expected = (after.positions() @ rows)[after.cells]
+    everywhere(np.allclose(begin.values, expected, rtol=0, atol=1e-12), "the same values")
+    assert begin.history.compared is not coarse and begin.history.effectivity == step.history.effectivity
+
+
+def test_a_kept_forest_is_accepted_at_once():
+    """Twice the modulus is twice the force, with one solve, on the same leaves or fewer."""
+
+    def scene(modulus):
+        return small(material=Material(modulus, 0.3))
+
+    first, second, third = sweep(scene, (1.0, 2.0, 2.0), 0.25, degree=1)
+    assert [p.record.begun for p in (first, second, third)] == ["anew", "kept", "kept"]
+    assert second.record.solves == third.record.solves == 1 and second.step.record.reached
+    cells = [p.step.record.cells for p in (first, second, third)]
+    assert cells[0] >= cells[1] >= cells[2] > cells[0] / 2
+    assert second.step.record.force == pytest.approx(2 * first.step.record.force, rel=0.25**2 / 10)
+    assert second.step.record.assumed_effectivity == first.step.record.assumed_effectivity
+
+
+@pytest.mark.slow
+def test_force_over_approach_is_that_of_hertz():
+    """F ~ delta^(3/2), on no more cells than a run alone ends with, or the point before had."""
+    values = (1e-2, 2e-3, 4e-4)
+
+    def round_ends(approach):
+        return hertz(displacement=approach, order=6, coarse=2)
+
+    points = [point.record for point in sweep(round_ends, values, 0.15)]
+    assert all(point.record.reached for point in points)
+    force = np.array([point.record.force for point in points])
+    slopes = np.diff(np.log(force)) / np.diff(np.log(values))
+    assert slopes == pytest.approx(1.5, abs=0.04)  # the bodies are no half-spaces
+    alone = solve(round_ends(values[2]), 0.15).record
+    assert points[2].record.force == pytest.approx(alone.force, rel=0.15**2)
+    assert points[1].record.dofs < points[0].record.dofs and points[2].record.dofs < alone.dofs
+    assert [point.begun for point in points] == ["anew", "kept", "coarse"]
+
+
+def test_restart_in_the_middle(folder):
+    """The same points, of which those done are not solved again; files have them all."""
+    values, options = (1e-2, 6e-3, 5e-3), dict(degree=1, folder=folder)
+    whole = [point.record for point in sweep(pressed, values, 0.3, degree=1)]
+    path = sweep(pressed, values, 0.3, **options)
+    next(path), next(path)
+    again = sweep(pressed, values, 0.3, restart=True, **options)
+    assert len(again.records) == 2
+    (point,) = again
+    for one, other in zip(whole, again.records):
+        assert (one.begun, one.solves, one.record.cells) == (other.begun, other.solves, other.record.cells)
+        assert other.record.force == pytest.approx(one.record.force, rel=1e-7)
+    lines = [json.loads(line) for line in (folder / "sweep.jsonl").read_text().splitlines()]
+    assert [line["value"] for line in lines] == list(values) and lines[2]["record"][
+        "force"
+    ] == point.step.record.force
+    rows = list(csv.DictReader((folder / "sweep.csv").open()))
+    assert [float(row["force"]) for row in rows] == [line["record"]["force"] for line in lines]
+    assert not list(sweep(pressed, values, 0.3, restart=True, **options))
+
+
+def test_restart_of_something_else(folder):
+    options = dict(degree=1, folder=folder)
+    next(sweep(pressed, (1e-2, 5e-3), 0.6, **options))
+    for values, scene_of, degree, words in (
+        ((2e-2, 5e-3), pressed, 1, "sweep over"),
+        ((1e-2, 5e-3), partial(small, 1.5), 1, "root mesh"),
+        ((1e-2, 5e-3), pressed, 2, "degree"),
+    ):
+        with pytest.raises(CheckpointError, match=words):
+            sweep(scene_of, values, 0.6, degree=degree, folder=folder, restart=True)
+    with pytest.raises(CheckpointError, match="cannot read"):
+        sweep(pressed, (1e-2,), 0.6, folder=folder / "nowhere", restart=True)
+
+
+def test_a_single_run_is_no_sweep(folder):
+    next(adapt(pressed(1e-2), 0.6, degree=1, checkpoint=folder))
+    with pytest.raises(CheckpointError, match="single run"):
+        sweep(pressed, (1e-2,), 0.6, folder=folder, restart=True)
+
+
+def begun(scene_of, values, tolerance=0.4):
+    """How the points of a sweep begin."""
+    return [point.record.begun for point in sweep(scene_of, values, tolerance, degree=1)]
+
+
+def test_the_effectivity_is_kept_where_that_is_sound():
+    """Not where Poisson's ratio is another, a contact pair closes, or the root mesh is another."""
+    assert begun(lambda nu: small(material=Material(1.0, nu)), (0.3, 0.45)) == ["anew", "coarse"]
+    assert begun(lambda radius: small(radius, 0.01 * radius), (1.0, 1.0, 1.1)) == ["anew", "kept", "anew"]
+    blocks = (Material(1.0, 0.3),) * 2
+    assert begun(lambda top: stack(blocks, top, gap=0.01), (0.005, 0.006, 0.03)) == ["anew", "kept", "coarse"]
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    {
+        "no values": ((pressed, ()), "one number at least"),
+        "text": ((pressed, ("a",)), "a value of a sweep must be a finite number"),
+        "a number": ((pressed, 3), "list of numbers"),
+        "no function": ((None, (1,)), "scene_of must be a function"),
+    }.values(),
+)
+def test_bad_values(arguments, words):
+    with pytest.raises(SceneError, match=words):
+        sweep(*arguments, 0.3)
+
+
+def test_bad_options(folder):
+    for options, words in (
+        ({"checkpoint": folder}, "its own folder"),
+        ({"restart": True}, "restarts from the folder"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            sweep(pressed, (1e-2,), 0.3, **options)
+    with pytest.raises(SceneError, match="must be a Scene"):
+        next(sweep(lambda _: None, (1,), 0.3))

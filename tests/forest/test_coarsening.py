@@ -1,0 +1,51 @@
+"""Coarser forests: the coarsest that has the levels that are needed, by the rules of refinement."""
+
+import numpy as np
+from conftest import WORLD, everywhere
+from model_problems import leaves, roots, scramble
+
+from fx_contact.forest.coarsening import coarsened
+from fx_contact.forest.partition import repartition
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.scenes import hertz
+
+
+def refined(rounds=3):
+    """A forest with some leaves refined, the same ones on any number of ranks."""
+    forest = repartition(roots(hertz(order=2, coarse=2)), None)[0]
+    for number in range(rounds):
+        codes = leaf_code(forest.cell, forest.anchor) * 16 + forest.level
+        forest, _ = forest.refined(scramble(codes, number) % np.uint64(7) == 0)
+        forest = repartition(forest, None)[0]
+    everywhere(len(np.unique(forest.level)) > 2 or WORLD.size > 1, "leaves of several levels")
+    return forest
+
+
+def test_all_needed_is_the_same_forest():
+    forest = refined()
+    everywhere(np.array_equal(leaves(coarsened(forest, forest.level)), leaves(forest)), "the same leaves")
+
+
+def test_nothing_needed_is_the_root_cells():
+    forest = refined()
+    merged = coarsened(forest, 0 * forest.level)
+    everywhere(np.array_equal(leaves(merged), leaves(roots(hertz(order=2, coarse=2)))), "root cells")
+
+
+def test_no_leaf_is_coarser_than_needed_nor_finer_than_before():
+    """And what is merged can be refined to the same again: only leaves that the rules demand are finer than needed."""
+    forest = refined()
+    codes = leaf_code(forest.cell, forest.anchor) * 16 + forest.level
+    level = np.maximum(forest.level - (scramble(codes, 9) % np.uint64(4)).astype(np.int8), 0)
+    merged = coarsened(forest, level)
+    before, after = leaves(forest), leaves(merged)
+    everywhere(len(after) < len(before), "some leaves merge")
+    # Leaves of ascending codes lie side by side: each leaf before is in the last one after that begins no later.
+    holder = np.searchsorted(after[:, 0], before[:, 0], side="right") - 1
+    names = np.stack([leaf_code(forest.cell, forest.anchor), level.astype(np.int64)], axis=1)
+    needed = np.concatenate(WORLD.allgather(names))
+    needed = needed[np.argsort(needed[:, 0])][:, 1]
+    everywhere((after[holder, 1] <= before[:, 1]).all(), "none is finer than before")
+    everywhere((after[holder, 1] >= np.minimum(needed, before[:, 1])).all(), "none is coarser than needed")
+    again = coarsened(merged, merged.level)
+    everywhere(np.array_equal(leaves(again), after), "balanced: its own levels need no more leaves")
