@@ -18,13 +18,12 @@ COMM = MPI.COMM_WORLD
 
 
 def split(words):
-    """The words of a command line that are the demo's, and those that are PETSc's: one dash, and what follows."""
-    own, petsc = [], []
-    mine = own
+    """The words of a command line that are the demo's, and PETSc's: those with one dash, and one word after each."""
+    own, petsc, room = [], [], False
     for word in words:
-        if word[:1] == "-" and word[1:2].isalpha() or word.startswith("--"):
-            mine = own if word.startswith("--") else petsc
-        mine.append(word)
+        option = word[:1] == "-" and word[1:2].isalpha()
+        (petsc if option or room and not word.startswith("--") else own).append(word)
+        room = option  # for the value of a PETSc option
     return own, petsc
 
 
@@ -103,13 +102,13 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
     add("--enforcement", metavar=METHODS, help="(exact; penalty where one of the next two is given)")
     add("--penalty", type=float, help="c of the surface stiffness c E*/h (100)")
-    add("--node-stiffness", type=float, help="k_N [N/m] of every node pair, instead of --penalty")
+    add("--node-stiffness", type=float, help="k_N of every node pair, instead of --penalty")
     add("--control", metavar=CONTROLS, default="contact", help="of the error; energy: the paper's (%(default)s)")
     add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
     add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
     add("--coarse", type=int, default=coarse, help=f"root cells along a block ({shown(coarse)})")
-    add("--young", type=float, default=1.0, help="Young's modulus [Pa] (%(default)s)")
+    add("--young", type=float, default=1.0, help="Young's modulus (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
     add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
     add("--true-error", type=float, metavar="E", help="go on to this tolerance to measure the true energy error")
@@ -248,10 +247,10 @@ def _summary(arguments, record, compared):
         yield "The bodies do not touch."
     yield from force_warnings(record)
     yield from undirected(record)
-    yield f"force {record.force:.6g} N, largest pressure {record.max_pressure:.5g} Pa"
+    yield f"force {record.force:.6g}, largest pressure {record.max_pressure:.5g}"
     if compared:
-        found = f"contact radius {record.contact_radius:.5g} m; " if record.contact_radius is not None else ""
-        yield f"{found}Hertz: {compared.contact_radius:.5g} m, {compared.max_pressure:.5g} Pa"
+        found = f"contact radius {record.contact_radius:.5g}; " if record.contact_radius is not None else ""
+        yield f"{found}Hertz: {compared.contact_radius:.5g}, {compared.max_pressure:.5g}"
     for name, value in (record.errors or {}).items():
         yield f"{name.replace('_', ' ')}: {value:.3%} from the reference"
     if arguments.true_error:

@@ -16,13 +16,15 @@ from fx_contact.scenes import hertz
 TOLERANCE, ORDER, COARSE = {1: 0.08, 2: 0.02}, {1: 3, 2: 6}, {1: 4, 2: 2}
 
 options = parser(__doc__, tolerance=TOLERANCE, order=ORDER, coarse=COARSE, output="results/hertz")
-options.add_argument("--radius", type=float, default=1.0, help="of both spheres [m] (%(default)s)")
-options.add_argument("--displacement", type=float, default=0.01, help="approach of the flat faces [m] (%(default)s)")
+options.add_argument("--radius", type=float, default=1.0, help="of both spheres (%(default)s)")
+options.add_argument("--displacement", type=float, default=0.01, help="approach of the flat faces (%(default)s)")
 options.add_argument("--reference", choices=REFERENCES, help="record the deviations from these published values")
 
 
 def scene(arguments, material, order=None):
     """The two half-spheres that the arguments describe, of another geometry order if one is given."""
+    if arguments.reference:
+        REFERENCES[arguments.reference]().check_problem(arguments.radius, arguments.displacement, material)
     order = order or arguments.order
     return hertz(arguments.radius, arguments.displacement, material, order, arguments.coarse, arguments.symmetry)
 

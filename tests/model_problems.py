@@ -357,10 +357,12 @@ def discrete(scene, forest, order=1, degree=1):
 def side_by_side():
     """Two boxes whose contact is two pairs in one plane, which share the vertices of a seam at x = 1."""
     mesh = two_boxes()
+    surfaces = dict(mesh.surfaces)
     for body in mesh.bodies:
         facets = mesh.surface(f"{body} contact")
         left = mesh.facet_points(facets, 1).mean(axis=1)[:, 0] < 1
-        mesh.surfaces[f"{body} left"], mesh.surfaces[f"{body} right"] = facets[left], facets[~left]
+        surfaces[f"{body} left"], surfaces[f"{body} right"] = facets[left], facets[~left]
+    mesh = replace(mesh, surfaces=surfaces)
     contact = tuple(ContactPair(f"lower {side}", f"upper {side}", direction=(0, 0, 1)) for side in ("left", "right"))
     return replace(pressed(mesh), contact=contact)
 

@@ -130,8 +130,10 @@ def test_contact_table(tmp_path):
     columns = table.points, table.normal, table.pressure, table.gap, table.force, table.active
     assert np.array_equal(numbers, np.column_stack(columns))
     assert [row[10] for row in rows] == [step.scene.contact[pair].name for pair in table.pair]
-    with pytest.raises(OutputError, match="name another file"):
+    with pytest.raises(OutputError, match="name of a table must end in .csv, got .*new"):
         table.to_csv(tmp_path / "new")
+    with pytest.raises(OutputError, match="name another file"):
+        table.to_csv(tmp_path / "new" / "contact.csv" / "below.csv")
 
 
 def test_no_node_pairs(step):
@@ -160,14 +162,14 @@ def test_reports(step):
     assert "two boxes" in repr(step) and "49 node pairs closed" in repr(step)
     ring = solve(shrink_fit(interference=1e-3), 0.9, max_steps=1, degree=1)
     *_, last = repr(ring).splitlines()
-    how = "presses in many directions: its forces add up to (0, 0, 0) N, 0.0% of the sum of their magnitudes"
+    how = "presses in many directions: its forces add up to (0, 0, 0), 0.0% of the sum of their magnitudes"
     assert last == f"  'shaft on hub' {how}"
     assert "many directions" not in repr(step) and "contact radius" not in repr(ring)
     contact = step.contact
     first, second = repr(contact).splitlines()
     assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"
     assert second.split() == [
-        *f"force {contact.force.sum():.6g} N, largest pressure {contact.pressure.max(initial=0.0):.5g} Pa".split()
+        *f"force {contact.force.sum():.6g}, largest pressure {contact.pressure.max(initial=0.0):.5g}".split()
     ]
 
 

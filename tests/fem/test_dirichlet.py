@@ -62,7 +62,7 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
     values(bump=1e-3, levels=0)
     said = ("-0.01", "upper z high"), (r"-0.00\d+", "upper y low")
     (first, here), (second, _) = said[:: 1 if turned else -1]
-    message = rf"component z on '{here}' is prescribed as {first} m where .* says {second} m, at \["
+    message = rf"component z on '{here}' is prescribed as {first} where .* says {second}, at \["
     with pytest.raises(SceneError, match=message + r" *[01]\.\d+.* (-?0\.|.*e-\d+) +2\..*\]"):
         values(bump=1e-3, levels=3)
 

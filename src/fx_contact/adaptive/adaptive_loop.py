@@ -23,7 +23,7 @@ from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, shown
+from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, percent, shown
 
 
 @collective("comm")
@@ -323,9 +323,10 @@ def _check_penalty(step, settings):
     tolerance = settings.tolerance
     if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
         raise SolveError(
-            f"the penalty is too soft for the tolerance: penetration takes {step.record.penalty_share:.2%} of the "
-            f"energy of contact, a tolerance of {tolerance:.1%} allows {tolerance**2:.2%}, its square; take a larger "
-            "factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default enforcement 'exact'"
+            f"the penalty is too soft for the tolerance: penetration takes {percent(step.record.penalty_share)} of "
+            f"the energy of contact, a tolerance of {percent(tolerance)} allows {percent(tolerance**2)}, its square; "
+            "take a larger factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default "
+            "enforcement 'exact'"
         )
 
 

@@ -20,7 +20,7 @@ from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
-from fx_contact.parallel.validation import as_path, check_comm
+from fx_contact.parallel.validation import as_folder, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.lattice import Lattice
@@ -55,7 +55,7 @@ class CheckpointWriter:
         self._run = comm.bcast(uuid4().hex)
         self._replaceable = {self._run} | ({restart.run} if restart is not None else set())
         with together(comm):
-            self._path = as_path("the folder for checkpoints", folder, OutputError) / NAME
+            self._path = as_folder("the folder for checkpoints", folder, OutputError) / NAME
             if comm.rank == 0:
                 with writing(self._path):
                     self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -188,7 +188,7 @@ class Checkpoint:
         check_comm(comm)
         with together(comm):
             check_scene(scene)
-            self.path = as_path("the folder of a checkpoint", folder, CheckpointError) / NAME
+            self.path = as_folder("the folder of a checkpoint", folder, CheckpointError) / NAME
             asked = scene_parts(scene)
         check_alike(comm, {"folder": str(folder), **asked})
         self.comm, self._scene = comm, scene

@@ -2,13 +2,13 @@
 
 import csv
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
+from fx_contact.parallel.validation import as_path
 
 _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "force", "closed", "pair")
 
@@ -48,9 +48,13 @@ class ContactTable:
             Path of the file.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: it cannot be written, or its name does not end in .csv.
         """
-        path = Path(path)
+        path = as_path("the name of a table", path, OutputError)
+        if path.suffix.lower() != ".csv":
+            raise OutputError(
+                f"the name of a table must end in .csv, got {str(path)!r}: if this is a folder, name a file"
+            )
         numbers = np.column_stack([self.points, self.normal, self.pressure, self.gap, self.force]).tolist()
         rows = zip(numbers, self.active.astype(int).tolist(), self.pair.tolist())
         try:
@@ -120,5 +124,5 @@ def _summary(what, rows):
     """Two lines on node pairs: str."""
     return (
         f"{what}: {len(rows):,} node pairs, {int(rows.active.sum()):,} closed\n"
-        f"  force {rows.force.sum():.6g} N, largest pressure {rows.pressure.max(initial=0.0):.5g} Pa"
+        f"  force {rows.force.sum():.6g}, largest pressure {rows.pressure.max(initial=0.0):.5g}"
     )

@@ -70,7 +70,7 @@ def undirected(record):
         if alignment is not None and alignment < DIRECTED:
             vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
             lines.append(
-                f"{pair.name!r} presses in many directions: its forces add up to ({vector}) N, {alignment:.1%} of the "
+                f"{pair.name!r} presses in many directions: its forces add up to ({vector}), {alignment:.1%} of the "
                 "sum of their magnitudes"
             )
     return lines

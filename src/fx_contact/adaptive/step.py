@@ -18,7 +18,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.validation import shown
+from fx_contact.parallel.validation import percent, shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,13 +64,13 @@ class Step:
             f"step {r.step} of {r.scene!r} on {r.ranks} rank{'s' * (r.ranks > 1)}",
             f"  {r.cells:,} cells of order {r.geometry_order}, up to level {r.max_level}",
             f"  {r.dofs:,} unknowns of degree {r.degree}, {r.hanging_nodes:,} hanging nodes",
-            f"  estimated error {r.estimate:.2%}, tolerance {r.tolerance:.2%}{'' if r.reached else ' not'} reached",
+            f"  estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}"
+            f"{'' if r.reached else ' not'} reached",
         ]
         if self.pairs is not None:
             lines.append(
-                f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g} N, largest pressure "
-                f"{r.max_pressure:.5g} Pa"
-                + (f", contact radius {r.contact_radius:.5g} m" if r.contact_radius else "")
+                f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g}, largest pressure "
+                f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
             )
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 

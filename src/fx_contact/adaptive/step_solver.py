@@ -29,6 +29,7 @@ from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_orde
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.validation import percent
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.
 RIGID = 1e3
@@ -216,7 +217,7 @@ def _check_solver(contact, error, tolerance):
     """
     if contact.energy_error > SOLVER_SHARE * tolerance * error.energy_norm > 0:
         raise SolveError(
-            f"linear solver and rounding leave {contact.energy_error / error.energy_norm:.1%} of the energy norm open, "
-            f"and the tolerance is {tolerance:.1%}: take a smaller tolerance of the solver, a less stiff penalty, or "
-            "let the bodies begin closer to each other, whose rigid motions are large against their strains"
+            f"linear solver and rounding leave {percent(contact.energy_error / error.energy_norm)} of the energy norm "
+            f"open, and the tolerance is {percent(tolerance)}: take a smaller tolerance of the solver, a less stiff "
+            "penalty, or let the bodies begin closer to each other, whose rigid motions are large against their strains"
         )

@@ -188,7 +188,7 @@ class ContactSystem:
         deepest, place = max(self._comm.allgather(mine))
         if deepest > rounding:
             raise SolveError(
-                f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} m "
+                f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} "
                 f"into each other, at ({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave "
                 "one of them free"
             )

@@ -70,7 +70,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
-            f"a node_stiffness of {enforcement.node_stiffness:g} N/m is up to {stiffest:.0e} times that of the "
+            f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.validation import percent
 
 #: Most of the forces that may be left unbalanced [-].
 MOST = 0.005
@@ -68,6 +69,6 @@ def check_balance(state, residual, load, prescribed):
     left = unbalanced(state, residual, load, prescribed)
     if left > MOST:
         raise SolveError(
-            f"linear solver and rounding leave {left:.1%} of the forces on a body unbalanced: rigid motions are too "
-            "large against the strains; let the bodies begin closer to each other"
+            f"linear solver and rounding leave {percent(left)} of the forces on a body unbalanced: rigid motions are "
+            "too large against the strains; let the bodies begin closer to each other"
         )

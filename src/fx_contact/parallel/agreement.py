@@ -25,7 +25,7 @@ def check_alike(comm, settings):
             raise SceneError(f"all ranks must be asked for the same, but they differ in {differing}")
 
 
-def shared_path(comm, what, value, error=SceneError):
+def shared_path(comm, what, value, error=SceneError, kind=as_path):
     """A path from what the user gave, the same on all ranks.
 
     Collective on comm.
@@ -35,6 +35,7 @@ def shared_path(comm, what, value, error=SceneError):
         what: it is, for the message.
         value: as given.
         error: type to raise where it is no path.
+        kind: `as_path`, or `as_folder` where files will be in it.
 
     Returns:
         Path.
@@ -43,7 +44,7 @@ def shared_path(comm, what, value, error=SceneError):
         SceneError, or the error given: it is none on some rank, or not the same on all.
     """
     with together(comm):
-        path = as_path(what, value, error)
+        path = kind(what, value, error)
     check_alike(comm, {what: str(path)})
     return path
 

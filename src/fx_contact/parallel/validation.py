@@ -89,6 +89,29 @@ def as_path(what, value, error=SceneError):
     return Path(value)
 
 
+#: How files are called whose names are given for those of folders.
+_FILES = (".bp", ".csv", ".h5", ".json", ".jsonl", ".npz", ".png", ".pvd", ".pvtu", ".vtk", ".vtu", ".xdmf")
+
+
+def as_folder(what, value, error=SceneError):
+    """The path of a folder from what the user gave, which may not be there yet.
+
+    Raises:
+        SceneError, or the error given: it is no path, a file, or called like one.
+    """
+    path = as_path(what, value, error)
+    if path.suffix.lower() in _FILES or path.is_file():
+        raise error(
+            f"{what} must be a folder, got {str(path)!r}: several files will be in it, under names of their own"
+        )
+    return path
+
+
+def percent(value):
+    """A part as it stands in a sentence, with two digits however small it is: "1.5%"."""
+    return f"{100 * value:.2g}%" if abs(value) < 0.1 else f"{value:.0%}"
+
+
 def shown(value):
     """A value as it stands in an error: not longer than a line."""
     try:

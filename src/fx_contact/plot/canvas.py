@@ -37,7 +37,9 @@ def draw_on_first(comm, path, draw):
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 draw(path)
-            except (OSError, ValueError) as error:
+            except ValueError as error:
+                raise OutputError(f"cannot draw {str(path)!r}, let its name end in .png: {error}") from error
+            except OSError as error:
                 raise OutputError(f"cannot draw {str(path)!r}: {error}; name another output folder") from error
     return path
 
@@ -83,9 +85,11 @@ def plotter_for(path, width=1200, height=840):
         plotter = import_pyvista().Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")
         plotter.enable_parallel_projection()
-        yield plotter
-        plotter.screenshot(path)
-        plotter.close()
+        try:
+            yield plotter
+            plotter.screenshot(path)
+        finally:
+            plotter.close()  # before its display ends, or X ends the process
 
 
 @contextmanager

@@ -47,9 +47,9 @@ def _draw_pressure(table, record, path, exact):
         )
         if exact:
             r = np.linspace(0, reach, 400)
-            axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g} N")
-        axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius [m]")
-        axes.set_ylabel("contact pressure [Pa]")
+            axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
+        axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius")
+        axes.set_ylabel("contact pressure")
         axes.set_ylim(bottom=0)
         axes.set_xlim(left=0)
         axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)

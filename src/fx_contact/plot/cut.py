@@ -98,7 +98,7 @@ def _draw_cut(points, values, body, path, *, centre, reach, y):
             clim=(0, np.percentile(section["stress"], 99)),
             lighting=False,
             scalar_bar_args={
-                "title": "von Mises stress [Pa]; the highest 1 % are above the scale",
+                "title": "von Mises stress; the highest 1 % are above the scale",
                 "color": "black",
                 "fill": reach is not None,
                 "background_color": "white",

@@ -86,8 +86,8 @@ def merged(before, condition, values, same, position):
     if len(clash):
         point, component = clash[0]
         raise SceneError(
-            f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {values[point, component]} m "
-            f"where another condition says {before[point, component]} m, at {position(point)}: let them agree, or "
+            f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {values[point, component]} "
+            f"where another condition says {before[point, component]}, at {position(point)}: let them agree, or "
             "leave one out where they meet"
         )
     return np.where(condition.held, values, before)
@@ -126,7 +126,7 @@ class SymmetryPlane:
         axis = int(extent.argmin())
         if extent[axis] > PLANE * extent.max():
             raise SceneError(
-                f"the symmetry plane {self.surface!r} must be a plane across x, y or z, and extends over {extent} m: "
+                f"the symmetry plane {self.surface!r} must be a plane across x, y or z, and extends over {extent}: "
                 "name plane facets only, those of each plane by themselves, or turn the whole model"
             )
         return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})

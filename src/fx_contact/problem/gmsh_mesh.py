@@ -4,6 +4,8 @@ Physical groups give the names: volumes are bodies; surfaces, curves and points 
 order of Gmsh's nodes follows from the local coordinates that Gmsh reports.
 """
 
+import traceback
+
 import numpy as np
 
 from fx_contact.parallel.agreement import shared_path
@@ -32,7 +34,8 @@ def root_mesh_from_gmsh(comm, build):
 
     Raises:
         GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6.
-        Exception: what the function raises on rank 0, on all ranks.
+        GeometryError: Gmsh refuses what the function asks it for.
+        Exception: what else the function raises on rank 0, on all ranks.
     """
     check_comm(comm)
     with together(comm):
@@ -89,11 +92,22 @@ def _with_gmsh(build):
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
-        build()
+        _built(build, gmsh)
         return _read_model(gmsh.model)
     finally:
         if ours:
             gmsh.finalize()
+
+
+def _built(build, gmsh):
+    """Call the user's function; GeometryError for an error that comes from Gmsh, which has no type of its own."""
+    try:
+        build()
+    except Exception as error:
+        *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+        if type(error) is not Exception or frame.f_globals.get("__name__") != gmsh.__name__:
+            raise
+        raise GeometryError(f"Gmsh cannot build the model: {error}") from error
 
 
 def _read_model(model):

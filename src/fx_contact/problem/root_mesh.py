@@ -26,7 +26,8 @@ _CHUNK = 1 << 12
 class RootMesh:
     """A conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks; checked when made.
 
-    Lists will do for arrays and tuples.
+    Lists will do for arrays and tuples.  All are frozen, copies where they are the caller's: to change a mesh, make
+    another one (`dataclasses.replace`).
 
     Attributes:
         points: (npoints, 3) float64, node positions [m].

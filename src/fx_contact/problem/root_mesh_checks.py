@@ -3,6 +3,8 @@
 Local.
 """
 
+from types import MappingProxyType
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -31,20 +33,22 @@ def check_mesh(mesh):
 
 
 def take_arrays(mesh):
-    """Turn what was given to a RootMesh into the arrays, tuples and dicts that its attributes are.
+    """Turn what was given to a RootMesh into the arrays, tuples and dicts that its attributes are, frozen.
+
+    What was given stays as it is: it is copied where it could be changed from elsewhere.
 
     Raises:
         GeometryError: it cannot be turned into them.
     """
     try:
         taken = {
-            "points": np.asarray(mesh.points, np.float64),
+            "points": _frozen(np.asarray(mesh.points, np.float64)),
             "cells": _integers(mesh.cells, np.int64),
             "bodies": tuple(mesh.bodies),
             "body": _integers(mesh.body, np.int32),
-            "surfaces": {name: _integers(rows, np.int32) for name, rows in dict(mesh.surfaces).items()},
-            "vertices": {name: _integers(nodes, np.int64) for name, nodes in dict(mesh.vertices).items()},
-            "curves": {name: _integers(rows, np.int32) for name, rows in dict(mesh.curves).items()},
+            "surfaces": _named(mesh.surfaces, np.int32),
+            "vertices": _named(mesh.vertices, np.int64),
+            "curves": _named(mesh.curves, np.int32),
         }
     except (TypeError, ValueError) as error:
         raise GeometryError(
@@ -55,10 +59,23 @@ def take_arrays(mesh):
         object.__setattr__(mesh, name, value)
 
 
+def _frozen(array):
+    """An array that nobody can write to: the same if it is one, else a copy."""
+    if array.flags.writeable or array.base is not None:
+        array = array.copy()
+        array.setflags(write=False)
+    return array
+
+
 def _integers(value, dtype):
-    """An array of whole numbers; TypeError if it is of others."""
+    """A frozen array of whole numbers; TypeError if it is of others."""
     array = np.asarray(value)
-    return array.astype(dtype, casting="same_kind" if array.size else "unsafe")
+    return _frozen(array.astype(dtype, casting="same_kind" if array.size else "unsafe", copy=False))
+
+
+def _named(groups, dtype):
+    """A frozen dict of arrays of whole numbers."""
+    return MappingProxyType({name: _integers(rows, dtype) for name, rows in dict(groups).items()})
 
 
 def _check_shapes(mesh):
@@ -79,7 +96,7 @@ def _check_shapes(mesh):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
     size = np.ptp(mesh.points, axis=0).max(initial=0.0)
     if not SMALLEST < size < 1 / SMALLEST:
-        raise GeometryError(f"the root mesh is {size:.3g} m large, its volumes are no numbers: check the units")
+        raise GeometryError(f"the root mesh is {size:.3g} large, its volumes are no numbers: check the units")
 
 
 def _check_jacobian(mesh):

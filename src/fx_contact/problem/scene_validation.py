@@ -26,15 +26,15 @@ def check_units(scene):
         own = np.ptp(mesh.points[mesh.corners[mesh.body == index]].reshape(-1, 3), axis=0).max()
         if size > _SMALLEST * own:
             raise SceneError(
-                f"body {name!r} is {own:.3g} m large, all bodies together {size:.3g} m: check the units "
+                f"body {name!r} is {own:.3g} large, all bodies together {size:.3g}: check the units "
                 "and the place of each body"
             )
     for component, values in zip("xyz", scene.prescribed(mesh.points).T):
         known = values[~np.isnan(values)]
         if len(known) and np.ptp(known) > _LARGEST_STRAIN * size:
             raise SceneError(
-                f"prescribed displacements along {component} differ by {np.ptp(known):.3g} m, and all bodies together "
-                f"are {size:.3g} m large: strains must be small, check the units"
+                f"prescribed displacements along {component} differ by {np.ptp(known):.3g}, and all bodies together "
+                f"are {size:.3g} large: strains must be small, check the units"
             )
 
 

@@ -18,7 +18,7 @@ def mesh_summary(mesh):
         "vertices (nodes)": ((name, len(nodes)) for name, nodes in mesh.vertices.items()),
     }
     lists = {title: [f"{name!r} ({count:,})" for name, count in group] for title, group in groups.items()}
-    return _lines(f"root mesh of {len(mesh.cells):,} hexahedra of order {mesh.order} in {box} m", lists)
+    return _lines(f"root mesh of {len(mesh.cells):,} hexahedra of order {mesh.order} in {box}", lists)
 
 
 def scene_summary(scene):
@@ -26,7 +26,7 @@ def scene_summary(scene):
     parts = "" if scene.symmetry == 1 else f", modelled as one of {scene.symmetry} symmetric parts"
     materials = ((body, scene.materials[body]) for body in scene.mesh.bodies)
     lists = {
-        "materials": [f"{body!r} E = {m.young:.5g} Pa, nu = {m.poisson:.5g}" for body, m in materials],
+        "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
         "contact": [f"{pair.first!r} on {pair.second!r}" for pair in scene.contact],
         "displacements": [f"{c.where!r} ({_components(c)})" for c in scene.conditions],
         "surface forces": [repr(force.surface) for force in scene.tractions],

@@ -13,7 +13,7 @@ from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm
+from fx_contact.parallel.validation import as_folder, check_comm
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.vtx import function_on, write_vtu, write_vtx
 
@@ -43,7 +43,7 @@ class RecordWriter:
     @collective("comm")
     def __init__(self, folder, comm, finished=()):
         check_comm(comm)
-        self.path = shared_path(comm, "the output folder", folder, OutputError) / "steps.jsonl"
+        self.path = shared_path(comm, "the output folder", folder, OutputError, as_folder) / "steps.jsonl"
         self._comm, self._step, self._start = comm, None, 0  # the last step written, and where its line starts
         with together(comm):
             if comm.rank == 0:
@@ -127,7 +127,7 @@ def write_fields(step, folder):
     """
     check_step(step)
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
-    folder = shared_path(comm, "the output folder", folder, OutputError)
+    folder = shared_path(comm, "the output folder", folder, OutputError, as_folder)
     write_vtx(comm, folder / "fields.bp", point_fields(step), time)
     values = {
         "indicator": step.estimate.error,

@@ -6,6 +6,8 @@ from importlib.resources import files
 
 import numpy as np
 
+from fx_contact.parallel.errors import SceneError
+
 
 @dataclass(frozen=True, eq=False)
 class ContactReference:
@@ -35,6 +37,24 @@ class ContactReference:
     max_pressure: float
     profile: np.ndarray
     axis: np.ndarray
+
+    def check_problem(self, radius, displacement, material):
+        """See that these values are those of a problem.
+
+        Args:
+            radius: of the spheres.
+            displacement: approach of the flat faces.
+            material: Material of both.
+
+        Raises:
+            SceneError: another radius, displacement or material.
+        """
+        known = self.radius, self.displacement, self.young, self.poisson
+        given = radius, displacement, material.young, material.poisson
+        if not np.allclose(given, known, rtol=1e-9, atol=0):
+            names = "radius", "displacement", "Young's modulus", "Poisson's ratio"
+            wrong = ", ".join(f"{name} {a:g} instead of {b:g}" for name, a, b in zip(names, given, known) if a != b)
+            raise SceneError(f"the reference {self.name} is of another problem: {wrong}")
 
     def pressure(self, r):
         """Contact pressure at radii [Pa], between the rows of `profile`: p^2 is nearly linear in r^2, as Hertz has it.

@@ -29,7 +29,7 @@ def check_arguments(order, coarse, lengths, numbers, symmetry="full", least_orde
     check_name("symmetry", symmetry, ("quarter", "full"))
     for what, value in lengths.items():
         if not SMALLEST < (length := check_number(what, value, positive=True)) < 1 / SMALLEST:
-            raise GeometryError(f"{what} is {length:.3g} m, volumes of such a size are no numbers: check the units")
+            raise GeometryError(f"{what} is {length:.3g}, volumes of such a size are no numbers: check the units")
     for what, value in numbers.items():
         check_number(what, value)
     if isinstance(order, bool) or order not in range(least_order, MAX_ORDER + 1):

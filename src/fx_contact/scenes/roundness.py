@@ -56,6 +56,6 @@ def check_roundness(mesh, surface, centre, radius, contact_radius, approach):
     off = np.abs(distance - radius).max()
     if off > ROUND_ENOUGH * approach:
         raise GeometryError(
-            f"the root mesh of order {mesh.order} leaves the sphere of {surface!r} by {off:.2g} m near the pole, which "
-            f"is {off / approach:.0%} of the approach of {approach:.2g} m: take a higher order or more root cells"
+            f"the root mesh of order {mesh.order} leaves the sphere of {surface!r} by {off:.2g} near the pole, which "
+            f"is {off / approach:.0%} of the approach of {approach:.2g}: take a higher order or more root cells"
         )

@@ -46,7 +46,7 @@ def shrink_fit(
     half = interference / 2
     ends = {"inner": (bore, common + half), "outer": (common - half, rim)}
     if any(not 0 < low < high for low, high in ends.values()):
-        raise SceneError(f"an interference of {interference} m leaves no ring between the radii {tuple(radii)}")
+        raise SceneError(f"an interference of {interference} leaves no ring between the radii {tuple(radii)}")
     boxes = Boxes(order)
     for start, body in enumerate(ends):
         boxes.add(body, (start, 0.0, 0.0), (start + 1.0, 1.0, 1.0), (coarse, 2 * coarse, 1))

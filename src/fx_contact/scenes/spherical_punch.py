@@ -51,7 +51,7 @@ def punch(
     numbers = {"displacement": displacement, "gap": gap, "force": force or 0.0}
     check_arguments(order, coarse, {"radius": radius, "side": side}, numbers, symmetry, even=True)
     if side >= np.sqrt(2) * radius:
-        raise SceneError(f"a punch of side {side} m has no end of radius {radius} m: at most sqrt(2) radius")
+        raise SceneError(f"a punch of side {side} has no end of radius {radius}: at most sqrt(2) radius")
 
     def place(body, points):
         """From the boxes to the bodies: the lower face of the cube becomes part of a sphere."""

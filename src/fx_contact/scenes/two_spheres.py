@@ -45,7 +45,7 @@ def spheres(
     check_arguments(order, coarse, lengths, {"displacement": displacement})
     if side * np.abs(curvature).max() >= np.sqrt(2):
         raise SceneError(
-            f"a column of side {side} m has no end of radius {1 / np.abs(curvature).max()} m: take a smaller side"
+            f"a column of side {side} has no end of radius {1 / np.abs(curvature).max()}: take a smaller side"
         )
     boxes, surfaces = facing_columns(order, (coarse,) * 3, 0.5, "end")
 
@@ -79,7 +79,7 @@ def _curvatures(radii):
         raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
     curvature = 1 / np.array(radii, dtype=np.float64)
     if not curvature.sum() > 0:
-        raise SceneError(f"ends of radii {tuple(radii)} m do not touch in one point: 1/R1 + 1/R2 must be positive")
+        raise SceneError(f"ends of radii {tuple(radii)} do not touch in one point: 1/R1 + 1/R2 must be positive")
     return curvature
 
 
