@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import WORLD
 from model_problems import EXACT
+from mpi4py import MPI
 from scenes.test_ready_scenes import READY
 
 from fx_contact import BodyForce, Dirichlet, Material, Pressure, StepRecord, Traction, solve
@@ -110,6 +112,18 @@ def test_quarter_and_full_model(make):
         assert np.allclose(one.moment, other.moment, atol=1e-7 * full.force)
         assert abs(abs(one.force[2]) / full.force - 1) < 1e-7
     assert (quarter.contact_radius is None) == (full.contact_radius is None)
+
+
+def test_same_on_any_number_of_ranks():
+    """What all ranks find together is what one finds alone."""
+    scene = indentation(coarse=2)
+    alone, together = (solve(scene, 0.5, comm, degree=1, solver=EXACT).record for comm in (MPI.COMM_SELF, WORLD))
+    assert alone.cells == together.cells and len(alone.resultants) == len(together.resultants) == 7
+    for one, other in zip(alone.resultants, together.resultants):
+        assert (one.name, one.kind, one.parts) == (other.name, other.kind, other.parts)
+        for what in ("force", "moment", "point"):
+            assert np.allclose(getattr(one, what), getattr(other, what), rtol=0, atol=1e-9 * alone.force)
+    assert abs(alone.contact_radius / together.contact_radius - 1) < 1e-9
 
 
 def test_forces_without_a_direction():
