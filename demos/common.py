@@ -50,6 +50,7 @@ from fx_contact.adaptive.settings import DEGREE  # noqa: E402
 from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.results import (  # noqa: E402
     RecordWriter,
+    doubt_lines,
     force_warnings,
     table_head,
     table_row,
@@ -104,6 +105,7 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--penalty", type=float, help="c of the surface stiffness c E*/h (100)")
     add("--node-stiffness", type=float, help="k_N of every node pair, instead of --penalty")
     add("--control", metavar=CONTROLS, default="contact", help="of the error; energy: the paper's (%(default)s)")
+    add("--allow", metavar="KIND", action="extend", nargs="+", default=[], help="of doubts: 'large strain', ...")
     add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
     add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
@@ -212,6 +214,7 @@ def _adapted(arguments, scene, beginning, show, progress):
         solver=Solver(arguments.preconditioner),
         control=ErrorControl(arguments.control),
         partition_kind=arguments.partition,
+        allow=arguments.allow,
         beginning=None if before else beginning(arguments, scene, COMM),
         checkpoint=arguments.checkpoint,
         restart=before,
@@ -243,8 +246,7 @@ def _summary(arguments, record, compared):
     """Lines on the result, below the table."""
     if not record.reached and arguments.uniform is None:
         yield f"The tolerance was not reached in {arguments.max_steps} steps."
-    if not record.active_pairs:
-        yield "The bodies do not touch."
+    yield from doubt_lines(record)
     yield from force_warnings(record)
     yield from undirected(record)
     yield f"force {record.force:.6g}, largest pressure {record.max_pressure:.5g}"

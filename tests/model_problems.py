@@ -38,7 +38,7 @@ STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.
 
 def step_record(step, **entries):
     """A record with nothing in it but a number and what is given."""
-    known = {entry.name: 0 for entry in fields(StepRecord) if entry.default is MISSING}
+    known = {entry.name: 0 for entry in fields(StepRecord) if entry.default is entry.default_factory is MISSING}
     return StepRecord(**known | {"step": step, "partition": PartitionSummary("sfc", 1.0, 0, 0)} | entries)
 
 

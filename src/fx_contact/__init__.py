@@ -23,6 +23,7 @@ from fx_contact.parallel.errors import (
     PartitionError,
     SceneError,
     SolveError,
+    ValidityError,
 )
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
@@ -65,6 +66,7 @@ __all__ = [
     "SymmetryPlane",
     "Traction",
     "TrueError",
+    "ValidityError",
     "adapt",
     "root_mesh_from_file",
     "root_mesh_from_gmsh",

@@ -51,7 +51,9 @@ def solve(scene, case, tolerance, default=False):
     """The state at the end of a run, accuracy reached or too many unknowns, and the iterations of all its steps."""
     own, iterations = default or case.method is None, 0
     enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
-    for step in adapt(scene, tolerance, MPI.COMM_SELF, degree=case.degree, enforcement=enforcement):
+    # That nothing is the answer to nothing is a scene too.
+    how = {"degree": case.degree, "enforcement": enforcement, "allow": ("no load",)}
+    for step in adapt(scene, tolerance, MPI.COMM_SELF, **how):
         iterations += step.record.contact_iterations + sum(step.record.krylov_iterations)
         if step.record.dofs > MOST_DOFS[case.degree]:
             break
@@ -95,6 +97,7 @@ def _judged(case):
         "penalty_share",
     ):
         result[name] = getattr(record, name)
+    result["doubts"] = ", ".join(doubt.kind for doubt in record.doubts)
     if reference is None:
         return result | {"score": "wrong", "message": "there is no solution, but one was delivered"}
     sound = state.checks()
@@ -108,7 +111,10 @@ def _judged(case):
     if not all(c.holds for c in sound) or (reached and not all(c.holds for c in compared)):
         return result | {"score": "wrong", "message": "; ".join(c.name for c in (*sound, *compared) if not c.holds)}
     if not reached:
-        return result | {"score": "unreached", "message": f"estimated error {record.estimate:.0%}, {record.dofs} dofs"}
+        return result | {
+            "score": "unreached",
+            "message": f"estimated error {record.estimate:.0%}, {record.dofs} dofs",
+        }
     if state.noise > LOST:
         return result | {"score": "noisy"}
     return result | {"score": "right"}
@@ -239,7 +245,8 @@ def show(one):
     print(line(one))
     for name, deviation, allowed, holds in one["checks"]:
         print(f"    {'holds' if holds else 'FAILS'}  {name:32} {deviation:9.2e}, allowed {allowed:9.2e}")
-    skip = ("name", "axis", "row", "value", "checks", "score", "message")
+    skip = ("name", "axis", "row", "value", "checks", "score", "message", "doubts")
+    print("    doubts:", one.get("doubts") or "none")
     print("   ", ", ".join(f"{k} {v:.4g}" for k, v in one.items() if k not in skip))
 
 

@@ -258,8 +258,8 @@ def first(scene=None, tolerance=0.5, **options):
 
 
 def unpaired():
-    """The two cubes without contact, each held."""
-    return press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, 0)), contact=())
+    """The two cubes without contact, each held on a face."""
+    return press(two_cubes(), dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("top", 0, 0, -0.01)), contact=())
 
 
 def begin(change=lambda values: values, **others):

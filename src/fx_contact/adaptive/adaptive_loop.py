@@ -9,6 +9,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step_solver import StepStart, solve_step
+from fx_contact.adaptive.validity import check_doubts, doubts_of_scene
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.prolongation import Prolongation
@@ -39,6 +40,7 @@ def adapt(
     solver=None,
     control=None,
     partition_kind="contact-sfc",
+    allow=(),
     beginning=None,
     checkpoint=None,
     restart=None,
@@ -60,6 +62,8 @@ def adapt(
         solver: Solver; None: the default one.
         control: ErrorControl, what is refined for and when to stop; None: the default one.
         partition_kind: a key of `partition.KINDS`.
+        allow: doubts of the record that are errors unless they are named here, keys of `validity.REFUSED`:
+            "large strain", "large rotation", "no load".
         beginning: Beginning; None: the root cells.
         checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
         restart: Checkpoint to go on from: with the next step, or with the same one again if that was the last.
@@ -72,14 +76,15 @@ def adapt(
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
-            partition, a progress that is no function, a beginning of another scene, arguments that differ between
-            ranks.
+            partition or kind of doubts, a progress that is no function, a beginning of another scene, arguments that
+            differ between ranks.
         PartitionError: a rank would get no leaf.
         GeometryError: leaves of the finest level are to be refined.
         CheckpointError: the checkpoint is damaged, or of a run with another scene, degree, enforcement or geometry
             order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
         CompilationError: there is no C compiler, or no folder for what it makes.
+        ValidityError: nothing loads the scene, or strains or rotations are far from small (`validity`).
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
     """
@@ -96,6 +101,7 @@ def adapt(
             solver=solver,
             control=control,
             degree=degree,
+            allow=allow,
         )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
@@ -127,7 +133,8 @@ def adapt(
 
 
 def _check_start(settings, comm, beginning, restart):
-    """See that a run can begin where it is told to.  Local."""
+    """See that a run can begin where it is told to, and that something loads the scene.  Local."""
+    check_doubts(doubts_of_scene(settings.scene), settings.allow)
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")

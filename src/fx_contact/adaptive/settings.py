@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
 
+from fx_contact.adaptive.validity import check_allowed
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.space import DEGREES
@@ -46,10 +47,11 @@ class Settings:
         solver: Solver.
         control: ErrorControl.
         degree: p of the displacements, 1 or 2.
+        allow: kinds of doubts that are no errors, keys of `validity.REFUSED`.
 
     Raises:
         SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an
-            order above that of the root mesh.
+            order above that of the root mesh, an unknown kind of doubts.
     """
 
     scene: Scene
@@ -59,6 +61,7 @@ class Settings:
     solver: Solver
     control: ErrorControl
     degree: int = DEGREE
+    allow: tuple[str, ...] = ()
 
     def __post_init__(self):
         check_scene(self.scene)
@@ -83,6 +86,7 @@ class Settings:
                 "the preconditioner 'p-multigrid' solves on degree 1 below displacements of degree 2: at degree 1 take "
                 "'boomeramg', the default"
             )
+        check_allowed(self.allow)
         if order is None:
             return
         if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
@@ -119,6 +123,7 @@ class Settings:
             "scene": self.scene.name,
             **self.problem,
             "tolerance": self.tolerance,
+            "allowed doubts": [*self.allow],
             **self.kept(),
             **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
             **{f"solver's option {name}": value for name, value in self.solver.options.items()},

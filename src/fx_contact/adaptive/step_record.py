@@ -1,10 +1,11 @@
 """The figures of one adaptive step, a line of `steps.jsonl`."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 
 from mpi4py import MPI
 
 from fx_contact.adaptive.resultants import Resultant
+from fx_contact.adaptive.validity import Doubt
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.versions import library_versions
@@ -138,6 +139,7 @@ class StepRecord(SolveRecord):
         penalty_share: largest share of a pair's contact energy that its penetration takes [-]; None: not asked for.
         reached: whether the tolerance is reached.
         partition: PartitionSummary.
+        doubts: list of Doubt, what speaks against the problem itself, however small its error.
         errors: deviations from known values by name, relative to them [-]; None: nothing is known.
         true_error: TrueError, or None if it was not measured.
         effectivity: estimate over true error [-], or None.
@@ -165,6 +167,7 @@ class StepRecord(SolveRecord):
     penalty_share: float | None
     reached: bool
     partition: PartitionSummary
+    doubts: list[Doubt] = field(default_factory=list)
     errors: dict[str, float] | None = None
     true_error: TrueError | None = None
     effectivity: float | None = None
@@ -190,4 +193,5 @@ class StepRecord(SolveRecord):
                 known[name] = kind(**known[name])
         if "resultants" in known:
             known["resultants"] = tuple(map(Resultant.from_json, known["resultants"]))
+        known["doubts"] = [Doubt.from_json(doubt) for doubt in known.get("doubts", ())]
         return cls(**known)

@@ -11,6 +11,7 @@ from fx_contact.adaptive.resultants import sum_up
 from fx_contact.adaptive.settings import GEOMETRY_SHARE
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.validity import Doubt, check_doubts, find_doubts
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.initial_guess import RigidModes
@@ -69,12 +70,13 @@ class _Discrete(NamedTuple):
 
 
 class _Verdict(NamedTuple):
-    """What is known of a solution: its error, and its contact as a whole."""
+    """What is known of a solution: its error, its contact as a whole, and what is doubtful."""
 
     estimate: Estimate
     history: RefinementHistory
     contact_error: ContactError
     contact: dict
+    doubts: list[Doubt]
     reached: bool
 
 
@@ -95,6 +97,7 @@ def solve_step(settings, number, start, partition, stages):
 
     Raises:
         SolveError: the solve fails, or is not as accurate as the tolerance needs.
+        ValidityError: the solution is far outside of what linear elasticity is valid for.
     """
     discrete = _discretise(settings, start, stages)
     with PetscObjects(discrete.problem.matrix.mat, discrete.problem.coarse) as objects:
@@ -155,6 +158,7 @@ def _judge(settings, start, discrete, solution, system, stages):
 
     Raises:
         SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
+        ValidityError: the solution is far outside of what linear elasticity is valid for.
     """
     scene, tolerance, control = settings.scene, settings.tolerance, settings.control
     forest, elasticity, problem = start.forest, discrete.elasticity, discrete.problem
@@ -170,6 +174,8 @@ def _judge(settings, start, discrete, solution, system, stages):
     residual = nodal_residual(state, problem.load)
     if estimate.energy_norm:
         check_balance(state, residual, problem.load, problem.prescribed)
+    doubts = find_doubts(state, discrete.load_totals)
+    check_doubts(doubts, settings.allow)
     if control.of_contact:
         history = history.observed(estimate, change, control.least_effectivity)
     contact = figures_of_contact(scene, pairs, solution, comm)
@@ -181,7 +187,7 @@ def _judge(settings, start, discrete, solution, system, stages):
         of_contact = contact_error(state, goals, contact["pair_forces"], tolerance, control, history)
     fine = control.sought(estimate, tolerance, history) is None and not of_contact.leaves
     reached = bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2)
-    return _Verdict(estimate, history, of_contact, contact, reached)
+    return _Verdict(estimate, history, of_contact, contact, doubts, reached)
 
 
 def _record(settings, discrete, solution, verdict, stages, **known):
@@ -204,6 +210,7 @@ def _record(settings, discrete, solution, verdict, stages, **known):
         unseen_contact=of_contact.between_nodes,
         penalty_share=of_contact.penalty_share,
         reached=verdict.reached,
+        doubts=verdict.doubts,
         **verdict.contact,
         **known,
     )

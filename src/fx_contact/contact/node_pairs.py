@@ -29,9 +29,11 @@ class NodePairs(ConstraintRows):
 
     Attributes:
         second: (n,) int64, the node that faces `first`, position in the prolongation's index map.
+        apart: (n, 3) float64, from the first node to the second one, undeformed [m].
     """
 
     second: np.ndarray
+    apart: np.ndarray
 
     @cached_property
     def blocks(self):
@@ -65,7 +67,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
     """
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    across, apart = columns.pop("across"), columns.pop("apart")
+    across = columns.pop("across")
     pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, **columns)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
@@ -74,16 +76,15 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return pairs if len(blocks) == 1 else _sharing(pairs, across, apart, enforcement.node_stiffness)
+    return pairs if len(blocks) == 1 else _sharing(pairs, across, enforcement.node_stiffness)
 
 
-def _sharing(pairs, across, apart, node_stiffness):
+def _sharing(pairs, across, node_stiffness):
     """Pairs of one node, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
 
     Args:
         pairs: NodePairs.
         across: (n, 3) float64, normals times areas, of both surfaces [m^2].
-        apart: (n, 3) float64, from the first node of each to the second one, undeformed [m].
         node_stiffness: of the pairs of a node together, if it is given [N/m].
     """
     own = np.column_stack([pairs.stiffness, pairs.area, across])
@@ -91,7 +92,7 @@ def _sharing(pairs, across, apart, node_stiffness):
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, pairs.normal) > _SMOOTH
     normal = np.where(smooth[:, None], mean, pairs.normal)
-    gap = np.einsum("ni,ni->n", normal, apart)
+    gap = np.einsum("ni,ni->n", normal, pairs.apart)
     stiffness = stiffness if node_stiffness is None else node_stiffness
     return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
 

@@ -11,9 +11,10 @@ from dolfinx import fem
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
+from fx_contact.problem.boundary_conditions import BodyForce
 
-#: Leaves at once: few enough for the processor's cache.
-_CHUNK = 1 << 12
+#: Integration points at once: few enough for the processor's cache.
+_CHUNK = 1 << 17
 
 
 def load(scene, forest, elasticity):
@@ -55,15 +56,46 @@ def load_and_totals(scene, forest, elasticity):
     totals = np.zeros((len(scene.tractions) + len(scene.body_forces), len(forest.mesh.bodies), 6))
     if scene.tractions or scene.body_forces:
         with together(forest.comm):
-            for traction, total in zip(scene.tractions, totals):
-                leaf, face = forest.boundary_faces(forest.mesh.surface(traction.surface))
-                for which in np.unique(face):
-                    _add((forces, total), space, leaf[face == which], order, traction.at, which)
-            for force, total in zip(scene.body_forces, totals[len(scene.tractions) :]):
-                body = forest.mesh.bodies.index(force.body)
-                leaves = np.flatnonzero(forest.mesh.body[forest.cell] == body)
-                _add((forces, total), space, leaves, order, force.at)
+            for force, total in zip(_loads(scene), totals):
+                for leaves, face in _places(forest, force):
+                    rule = _rule(space, order, face)
+                    functions = _tensor([hexahedron.lagrange(space.degree, x) for x in _on(face, *rule)[0]])
+                    for part, x, values in _integrands(forest, leaves, order, force.at, face, rule):
+                        np.add.at(forces, space.cells[part], functions.T @ values)
+                        moment = np.cross(x, values).sum(axis=1)
+                        body = forest.mesh.body[forest.cell[part]]
+                        np.add.at(total, body, np.concatenate([values.sum(axis=1), moment], axis=1))
     return elasticity.prolongation.restrict(forces), totals
+
+
+def finer_totals(scene, elasticity):
+    """What each load that is a function adds up to by a finer rule than that of `load_and_totals`.
+
+    Collective on the mesh's communicator.  It has a Gauss point more along each axis, on facets in each of two halves.
+    So a jump of the load inside a leaf lies between other points of the two.
+
+    Args:
+        scene: Scene.
+        elasticity: Elasticity on the forest's mesh.
+
+    Returns:
+        (k, 4) float64 of the k = tractions + body forces of the scene, in this order, on this rank's leaves: the force
+        and the integral of its magnitude [N]; 0 for constant loads.
+
+    Raises:
+        SceneError: as `load`.
+    """
+    space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
+    totals = np.zeros((len(_loads(scene)), 4))
+    if any(callable(force.value) for force in _loads(scene)):
+        with together(space.forest.comm):
+            for force, total in zip(_loads(scene), totals):
+                for leaves, face in _places(space.forest, force) if callable(force.value) else ():
+                    rule = _rule(space, order, face, more=1, parts=1 if face is None else 2)
+                    for _, _, values in _integrands(space.forest, leaves, order, force.at, face, rule):
+                        total[:3] += values.sum(axis=(0, 1))
+                        total[3] += np.linalg.norm(values, axis=2).sum()
+    return totals
 
 
 def body_force(scene, elasticity):
@@ -95,31 +127,49 @@ def body_force(scene, elasticity):
     return function
 
 
-def _add(sums, space, leaves, order, density, face=None):
-    """Add the integrals of a force over leaves, or over one local face of theirs, times the functions of the nodes.
+def _loads(scene):
+    """All loads of a scene."""
+    return *scene.tractions, *scene.body_forces
+
+
+def _places(forest, force):
+    """Leaves of this rank that a load acts on: (n,) int with each local face, None for the volume."""
+    if isinstance(force, BodyForce):
+        yield np.flatnonzero(forest.mesh.body[forest.cell] == forest.mesh.bodies.index(force.body)), None
+        return
+    leaf, face = forest.boundary_faces(forest.mesh.surface(force.surface))
+    for which in np.unique(face):
+        yield leaf[face == which], which
+
+
+def _rule(space, order, face, more=0, parts=1):
+    """Points on [0, 1] along an axis, and weights, with so many points more than a load is applied with, in parts."""
+    # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
+    points, weights = _gauss(space.degree + (1 if face is None else order) + more)
+    return np.add.outer(np.arange(parts), points).ravel() / parts, np.tile(weights, parts) / parts
+
+
+def _integrands(forest, leaves, order, density, face, rule):
+    """Integration points of a load, some leaves after the other, and the force there times its weight.
+
+    Yields (n,) int leaves, (n, g, 3) float64 positions [m] and (n, g, 3) float64 forces [N].
 
     Args:
-        sums: (m, 3) float64, at the nodes [N], and (nbodies, 6) float64, force [N] and moment [N m] by body; changed.
-        space: Space.
+        forest: Forest.
         leaves: (n,) int.
         order: geometry order of the leaves.
         density: function of points, and of normals where there is a face, that gives the force per volume or area.
         face: local face, or None for the volume.
+        rule: points along an axis and their weights.
     """
-    # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    points, weights = _gauss(space.degree + (1 if face is None else order))
-    axes, rules = [points] * 3, [weights] * 3
-    if face is not None:
-        axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
-        rules[hexahedron.FACE_AXIS[face]] = np.ones(1)
+    axes, weights = _on(face, *rule)
     value = [hexahedron.lagrange(order, x) for x in axes]
     slope = [hexahedron.lagrange_derivative(order, x) for x in axes]
-    functions = _tensor([hexahedron.lagrange(space.degree, x) for x in axes])
-    weight = _tensor([w[:, None] for w in rules])[:, 0]
-    forces, totals = sums
-    for start in range(0, len(leaves), _CHUNK):
-        part = leaves[start : start + _CHUNK]
-        nodal = leaf_positions(space.forest, part, order)
+    weight = _tensor([w[:, None] for w in weights])[:, 0]
+    count = max(1, _CHUNK // len(weight))
+    for start in range(0, len(leaves), count):
+        part = leaves[start : start + count]
+        nodal = leaf_positions(forest, part, order)
         x = hexahedron.tensor_evaluate(value, nodal).reshape(-1, 3)
         tangent = [
             hexahedron.tensor_evaluate([slope[a] if a == axis else value[a] for a in range(3)], nodal).reshape(-1, 3)
@@ -132,11 +182,17 @@ def _add(sums, space, leaves, order, density, face=None):
         else:
             measure = np.linalg.norm(normal, axis=1)
             force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
-        force = (force * measure[:, None]).reshape(len(part), -1, 3) * weight[:, None]
-        np.add.at(forces, space.cells[part], functions.T @ force)
-        moment = np.cross(x.reshape(force.shape), force).sum(axis=1)
-        body = space.forest.mesh.body[space.forest.cell[part]]
-        np.add.at(totals, body, np.concatenate([force.sum(axis=1), moment], axis=1))
+        x, force = x.reshape(len(part), -1, 3), (force * measure[:, None]).reshape(len(part), -1, 3)
+        yield part, x, force * weight[:, None]
+
+
+def _on(face, points, weights):
+    """Points and weights along the three axes, on a local face or, without, in the volume."""
+    axes, rules = [points] * 3, [weights] * 3
+    if face is not None:
+        axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
+        rules[hexahedron.FACE_AXIS[face]] = np.ones(1)
+    return axes, rules
 
 
 def _gauss(count):

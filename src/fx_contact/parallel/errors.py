@@ -39,6 +39,10 @@ class SolveError(FxContactError):
     """The linear solver or the contact loop did not converge, or a step would not fit into the memory."""
 
 
+class ValidityError(FxContactError):
+    """The solution is outside of what linear elasticity is valid for, or nothing loads the scene."""
+
+
 class CompilationError(FxContactError):
     """The kernels of the finite elements cannot be compiled: no compiler, or no folder to keep them in."""
 

@@ -8,7 +8,7 @@ from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import REFERENCES, ContactReference
-from fx_contact.results.report import force_warnings, table_head, table_row, total_seconds
+from fx_contact.results.report import doubt_lines, force_warnings, table_head, table_row, total_seconds
 
 __all__ = [
     "REFERENCES",
@@ -21,8 +21,9 @@ __all__ = [
     "adapt_manufactured",
     "contact_errors",
     "contact_functions",
-    "force_warnings",
+    "doubt_lines",
     "field_error",
+    "force_warnings",
     "table_head",
     "table_row",
     "total_seconds",

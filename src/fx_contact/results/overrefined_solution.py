@@ -9,6 +9,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.settings import check_tolerance
 from fx_contact.adaptive.step import check_step
 from fx_contact.adaptive.step_record import TrueError
+from fx_contact.adaptive.validity import REFUSED
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.parallel.errors import SceneError
@@ -46,10 +47,12 @@ def true_error(step, tolerance, scene=None):
     scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
     if step.record.degree == DEGREE:
-        marked[step.leaf_mesh.leaf], _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
+        marked[step.leaf_mesh.leaf], _ = for_tolerance(
+            step.estimate, tolerance, None, ErrorControl(), step.forest.comm
+        )
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, scene))
-    for fine in adapt(scene, tolerance, step.forest.comm, degree=DEGREE, beginning=beginning):
+    for fine in adapt(scene, tolerance, step.forest.comm, degree=DEGREE, allow=tuple(REFUSED), beginning=beginning):
         pass
     distance = energy_distance(fine, fine.along)
     # Energy errors add in squares (Galerkin orthogonality), up to contact and penalty, which disturb it by less than

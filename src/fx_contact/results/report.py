@@ -1,4 +1,4 @@
-"""Text on a run: a table of its steps, warnings on forces, seconds by stage."""
+"""Text on a run: a table of its steps, warnings on forces, doubts, seconds by stage."""
 
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.parallel.timing import STAGES
@@ -55,6 +55,15 @@ def force_warnings(record):
                 "the tolerance times that which would undo the strains there"
             )
     return lines
+
+
+def doubt_lines(record):
+    """What is doubtful about a solution, a line each.
+
+    Args:
+        record: StepRecord of the last step.
+    """
+    return [f"{doubt.kind}: {doubt.message}" for doubt in record.doubts]
 
 
 def total_seconds(steps):

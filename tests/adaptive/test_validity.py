@@ -1,0 +1,232 @@
+"""Doubts about the problem itself: each kind in a scene that has it, and not in one that just has not."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from model_problems import step_record
+from mpi4py import MPI
+
+from fx_contact import (
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    SceneError,
+    StepRecord,
+    Traction,
+    ValidityError,
+    adapt,
+    solve,
+)
+from fx_contact.adaptive.validity import Doubt, doubts_of_scene
+from fx_contact.fem.cell_strain import cell_strains
+from fx_contact.results import doubt_lines
+from fx_contact.scenes import hertz, indentation, shrink_fit, stack
+from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+
+#: Without lateral strain, so that strains are known.
+MATERIAL = Material(young=1.0, poisson=0.0)
+
+
+def block(*loads, clamped="bottom", cells=(3, 2, 2), size=(3.0, 1.0, 1.0), poisson=0.0):
+    """One block that nothing touches, held on a face."""
+    boxes = Boxes(1)
+    boxes.add("block", (0.0, 0.0, 0.0), size, cells)
+    faces = {"bottom": (DOWN, 0.0), "top": (UP, size[2]), "left": (LEFT, 0.0), "right": (RIGHT, size[0])}
+    surfaces = {name: boxes.facets(*face) for name, face in faces.items()}
+    held = Dirichlet(clamped, 0.0, 0.0, 0.0)
+    forces = {
+        "tractions": tuple(one for one in loads if not isinstance(one, BodyForce)),
+        "body_forces": tuple(one for one in loads if isinstance(one, BodyForce)),
+    }
+    return Scene("block", boxes.mesh(surfaces), {"block": Material(1.0, poisson)}, (held,), **forces)
+
+
+def on_a_block(x=0.0, down=0.01, gap=0.0, first="ground", second="foot"):
+    """A block on another one, both 20 wide, moved along their faces and pressed down."""
+    boxes = Boxes(1)
+    boxes.add("base", (0.0, 0.0, -20.0), (20.0, 20.0, 0.0), (2, 2, 1))
+    boxes.add("slider", (0.0, 0.0, gap), (20.0, 20.0, 20.0 + gap), (2, 2, 1))
+    faces = {"bottom": (DOWN, -20.0), "ground": (UP, 0.0, "base"), "foot": (DOWN, gap, "slider")}
+    surfaces = {name: boxes.facets(*face) for name, face in (faces | {"top": (UP, 20.0 + gap)}).items()}
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -down)
+    materials = dict.fromkeys(("base", "slider"), MATERIAL)
+    return Scene("on a block", boxes.mesh(surfaces), materials, held, (ContactPair(first, second, (0, 0, 1)),))
+
+
+def doubts(scene, **options):
+    """Doubts of a single solve, by kind; the same on all ranks, and lines of them in the record."""
+    record = solve(scene, 0.5, **{"degree": 1, "max_steps": 1} | options).record
+    assert WORLD.allgather(record.doubts).count(record.doubts) == WORLD.size, "ranks differ"
+    lines = doubt_lines(record)
+    assert [line.partition(":")[0] for line in lines] == [doubt.kind for doubt in record.doubts]
+    assert not any("\n" in line for line in lines)
+    return {doubt.kind: doubt for doubt in record.doubts}
+
+
+def test_large_strain():
+    """Without lateral strain a pressure p makes the strain p / E everywhere: 6 % is doubtful, 4 % is not."""
+    assert not doubts(block(Pressure("top", 0.04)))
+    found = doubts(block(Pressure("top", 0.06)))
+    assert [*found] == ["large strain"]
+    doubt = found["large strain"]
+    assert abs(doubt.value - 0.06) < 1e-9 and doubt.limit == 0.05 and doubt.place == "block"
+    assert "strain of 0.06" in doubt.message
+
+
+def test_strains_do_not_depend_on_the_mesh():
+    """At the edge of a punch they grow without bound, but their mean over the energy does not."""
+    means, largest = [], []
+    for step in adapt(indentation(displacement=0.1, coarse=2), 0.1, degree=1):
+        means.append({doubt.kind: doubt.value for doubt in step.record.doubts}["large strain"])
+        largest.append(WORLD.allreduce(cell_strains(step.elasticity)[0].max(initial=0.0), op=MPI.MAX))
+    assert largest[-1] > 3 * largest[0] and largest[-1] > 1.3 * largest[-2], largest
+    assert means[-1] < 1.05 * means[-2] and means[-1] < 1.5 * means[0], means
+
+
+@pytest.mark.parametrize("scene", [block(Pressure("top", 0.51)), block(Traction("top", (0.0, 0.0, 30.0)))])
+def test_far_too_large_strain(scene):
+    """From 50 % on it is an error, unless that is allowed."""
+    with pytest.raises(ValidityError, match="'block' has a strain of .*allow="):
+        solve(scene, 0.5, degree=1, max_steps=1)
+    assert [*doubts(scene, allow=("large strain",))] == ["large strain"]
+    assert "large strain" in doubts(block(Pressure("top", 0.49)))
+
+
+def turned(degrees):
+    """A block with a rotation prescribed on two faces, as linear elasticity has it: without strain."""
+    rate = np.radians(degrees)
+    turn = {"x": lambda x: -rate * x[1], "y": lambda x: rate * x[0], "z": 0.0}
+    boxes = Boxes(1)
+    boxes.add("block", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+    surfaces = {"bottom": boxes.facets(DOWN, 0.0), "top": boxes.facets(UP, 1.0)}
+    return Scene("turned", boxes.mesh(surfaces), {"block": MATERIAL}, tuple(Dirichlet(s, **turn) for s in surfaces))
+
+
+def test_large_rotation():
+    """2.8 degrees are no doubt, 3 are one, and 29 an error."""
+    assert not doubts(turned(2.8))
+    found = doubts(turned(3.0))
+    assert [*found] == ["large rotation"] and abs(found["large rotation"].value / np.radians(3.0) - 1) < 1e-9
+    assert "3 degrees" in found["large rotation"].message
+    with pytest.raises(ValidityError, match="turns by 29 degrees"):
+        solve(turned(29.0), 0.5, degree=1, max_steps=1)
+    assert [*doubts(turned(29.0), allow=["large rotation"])] == ["large rotation"]
+
+
+def test_sliding():
+    """A tenth of the radius of the contact, that of the circle of its area: 1.128 on a face of 20 x 20."""
+    assert not doubts(on_a_block(x=1.0))
+    found = doubts(on_a_block(x=1.2))
+    assert [*found] == ["sliding"]
+    doubt = found["sliding"]
+    assert abs(doubt.value - 1.2) < 1e-6 and abs(doubt.limit - 2 / np.sqrt(np.pi)) < 1e-9
+    assert "sliding" in doubts(on_a_block(x=15.0)), "the strain is small, and the force that of the block unmoved"
+
+
+def test_pressed_from_afar_along_the_normal():
+    """The way of a body towards the other one is no sliding."""
+    assert not doubts(on_a_block(down=5.01, gap=5.0))
+
+
+def test_sliding_around_an_axis():
+    """A ring that turns inside another one slides along a curve, whose radius is less than the contact's."""
+    scene = shrink_fit(coarse=2, height=4.0)
+    turn = {"x": lambda x: -0.13 * x[1], "y": lambda x: 0.13 * x[0], "z": 0.0}
+    held = Dirichlet("bore", **turn), Dirichlet("rim", 0.0, 0.0, 0.0)
+    found = doubts(Scene("turning", scene.mesh, scene.materials, held, scene.contact, symmetry=4))
+    assert 0.08 < found["sliding"].limit < 0.11 < found["sliding"].value < 0.13
+
+
+def test_no_contact():
+    """Blocks that end 0.25 apart; touching is contact."""
+    doubt = doubts(on_a_block(down=0.25, gap=0.5))["no contact"]
+    assert abs(doubt.value - 0.25) < 1e-9 and doubt.place == (0.0, 0.0, 0.0) and "gap is 0.25" in doubt.message
+    assert not doubts(on_a_block(down=0.51, gap=0.5))
+
+
+def test_initial_overlap():
+    """5 % of the thinner body; a shrink fit overlaps on purpose, by less."""
+    found = doubts(on_a_block(down=0.0, gap=-1.1))
+    assert abs(found["initial overlap"].value - 1.1) < 1e-9 and abs(found["initial overlap"].limit - 1.0) < 1e-9
+    assert not doubts(on_a_block(down=0.0, gap=-0.9))
+    assert not doubts(shrink_fit(coarse=2))
+
+
+def test_unresolved_load():
+    """A pressure that ends inside a facet: its total is off, unless the facet ends there too."""
+    assert not doubts(block(Pressure("top", lambda x: 0.01 * (x[0] < 2.0))))
+    doubt = doubts(block(Pressure("top", lambda x: 0.01 * (x[0] < 1.3))))["unresolved load"]
+    assert doubt.place == "top" and doubt.limit < doubt.value and "pressure on 'top'" in doubt.message
+    assert abs(doubt.value - 0.01 * (1 / 2 - 13 / 36)) < 1e-12, "two Gauss points a facet, three in each half"
+
+
+def test_unresolved_forces_of_all_kinds():
+    """Body forces and tractions that vary smoothly are resolved; one that is all inside a leaf is not."""
+    smooth = BodyForce("block", lambda x: 1e-3 * np.stack([x[0], x[1] * x[2], 0 * x[0]]))
+    assert not doubts(block(smooth, Traction("top", lambda x: 1e-3 * np.stack([x[0], x[1], x[0] ** 2]))))
+    narrow = BodyForce("block", lambda x: np.stack([0.001 * (np.abs(x[0] - 0.5) < 0.1)] * 3))
+    doubt = doubts(block(narrow))["unresolved load"]
+    assert doubt.place == "block" and "total of 0 on this mesh" in doubt.message
+
+
+def test_constant_loads_are_not_integrated_twice(monkeypatch):
+    """Only functions are."""
+    calls = []
+    monkeypatch.setattr(Pressure, "at", lambda self, x, n: calls.append(len(x)) or -0.01 * n)
+    doubts(block(Pressure("top", 0.01)))
+    assert WORLD.allreduce(sum(calls)) == 3 * 2 * 4 and len(calls) <= 1
+
+
+def test_no_load():
+    """Zero displacements alone load nothing; any load, function or overlap does, also between the root nodes."""
+    with pytest.raises(ValidityError, match="nothing loads the scene 'hertz'.*no load"):
+        solve(hertz(1.0, 0.0, order=6, coarse=2), 0.02)
+    found = doubts(hertz(1.0, 0.0, order=6, coarse=2), allow=("no load",))
+    assert [*found] == ["no load", "no contact"] and found["no contact"].value == 0
+    assert doubts_of_scene(on_a_block(down=0.0)) and not doubts_of_scene(on_a_block(down=0.0, gap=-1e-5))
+    assert doubts_of_scene(block()) and not doubts_of_scene(block(Pressure("top", lambda x: x[0])))
+    assert not doubts_of_scene(block(BodyForce("block", (0.0, 0.0, -1e-9))))
+    assert not doubts_of_scene(stack(displacement=-1e-9)) and not doubts_of_scene(shrink_fit())
+    assert doubts_of_scene(shrink_fit(interference=-0.01))
+
+
+@pytest.mark.parametrize(
+    "allow, sentence",
+    [
+        ("large strain", r"write \('large strain',\)"),
+        (("large strian",), "mean 'large strain'"),
+        (("sliding",), "unk"),
+    ],
+)
+def test_wrong_names(allow, sentence):
+    """What is no kind of doubt, or none that is ever an error, is refused."""
+    with pytest.raises(SceneError, match=sentence):
+        solve(block(Pressure("top", 0.01)), 0.5, allow=allow)
+
+
+def test_record():
+    """Doubts survive a file; lines of older records have none."""
+    known = [
+        Doubt("sliding", 2.0, 1.0, (0.0, 1.0, 2.0), "slides"),
+        Doubt("large strain", 0.1, 0.05, "upper", "is strained"),
+    ]
+    entries = json.loads(json.dumps(step_record(0, doubts=known).as_json()))
+    assert StepRecord.from_json(entries).doubts == known
+    del entries["doubts"]
+    assert StepRecord.from_json(entries).doubts == []
+
+
+def test_sliding_of_a_round_contact():
+    """Against the radius of the contact, not of the surface: a sphere on another one leaves it after a part of that."""
+    scene = hertz(1.0, 0.05, coarse=2, order=2, symmetry="full")
+    results = []
+    for x in (0.0, 0.05):
+        held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -0.05)
+        results.append(doubts(replace(scene, dirichlet=held), degree=2))
+    assert not results[0] and 0.01 < results[1]["sliding"].limit < 0.03, results
