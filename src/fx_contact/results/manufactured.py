@@ -30,10 +30,10 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import calling
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
-from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import ring
 from fx_contact.results.accuracy import field_error, fine_quadrature
 
 #: Centre x_c on the inner surface, width w and direction d of u = d exp(-|x - x_c|^2 / (2 w^2)) [m].
@@ -50,20 +50,9 @@ def quarter_ring(order=3, coarse=4):
     Returns:
         RootMesh, the body `ring`, its two straight ends `start` and `end`, all other faces `outside`.
     """
-    counts = np.array([coarse, 2 * coarse, coarse])
-    axes = [np.linspace(0, 1, order * n + 1) for n in counts]
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    radius, angle = 0.5 + 0.5 * x.ravel(), 0.5 * np.pi * y.ravel()
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.5 * z.ravel()], axis=1)
-    strides = np.cumprod([1, *(order * counts[:2] + 1)])
-    place = np.stack(np.unravel_index(np.arange(counts.prod()), counts[::-1])[::-1], axis=1)
-    cells = (order * place @ strides)[:, None] + hexahedron.lattice(order) @ strides
-    last = np.where(hexahedron.FACE_SIDE == 1, counts[hexahedron.FACE_AXIS] - 1, 0)
-    facets = np.argwhere(place[:, hexahedron.FACE_AXIS] == last).astype(np.int32)
-    across = hexahedron.FACE_AXIS[facets[:, 1]] == 1
-    high = hexahedron.FACE_SIDE[facets[:, 1]] == 1
-    named = {"start": facets[across & ~high], "end": facets[across & high], "outside": facets[~across]}
-    return RootMesh(points, cells, ("ring",), np.zeros(len(cells), dtype=np.int32), named)
+    shape = ring(0.5, 1.0, 0.5, (coarse, 2 * coarse, coarse), order, quarters=1)
+    outside = [f"ring {side}" for side in ("inside", "outside", "bottom", "top")]
+    return root_mesh_from_shapes({"ring": shape}, {"start": "ring y = 0", "end": "ring x = 0", "outside": outside})
 
 
 def bump(x):

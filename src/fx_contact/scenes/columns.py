@@ -7,8 +7,9 @@ from fx_contact.parallel.validation import check_count
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import block
 from fx_contact.scenes.arguments import MOST_CELLS, check_arguments
-from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 
 
 def stack(
@@ -52,43 +53,27 @@ def stack(
     if (total := len(materials) * math.prod(cells)) > MOST_CELLS**3:
         raise SceneError(f"{total:,} root cells are too many: refinement makes the leaves, not the root mesh")
     names = [f"block {number}" for number in range(len(materials))]
-    boxes, surfaces, pairs = _unit_blocks(names, order, cells)
-
-    def place(body, points):
-        """From unit boxes to blocks of the size that is asked for, with the gaps between them."""
-        return points * [side, side, height] + [0, 0, names.index(body) * gap]
-
+    bodies, pairs = {}, []
+    for level, name in enumerate(names):
+        unit = block((0.0, 0.0, level), (0.5, 0.5, level + 1.0), cells, order)
+        bodies[name] = unit.placed(lambda x, move=level * gap: (side * x[0], side * x[1], height * x[2] + move))
+    surfaces = {"bottom": f"{names[0]} bottom", "top": f"{names[-1]} top"}
+    surfaces |= {plane: [f"{name} {end}" for name in names] for plane, end in (("x = 0", "left"), ("y = 0", "front"))}
+    for lower, upper in zip(names, names[1:]):
+        surfaces |= {f"on {lower}": f"{lower} top", f"under {upper}": f"{upper} bottom"}
+        pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
     conditions = [Dirichlet("bottom", z=0.0), SymmetryPlane("x = 0"), SymmetryPlane("y = 0")]
     if pressure is None:
         conditions.append(Dirichlet("top", z=-float(displacement)))
     return Scene(
         name="stack",
-        mesh=boxes.mesh(surfaces, place=place),
+        mesh=root_mesh_from_shapes(bodies, surfaces),
         materials=dict(zip(names, materials)),
         dirichlet=tuple(conditions),
         contact=tuple(pairs),
         tractions=() if pressure is None else (Traction("top", (0.0, 0.0, -float(pressure))),),
         symmetry=4,
     )
-
-
-def _unit_blocks(names, order, cells):
-    """Boxes 0.5 x 0.5 x 1 one on another, their surfaces, and the contact pairs from below."""
-    boxes = Boxes(order)
-    for level, name in enumerate(names):
-        boxes.add(name, (0.0, 0.0, level), (0.5, 0.5, level + 1.0), cells)
-    surfaces = {
-        "bottom": boxes.facets(DOWN, 0.0, names[0]),
-        "top": boxes.facets(UP, len(names), names[-1]),
-        "x = 0": boxes.facets(LEFT, 0.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-    }
-    pairs = []
-    for level, (lower, upper) in enumerate(zip(names, names[1:]), start=1):
-        surfaces[f"on {lower}"] = boxes.facets(UP, level, lower)
-        surfaces[f"under {upper}"] = boxes.facets(DOWN, level, upper)
-        pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
-    return boxes, surfaces, pairs
 
 
 def patch(

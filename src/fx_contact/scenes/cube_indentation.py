@@ -1,10 +1,13 @@
 """A stiff cube pressed into a soft block: the paper's second benchmark, affine geometry."""
 
+import numpy as np
+
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import block
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.boxes import DOWN, FRONT, LEFT, UP, Boxes
 from fx_contact.scenes.symmetry import sideways
 
 
@@ -38,7 +41,7 @@ def indentation(
     check_arguments(order, coarse, {"side": side}, {"displacement": displacement}, symmetry, even=True)
     return Scene(
         name="indentation",
-        mesh=cube_on_block(order, coarse, symmetry, lambda body, points: side * points),
+        mesh=cube_on_block(order, coarse, symmetry, side),
         materials={"block": block, "cube": cube},
         dirichlet=(
             Dirichlet("bottom", z=0.0),
@@ -50,8 +53,8 @@ def indentation(
     )
 
 
-def cube_on_block(order, coarse, symmetry, place):
-    """Root mesh of a cube of side 1 on a block 3 x 3 x 1; its base and the block's footprint match.
+def cube_on_block(order, coarse, symmetry, side, end=None):
+    """Root mesh of a cube on a block three times as wide and as high; its base and the block's footprint match.
 
     Local.
 
@@ -59,31 +62,31 @@ def cube_on_block(order, coarse, symmetry, place):
         order: of the root mesh.
         coarse: root cells along the cube's side, even.
         symmetry: "quarter" or "full".
-        place: where the points are, as in `Boxes.mesh`.
+        side: of the cube [m].
+        end: function of positions (3, n) that places the cube's nodes, for another end; None: where they are.
 
     Returns:
         RootMesh with bodies "block" and "cube".
     """
     quarter = symmetry == "quarter"
-    low = 0.0 if quarter else -1.0
-    boxes = Boxes(order)
+    low, bodies = 0.0 if quarter else -1.0, {}
     for name, half, bottom in (("block", 1.5, -1.0), ("cube", 0.5, 0.0)):
         width = round((half - low * half) * coarse)
-        boxes.add(name, (low * half, low * half, bottom), (half, half, bottom + 1.0), (width, width, coarse))
-    surfaces = {
-        "bottom": boxes.facets(DOWN, -1.0),
-        "top": boxes.facets(UP, 1.0),
-        "footprint": boxes.facets(UP, 0.0, "block", within=0.5),
-        "base": boxes.facets(DOWN, 0.0, "cube"),
-    }
+        unit = block((low * half, low * half, bottom), (half, half, bottom + 1.0), (width, width, coarse), order)
+        bodies[name] = unit.named("footprint", "top", where=lambda x: (np.abs(x[:2]) < 0.5 + 1e-9).all(axis=0))
+        bodies[name] = bodies[name].placed(lambda x: side * x)
+    if end is not None:
+        bodies["cube"] = bodies["cube"].placed(end)
+    surfaces = {"bottom": "block bottom", "top": "cube top", "footprint": "block footprint", "base": "cube bottom"}
     if quarter:
-        return boxes.mesh(
-            surfaces | {"x = 0": boxes.facets(LEFT, 0.0), "y = 0": boxes.facets(FRONT, 0.0)}, place=place
-        )
-    curves = {
-        "block axis": boxes.vertical_edges("block", (0.0, 0.0)),
-        "cube axis": boxes.vertical_edges("cube", (0.0, 0.0)),
-        "block side": boxes.vertical_edges("block", (1.5, 0.0)),
-        "cube side": boxes.vertical_edges("cube", (0.5, 0.0)),
-    }
-    return boxes.mesh(surfaces, curves, place)
+        surfaces |= {"x = 0": ["block left", "cube left"], "y = 0": ["block front", "cube front"]}
+        return root_mesh_from_shapes(bodies, surfaces)
+
+    def along_z(body, at):
+        """The edges of a body along z at x = at, y = 0, over the side."""
+        return body, lambda x: (np.abs(x[0] - side * at) < 1e-9 * side) & (np.abs(x[1]) < 1e-9 * side)
+
+    curves = {f"{body} axis": along_z(body, 0.0) for body in bodies}
+    return root_mesh_from_shapes(
+        bodies, surfaces, curves | {"block side": along_z("block", 1.5), "cube side": along_z("cube", 0.5)}
+    )

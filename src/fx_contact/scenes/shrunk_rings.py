@@ -1,13 +1,12 @@
 """A ring shrunk onto another: contact of curved surfaces that face each other along their normals."""
 
-import numpy as np
-
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import ring
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 
 def shrink_fit(
@@ -47,30 +46,13 @@ def shrink_fit(
     ends = {"inner": (bore, common + half), "outer": (common - half, rim)}
     if any(not 0 < low < high for low, high in ends.values()):
         raise SceneError(f"an interference of {interference} leaves no ring between the radii {tuple(radii)}")
-    boxes = Boxes(order)
-    for start, body in enumerate(ends):
-        boxes.add(body, (start, 0.0, 0.0), (start + 1.0, 1.0, 1.0), (coarse, 2 * coarse, 1))
-
-    def place(body, points):
-        """From the boxes to a quarter of the rings: across, around and along."""
-        low, high = ends[body]
-        across, around, along = points.T
-        radius, angle = low + (across - across.min()) * (high - low), np.pi / 2 * around
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), height * along], axis=1)
-
-    surfaces = {
-        "bore": boxes.facets(LEFT, 0.0),
-        "shaft": boxes.facets(RIGHT, 1.0, "inner"),
-        "hub": boxes.facets(LEFT, 1.0, "outer"),
-        "rim": boxes.facets(RIGHT, 2.0),
-        "x = 0": boxes.facets(BACK, 1.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-        "z = 0": boxes.facets(DOWN, 0.0),
-        "end": boxes.facets(UP, 1.0),
-    }
+    bodies = {name: ring(*pair, height, (coarse, 2 * coarse, 1), order, quarters=1) for name, pair in ends.items()}
+    surfaces = {"bore": "inner inside", "shaft": "inner outside", "hub": "outer inside", "rim": "outer outside"}
+    for name, side in {"x = 0": "x = 0", "y = 0": "y = 0", "z = 0": "bottom", "end": "top"}.items():
+        surfaces[name] = [f"{body} {side}" for body in ends]
     return Scene(
         name="shrink fit",
-        mesh=boxes.mesh(surfaces, place=place),
+        mesh=root_mesh_from_shapes(bodies, surfaces),
         materials={"inner": inner, "outer": outer},
         dirichlet=tuple(SymmetryPlane(f"{axis} = 0") for axis in "xyz"),
         contact=(ContactPair("shaft", "hub"),),

@@ -53,18 +53,15 @@ def punch(
     if side >= np.sqrt(2) * radius:
         raise SceneError(f"a punch of side {side} has no end of radius {radius}: at most sqrt(2) radius")
 
-    def place(body, points):
-        """From the boxes to the bodies: the lower face of the cube becomes part of a sphere."""
-        points = side * points
-        if body == "cube":
-            rise = sagitta((points[:, :2] ** 2).sum(axis=1), 1 / radius)
-            points[:, 2] += gap + rise * (1 - points[:, 2] / side)
-        return points
+    def end(x):
+        """The lower face of the cube becomes part of a sphere."""
+        rise = sagitta(x[0] ** 2 + x[1] ** 2, 1 / radius)
+        return x[0], x[1], x[2] + (gap + rise * (1 - x[2] / side))
 
     held = Dirichlet("bottom", z=0.0), *sideways(symmetry, ("block", "cube"))
     scene = Scene(
         name="punch",
-        mesh=cube_on_block(order, coarse, symmetry, place),
+        mesh=cube_on_block(order, coarse, symmetry, side, end),
         materials={"block": block, "cube": punch},
         dirichlet=held if force is not None else (Dirichlet("top", z=-float(displacement)), *held),
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),

@@ -6,7 +6,7 @@ from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.boxes import BACK, facing_columns
+from fx_contact.scenes.facing_columns import columns_mesh
 from fx_contact.scenes.roundness import sagitta
 
 
@@ -42,20 +42,17 @@ def cylinders(
     lengths = dict(zip(("radius of the lower cylinder", "radius of the upper"), radii)) | {"length": length}
     check_arguments(order, coarse, lengths, {"displacement": displacement}, least_order=2)
     side = min(radii)
-    boxes, surfaces = facing_columns(order, (coarse, 1, 2 * coarse), 1.0, "face")
-    surfaces["y = length"] = boxes.facets(BACK, 1.0)
 
-    def place(body, points):
+    def place(body, x):
         """From the boxes to the cylinders: layers bend towards the contact, the flat faces stay flat."""
         curvature = -1 / radii[0] if body == "lower" else 1 / radii[1]
-        placed = points * [side, length, side]
-        placed[:, 2] += sagitta(placed[:, 0] ** 2, curvature) * (1 - np.abs(points[:, 2]))
-        return placed
+        height = side * x[2] + sagitta((side * x[0]) ** 2, curvature) * (1 - np.abs(x[2]))
+        return side * x[0], length * x[1], height
 
     planes = tuple(SymmetryPlane(name) for name in ("x = 0", "y = 0", "y = length"))
     return Scene(
         name="cylinders",
-        mesh=boxes.mesh(surfaces, place=place),
+        mesh=columns_mesh(order, (coarse, 1, 2 * coarse), 1.0, "face", place),
         materials={"lower": lower, "upper": upper},
         dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement)), *planes),
         contact=(ContactPair("lower face", "upper face", direction=(0.0, 0.0, 1.0)),),

@@ -7,7 +7,7 @@ from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.boxes import facing_columns
+from fx_contact.scenes.facing_columns import columns_mesh
 from fx_contact.scenes.roundness import check_roundness, sagitta
 
 
@@ -47,15 +47,14 @@ def spheres(
         raise SceneError(
             f"a column of side {side} has no end of radius {1 / np.abs(curvature).max()}: take a smaller side"
         )
-    boxes, surfaces = facing_columns(order, (coarse,) * 3, 0.5, "end")
 
-    def place(body, points):
+    def place(body, x):
         """From the boxes to the bodies: layers bend towards the contact, the flat faces stay flat."""
-        placed, bend = side * points, -curvature[0] if body == "lower" else curvature[1]
-        placed[:, 2] += sagitta((placed[:, :2] ** 2).sum(axis=1), bend) * (1 - np.abs(points[:, 2]))
+        placed, bend = side * x, -curvature[0] if body == "lower" else curvature[1]
+        placed[2] += sagitta(placed[0] ** 2 + placed[1] ** 2, bend) * (1 - np.abs(x[2]))
         return placed
 
-    mesh = boxes.mesh(surfaces, place=place)
+    mesh = columns_mesh(order, (coarse,) * 3, 0.5, "end", place)
     _check_ends(mesh, curvature, displacement)
     return Scene(
         name="spheres",
