@@ -66,6 +66,8 @@ def test_stack_passes_its_load_on():
     assert list(forces) == ["top", "on block 0 on under block 1", "on block 1 on under block 2", "bottom"]
     for one, sign in zip(forces.values(), (-1, 1, 1, 1)):
         assert np.allclose(one.force, [0, 0, sign * 0.04], atol=1e-9) and one.parts == 4
+    older = {name: value for name, value in record.as_json().items() if name not in ("resultants", "pair_alignments")}
+    assert StepRecord.from_json(older).resultants is None
     cuts = of_kind(record, "symmetry")  # a quarter's half width and heights; no stress acts across
     assert list(cuts) == ["x = 0", "y = 0"] and all(np.allclose(cut.force, 0, atol=1e-9) for cut in cuts.values())
 
@@ -124,6 +126,12 @@ def test_same_on_any_number_of_ranks():
         for what in ("force", "moment", "point"):
             assert np.allclose(getattr(one, what), getattr(other, what), rtol=0, atol=1e-9 * alone.force)
     assert abs(alone.contact_radius / together.contact_radius - 1) < 1e-9
+
+
+def test_centre_of_a_part():
+    """It is on the planes of symmetry, as that of the whole."""
+    record = once(replace(stack(cells=(1, 1, 1)), contact_centre=(0.2, 0.3, 1.0)))
+    assert np.allclose(record.contact_centre, [0, 0, 1]) and record.resultants[0].point == (0, 0, 1)
 
 
 def test_forces_without_a_direction():

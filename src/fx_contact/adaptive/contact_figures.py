@@ -70,17 +70,17 @@ def figures_of_contact(scene, pairs, solution, comm):
 
 
 def _centre(scene, total, moment):
-    """The centre of the whole contact (3,) [m]: as the scene says, else that of the forces, else of the root mesh.
+    """The centre of the whole contact (3,) [m]: as the scene says, or of the forces, or of the root mesh.
 
     Args:
         scene: Scene.
         total: sum of the forces [N].
         moment: (3,) sum of forces times positions [N m].
     """
-    if scene.contact_centre is not None:
-        return np.array(scene.contact_centre, dtype=np.float64)
-    points = scene.mesh.points
-    return scene.mirrors.centre(moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2)
+    given, points = scene.contact_centre, scene.mesh.points
+    if given is None:
+        given = moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2
+    return scene.mirrors.centre(np.array(given, dtype=np.float64))
 
 
 def _is_round(tensor, vector, length):

@@ -75,7 +75,7 @@ class Scene:
         symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
             records are those of the whole; vectors where symmetry planes say how the copies lie (`mirrors`).
         contact_centre: a point on the axis about which `contact_radius` is measured, and about which moments are
-            taken [m]; None: the centroid of the contact forces.
+            taken [m]; None: the centroid of the contact forces.  Of a part it is moved onto the planes of symmetry.
 
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
