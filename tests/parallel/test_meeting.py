@@ -6,6 +6,7 @@ import logging
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 from conftest import everywhere, outside
@@ -31,30 +32,31 @@ def run():
     return made
 
 
-#: Calls of which every one but the first two needs a step: name, call of the run and a folder.
+FIELDS = "write_fields of step 0"
+#: Calls by name, with a run and a folder.
 CALLS = {
     "adapt": lambda run, folder: adapt(run.step.scene, 0.1),
     "solve": lambda run, folder: solve(run.step.scene, 0.1),
     "the next step of adapt": lambda run, folder: next(run),
     "the next step of adapt_manufactured": lambda run, folder: next(adapt_manufactured(0.5)),
-    "write_fields": lambda run, folder: write_fields(run.step, folder),
-    "true_error": lambda run, folder: true_error(run.step, 0.01),
-    "contact_errors": lambda run, folder: contact_errors(run.step, None),
+    FIELDS: lambda run, folder: write_fields(run.step, folder),
+    "true_error of step 0": lambda run, folder: true_error(run.step, 0.01),
+    "contact_errors of step 0": lambda run, folder: contact_errors(run.step, None),
     "RecordWriter": lambda run, folder: RecordWriter(folder, COMM),
     "Checkpoint": lambda run, folder: Checkpoint(folder, run.step.scene, COMM),
     "Beginning.uniform": lambda run, folder: Beginning.uniform(run.step.scene, 1),
-    "Beginning.after": lambda run, folder: Beginning.after(run.step, None),
+    "Beginning.after of step 0": lambda run, folder: Beginning.after(run.step, None),
     "hertz": lambda run, folder: scenes.hertz(),
     "root_mesh_from_file": lambda run, folder: root_mesh_from_file(COMM, "a.msh"),
     "RootMesh.from_dolfinx": lambda run, folder: RootMesh.from_dolfinx(None, None, None, {}, {}),
-    "Step.stress": lambda run, folder: run.step.stress,
-    "Step.facet_tags": lambda run, folder: run.step.facet_tags,
-    "Step.ds": lambda run, folder: run.step.ds("top"),
+    "Step.stress of step 0": lambda run, folder: run.step.stress,
+    "Step.facet_tags of step 0": lambda run, folder: run.step.facet_tags,
+    "Step.ds of step 0": lambda run, folder: run.step.ds("top"),
     "ContactState.gathered": lambda run, folder: run.step.contact.gathered(),
-    "draw_mesh": lambda run, folder: draw_mesh(run.step, folder / "a.png"),
-    "draw_partition": lambda run, folder: draw_partition(run.step, folder / "a.png"),
-    "draw_pressure": lambda run, folder: draw_pressure(run.step, folder / "a.png"),
-    "draw_stress": lambda run, folder: draw_stress(run.step, folder / "a.png"),
+    "draw_mesh of step 0": lambda run, folder: draw_mesh(run.step, folder / "a.png"),
+    "draw_partition of step 0": lambda run, folder: draw_partition(run.step, folder / "a.png"),
+    "draw_pressure of step 0": lambda run, folder: draw_pressure(run.step, folder / "a.png"),
+    "draw_stress of step 0": lambda run, folder: draw_stress(run.step, folder / "a.png"),
     "draw_convergence": lambda run, folder: draw_convergence(run.records, folder / "a.png"),
 }
 
@@ -64,7 +66,7 @@ CALLS = {
 @pytest.mark.parametrize("name", CALLS)
 def test_another_call(run, tmp_path, name, astray):
     """Each call on one rank, while the others go on with another: both are named on all ranks, and nothing is done."""
-    other = "write_fields" if name != "write_fields" else "draw_mesh"
+    other = FIELDS if name != FIELDS else "draw_mesh of step 0"
     start = time.monotonic()
     with pytest.raises(CallError) as caught:
         CALLS[name if COMM.rank == astray else other](run, tmp_path)
@@ -74,6 +76,15 @@ def test_another_call(run, tmp_path, name, astray):
     assert time.monotonic() - start < 5 and not list(tmp_path.iterdir())
     assert len(set(COMM.allgather(said))) == 1
     everywhere(run.step.nodal_displacement.shape[1:] == (8, 3), "they go on together")
+
+
+@several
+@ASTRAY
+def test_another_step(run, tmp_path, astray):
+    """The same call of another step is another call."""
+    step = replace(run.step, record=replace(run.step.record, step=3)) if COMM.rank == astray else run.step
+    with pytest.raises(CallError, match=f"draw_mesh of step 3 on rank {astray}"):
+        draw_mesh(step, tmp_path / "a.png")
 
 
 @several
@@ -170,7 +181,7 @@ ENDS = {
     "first call": (RUN.format("").replace("run =", "if comm.rank == 0: run ="), ["adapt on rank 0", END], 2),
     "fields": (
         RUN.format("") + "step = next(run)\nif last: write_fields(step, '.')",
-        [END, "write_fields on rank"],
+        [END, "write_fields of step 0 on rank"],
         3,
     ),
     "break": (RUN.format("") + "for step in run:\n    if last: break", [STEP, END], 2),

@@ -41,7 +41,8 @@ _keyval = None  # under which communicators keep theirs
 def collective(comm, what=None):
     """Decorator: all ranks of a communicator must make this call; otherwise it raises CallError on all of them.
 
-    Calls inside this one, and those on one rank, have no meeting of their own.
+    What is called is its name and, of a Step, the number of that.  Calls inside this one, and those on one rank, have no
+    meeting of their own.
 
     Args:
         comm: where the communicator is: name of an argument, and of its attributes, "step.forest.comm".
@@ -58,9 +59,10 @@ def collective(comm, what=None):
         @wraps(function)
         def call(*args, **kwargs):
             found = args[place] if place < len(args) else kwargs.get(argument, default)
+            step = getattr(getattr(found, "record", None), "step", None)
             for attribute in attributes:
                 found = getattr(found, attribute, None)
-            with calling(found, name):
+            with calling(found, name if step is None else f"{name} of step {step}"):
                 return function(*args, **kwargs)
 
         return call
@@ -121,7 +123,7 @@ def leave(error=None):
     error = error or getattr(sys, "last_value", None)
     said = f"{_END} by {type(error).__name__}" if error else _END
     _meetings(MPI.COMM_WORLD)
-    left = [meetings for meetings in _all if not meetings.over]
+    left = [meetings for meetings in _all if not meetings.over and meetings.link != MPI.COMM_NULL]
     if any(meetings.torn for meetings in left):
         _abort("it was interrupted inside a call that all ranks must make")
     for meetings in left:
@@ -173,13 +175,14 @@ class Meetings:
         comm: MPI communicator.
 
     Attributes:
+        link: communicator of the messages; null where the user has freed it before all had agreed.
         inside: whether this rank is inside a call on which all have agreed.
         torn: whether it was interrupted there, or in a meeting: nobody can know then where the others are.
         over: why there are no more meetings; empty as long as there are.
     """
 
     def __init__(self, comm):
-        self._link, self._own = comm, False  # the duplicate belongs to it, and stays when the user frees the other
+        self.link, self._own = comm, False  # the duplicate belongs to it, and stays when the user frees the other
         self._rank, self._size = comm.rank, comm.size
         self.inside, self.torn, self.over = False, False, ""
         self._number, self._said, self._sent = 0, {}, []
@@ -200,12 +203,12 @@ class Meetings:
         if not self.over:
             self.torn = True
             self.say(what)
-            _wait([self], watch=_RollCall(self._link, self._number, what).turn)
+            _wait([self], watch=_RollCall(self.link, self._number, what).turn)
             self.torn = False
         if self._last:
             raise CallError(self.over or _sentence(self._last))
         if not self._own:
-            self._link, self._own = self._link.Dup(), True
+            self.link, self._own = self.link.Dup(), True
 
     def fail(self, what, error):
         """Say that a call has failed on this rank.  If it has on all, that is all; others inside it are aborted.
@@ -241,7 +244,7 @@ class Meetings:
             self._number, self._said, self._differ, self._last = self._number + 1, {}, None, answer
             if any(said.startswith(_END) for said in answer):
                 self.over = _sentence(answer)
-            for _ in _messages(self._link, _ROLL):
+            for _ in _messages(self.link, _ROLL):
                 pass  # questions that were asked before this rank came
         return answer
 
@@ -253,7 +256,7 @@ class Meetings:
 
     def _compared(self):
         """The answer, on rank 0, once all have come, or a second after two of them differed."""
-        for source, (number, what) in _messages(self._link, _SAID):
+        for source, (number, what) in _messages(self.link, _SAID):
             if number == self._number:
                 self._said[source] = what
         ranks = {}
@@ -273,14 +276,14 @@ class Meetings:
 
     def _received(self):
         """The answer of rank 0, if it has come."""
-        for _, (number, answer) in _messages(self._link, _ANSWER):
+        for _, (number, answer) in _messages(self.link, _ANSWER):
             if number == self._number:
                 return answer
         return None
 
     def _send(self, what, rank, tag):
         self._sent = [request for request in self._sent if not request.Test()]
-        self._sent.append(self._link.isend((self._number, what), rank, tag))
+        self._sent.append(self.link.isend((self._number, what), rank, tag))
 
 
 def _messages(link, tag):
