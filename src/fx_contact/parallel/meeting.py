@@ -41,7 +41,7 @@ _keyval = None  # under which communicators keep theirs
 def collective(comm, what=None):
     """Decorator: all ranks of a communicator must make this call; otherwise it raises CallError on all of them.
 
-    What is called is its name and, of a Step, the number of that.  Calls inside this one, and those on one rank, have no
+    Calls differ if their names do, or the numbers of the Steps.  Calls inside this one, and those on one rank, have no
     meeting of their own.
 
     Args:
