@@ -122,7 +122,7 @@ def parser(description, *, tolerance, order, coarse, output):
     return result
 
 
-def main(options, make_scene, exact=None, *, best_scene=None, errors=None, beginning=None):
+def main(options, make_scene, exact=None, *, best_scene=None, errors=None, beginning=None, across="y"):
     """Parse, run, write; errors of the package end in one line and exit code 1 on all ranks.
 
     Args:
@@ -133,6 +133,7 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
         errors: function of the arguments and the last Step that gives deviations from what is known, by name; or None.
         beginning: function of the arguments, the Scene and the communicator that gives the Beginning, or None for the
             root cells; None: `uniform`.
+        across: axis that the picture of the stress is cut across.
     """
     arguments = _parsed(options)
     with plain_errors(COMM):
@@ -145,7 +146,7 @@ def main(options, make_scene, exact=None, *, best_scene=None, errors=None, begin
         results = "steps.jsonl"
         if not arguments.records_only:
             results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), mesh.png, "
-            results += _draw(last, arguments.output, bool(exact), compared)
+            results += _draw(last, arguments.output, bool(exact), compared, across)
             record = replace(record, **last.stages.costs(COMM))
         if errors:
             record = replace(record, errors=errors(arguments, last))
@@ -230,7 +231,7 @@ def _adapted(arguments, scene, beginning, show, progress):
     return step, steps, file
 
 
-def _draw(step, folder, round_contact, compared):
+def _draw(step, folder, round_contact, compared, across):
     """Write fields and pictures; the name of the second picture."""
     with step.stages("output"):
         write_fields(step, folder)
@@ -238,7 +239,7 @@ def _draw(step, folder, round_contact, compared):
         if round_contact:
             draw_pressure(step, folder / "pressure.png", compared)
             return "pressure.png"
-        draw_stress(step, folder / "stress.png")
+        draw_stress(step, folder / "stress.png", across=across)
         return "stress.png"
 
 

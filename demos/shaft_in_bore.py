@@ -41,9 +41,7 @@ def errors(arguments, step):
     """Deviations: of the largest pressure from Persson's, of the contact's vertical force from the load."""
     modulus = step.scene.materials["hub"].plane_strain_modulus
     known = Persson(BORE, modulus, arguments.play, arguments.load)
-    force = next(
-        -one.force[1] for one in step.resultants if one.kind == "contact"
-    )  # of the shaft on the hub, downwards
+    force = next(-one.force[1] for one in step.resultants if one.kind == "contact")  # of the shaft on the hub, down
     return {
         "max_pressure": step.record.max_pressure / known.max_pressure - 1,
         "load": force / (arguments.load * LENGTH) - 1,
@@ -51,4 +49,4 @@ def errors(arguments, step):
 
 
 if __name__ == "__main__":
-    main(options, scene, errors=errors)
+    main(options, scene, errors=errors, across="z")

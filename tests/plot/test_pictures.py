@@ -59,7 +59,7 @@ PICTURES = {
     "partition": lambda step, records, path: draw_partition(step, path),
     "pressure": lambda step, records, path: draw_pressure(step, path),
     "stress": lambda step, records, path: draw_stress(step, path),
-    "stress near": lambda step, records, path: draw_stress(step, path, zoom=3),
+    "stress near": lambda step, records, path: draw_stress(step, path, zoom=3, across="z"),
     "convergence": lambda step, records, path: draw_convergence(records, path, WORLD),
     "sweep": lambda step, records, path: draw_sweep([*map(_point, records)], path, WORLD, quantity="dofs"),
 }
@@ -93,6 +93,8 @@ def test_wrong_requests():
     step, records = a_step()
     with pytest.raises(SceneError, match="unknown colouring 'levels'; .*did you mean 'level'"):
         draw_mesh(step, "x.png", colour="levels")
+    with pytest.raises(SceneError, match="unknown axis 'w'"):
+        draw_stress(step, "x.png", across="w")
     with pytest.raises(OutputError, match="no record"):
         draw_convergence([], "x.png", WORLD)
     with pytest.raises(OutputError, match="must be a path"):

@@ -6,15 +6,18 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_number
+from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
+#: Axes that are shown to the right, away from the viewer and upward, by the axis that a cut is across.
+_SHOWN = {"x": [1, 0, 2], "y": [0, 1, 2], "z": [0, 2, 1]}
+
 
 @collective("step.forest.comm")
-def draw_stress(step, path, zoom=None):
-    """Von Mises stress, recovered at the nodes, and the leaves in the plane across y through the contact's centre.
+def draw_stress(step, path, zoom=None, across="y"):
+    """Von Mises stress, recovered at the nodes, and the leaves in a plane through the contact's centre.
 
     Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
 
@@ -22,25 +25,27 @@ def draw_stress(step, path, zoom=None):
         step: Step, with contact if there is a zoom.
         path: of the PNG.
         zoom: half width of the picture, in contact radii; None: all of the bodies.
+        across: "x", "y" or "z", the normal of the plane.
 
     Returns:
         Path of the picture.
 
     Raises:
-        SceneError: no step, or with a zoom one without contact, or a zoom that is not positive.
+        SceneError: no step, or with a zoom one without contact, a zoom that is not positive, or another axis.
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=zoom is not None)
     if zoom is not None:
         check_number("the zoom of a picture", zoom, positive=True)
-    comm, forest, y = step.forest.comm, step.forest, step.record.contact_centre[1]
-    points = leaf_positions(forest, slice(None), step.record.degree)
-    across = points[:, :, 1]
-    size = np.ptp(across, axis=1)
+    check_name("axis", across, _SHOWN)
+    comm, forest, axes = step.forest.comm, step.forest, _SHOWN[across]
+    points = leaf_positions(forest, slice(None), step.record.degree)[:, :, axes]
+    centre, reach = np.asarray(step.record.contact_centre)[axes], None
+    y, depth = centre[1], points[:, :, 1]
+    size = np.ptp(depth, axis=1)
     # Slightly beside the plane, so that one between leaves cuts those of one side.
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
-    cut = (across.min(axis=1) <= y) & (across.max(axis=1) >= y)
-    centre, reach = np.asarray(step.record.contact_centre), None
+    cut = (depth.min(axis=1) <= y) & (depth.max(axis=1) >= y)
     if zoom is not None:
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
@@ -68,7 +73,7 @@ def cut_by_body(points, values, body, y):
     degree p is shown by p^3 trilinear cells.
 
     Args:
-        points: (n, (p+1)^3, 3) float64, nodes of leaves [m].
+        points: (n, (p+1)^3, 3) float64, nodes of leaves, their axes in the order of `_SHOWN` [m].
         values: (n, (p+1)^3) float64, stress there [Pa].
         body: (n,) int, body of each leaf.
         y: place of the plane [m].
