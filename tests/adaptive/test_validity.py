@@ -26,7 +26,7 @@ from fx_contact import (
 from fx_contact.adaptive.validity import Doubt, doubts_of_scene
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results import doubt_lines
-from fx_contact.scenes import hertz, indentation, shrink_fit, stack
+from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 #: Without lateral strain, so that strains are known.
@@ -130,8 +130,9 @@ def test_sliding():
 
 
 def test_pressed_from_afar_along_the_normal():
-    """The way of a body towards the other one is no sliding."""
+    """The way of a body towards the other one is no sliding, though it is not along the normals of a round body."""
     assert not doubts(on_a_block(down=5.01, gap=5.0))
+    assert not doubts(punch(displacement=1.02, gap=1.0, order=6, coarse=2))
 
 
 def test_sliding_around_an_axis():
@@ -148,6 +149,8 @@ def test_no_contact():
     doubt = doubts(on_a_block(down=0.25, gap=0.5))["no contact"]
     assert abs(doubt.value - 0.25) < 1e-9 and doubt.place == (0.0, 0.0, 0.0) and "gap is 0.25" in doubt.message
     assert not doubts(on_a_block(down=0.51, gap=0.5))
+    doubt = doubts(punch(displacement=1.0, gap=10.0, coarse=2))["no contact"]
+    assert abs(doubt.value - 9.0) < 1e-9 and doubt.place == (0.0, 0.0, 0.0), "at the pole, not across the rim"
 
 
 def test_initial_overlap():

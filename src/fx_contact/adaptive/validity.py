@@ -200,8 +200,7 @@ def _large_deformations(state):
 def _sliding(state):
     """Doubts about contact pairs whose closed node pairs have moved past each other."""
     pairs, force, count = state.pairs, state.solution.force, len(state.scene.contact)
-    u = pairs.prolongation.ghosted(state.solution.displacement)
-    apart = pairs.apart + u[pairs.second] - u[pairs.first]
+    apart = _apart(state)
     along = apart - np.einsum("ni,ni->n", apart, pairs.normal)[:, None] * pairs.normal
     slid, area = np.linalg.norm(along, axis=1), np.where(state.solution.active, pairs.area, 0.0)
     sums = np.array([np.bincount(pairs.contact, f, count) for f in (force, force * slid, force * pairs.gap)], float)
@@ -247,10 +246,17 @@ def _shape(moment):
     return float(np.linalg.norm(slope, 2)), float(np.sqrt(max(covariance[6, 6], 0.0)))
 
 
+def _apart(state):
+    """From the first node of each pair to the second one, deformed: (n, 3) float64 [m].  Collective."""
+    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
+    return pairs.apart + u[pairs.second] - u[pairs.first]
+
+
 def _no_contact(state):
     """The doubt that bodies do not touch."""
     pairs = state.pairs
-    place, largest, _ = _place_of_largest(pairs.prolongation.comm, state.solution.penetration, pairs.position)
+    distance = np.linalg.norm(_apart(state), axis=1)
+    place, largest, _ = _place_of_largest(pairs.prolongation.comm, -distance, pairs.position)
     gap = 0.0 - largest
     message = (
         f"no node pair is closed: the bodies do not touch; the smallest gap is {gap:.3g}, in units of the mesh, at "
