@@ -78,12 +78,13 @@ def shown(default):
     return ", ".join(f"{one} at degree {p}" for p, one in default.items()) if isinstance(default, dict) else default
 
 
-def parser(description, *, tolerance, order, coarse, output):
+def parser(description, *, tolerance, order, coarse, output, whole=False):
     """Options that all demos have.
 
     Args:
         description: the demo's docstring.
         tolerance, order, coarse, output: defaults of these options, {degree: value} where they depend on it.
+        whole: whether the whole bodies can be modelled too (`--symmetry full`).
     """
     result = RankZeroParser(
         description=description,
@@ -108,7 +109,8 @@ def parser(description, *, tolerance, order, coarse, output):
     add("--allow", metavar="KIND", action="extend", nargs="+", default=[], help="of doubts: 'large strain', ...")
     add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
-    add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
+    if whole:
+        add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
     add("--coarse", type=int, default=coarse, help=f"root cells along a block ({shown(coarse)})")
     add("--young", type=float, default=1.0, help="Young's modulus (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")

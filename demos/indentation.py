@@ -11,7 +11,7 @@ from common import main, parser
 from fx_contact import Material
 from fx_contact.scenes import indentation
 
-options = parser(__doc__, tolerance=0.1, order=1, coarse=4, output="results/indentation")
+options = parser(__doc__, tolerance=0.1, order=1, coarse=4, output="results/indentation", whole=True)
 options.add_argument("--displacement", type=float, default=0.01, help="of the cube's top (%(default)s)")
 options.add_argument("--ratio", type=float, default=100.0, help="of the cube's to the block's modulus (%(default)s)")
 

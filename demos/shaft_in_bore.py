@@ -22,17 +22,17 @@ options.add_argument("--load", type=float, default=0.002, help="on the shaft, pe
 def scene(arguments, material):
     """Half of both, x >= 0; the shaft touches the bore along its lowest line."""
     n, play, order = arguments.coarse, arguments.play, arguments.order
-    shaft = cylinder(BORE - play, LENGTH, (n, 1), order, quarters=2).shifted(y=-play)
-    hub = ring(BORE, HUB, LENGTH, (2 * n, 2 * n, 1), order, quarters=2)
+    shaft = cylinder(BORE - play, LENGTH, (n, 1), order, quarters=2).turned("x", 90).shifted(z=-play)
+    hub = ring(BORE, HUB, LENGTH, (2 * n, 2 * n, 1), order, quarters=2).turned("x", 90)  # about the y axis
     cuts = [SymmetryPlane(f"{body} {side}") for body in ("shaft", "hub") for side in ("x = 0", "bottom", "top")]
     weight = arguments.load / (np.pi * (BORE - play) ** 2)
     return Scene(
         name="shaft in bore",
         mesh=root_mesh_from_shapes({"shaft": shaft, "hub": hub}),
         materials={"shaft": material, "hub": material},
-        dirichlet=(Dirichlet("hub outside", x=0.0, y=0.0), *cuts),
+        dirichlet=(Dirichlet("hub outside", x=0.0, z=0.0), *cuts),
         contact=(ContactPair("shaft outside", "hub inside"),),
-        body_forces=(BodyForce("shaft", (0.0, -weight, 0.0)),),
+        body_forces=(BodyForce("shaft", (0.0, 0.0, -weight)),),
         symmetry=2,
     )
 
@@ -41,10 +41,10 @@ def errors(arguments, step):
     """Deviations: of the largest pressure from Persson's, of the contact's vertical force from the load."""
     modulus = step.scene.materials["hub"].plane_strain_modulus
     known = Persson(BORE, modulus, arguments.play, arguments.load)
-    force = next(-one.force[1] for one in step.resultants if one.kind == "contact")  # of the shaft on the hub, down
+    (pressing,) = (one for one in step.resultants if one.kind == "contact")
     return {
         "max_pressure": step.record.max_pressure / known.max_pressure - 1,
-        "load": force / (arguments.load * LENGTH) - 1,
+        "load": -pressing.force[2] / (arguments.load * LENGTH) - 1,
     }
 
 

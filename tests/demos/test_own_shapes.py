@@ -42,3 +42,10 @@ def test_shaft_in_bore_is_persson(tmp_path, play):
     record = last_record("shaft_in_bore", tmp_path, "--play", play)
     assert abs(record["errors"]["max_pressure"]) < 0.025
     assert abs(record["errors"]["load"]) < 1e-4
+
+
+def test_a_part_alone_has_no_whole(tmp_path):
+    """A demo that models a part only has no option that asks for the whole."""
+    command = [sys.executable, DEMOS / "shaft_in_bore.py", "--symmetry", "full", "--output", tmp_path]
+    done = subprocess.run(command, env=outside(), capture_output=True, text=True)
+    assert done.returncode == 2 and "unknown option '--symmetry'" in done.stderr
