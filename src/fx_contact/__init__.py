@@ -11,6 +11,7 @@ from fx_contact.adaptive.step_record import StepRecord, TrueError
 from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.quantities import ContactForce, Gap, GoalRecord
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import (
     CallError,
@@ -38,6 +39,7 @@ __all__ = [
     "Checkpoint",
     "CheckpointError",
     "CompilationError",
+    "ContactForce",
     "ContactPair",
     "ContactState",
     "ContactTable",
@@ -45,7 +47,9 @@ __all__ = [
     "Enforcement",
     "ErrorControl",
     "FxContactError",
+    "Gap",
     "GeometryError",
+    "GoalRecord",
     "Material",
     "OutputError",
     "PairingError",

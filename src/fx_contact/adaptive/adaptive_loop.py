@@ -39,6 +39,7 @@ def adapt(
     enforcement=None,
     solver=None,
     control=None,
+    goals=(),
     partition_kind="contact-sfc",
     allow=(),
     beginning=None,
@@ -61,6 +62,7 @@ def adapt(
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         control: ErrorControl, what is refined for and when to stop; None: the default one.
+        goals: ContactForce and Gap, quantities that are held to tolerances of their own, besides.
         partition_kind: a key of `partition.KINDS`.
         allow: doubts of the record that are errors unless they are named here, keys of `validity.REFUSED`:
             "large strain", "large rotation", "no load".
@@ -93,16 +95,8 @@ def adapt(
         enforcement = Enforcement() if enforcement is None else enforcement
         solver = Solver() if solver is None else solver
         control = ErrorControl() if control is None else control
-        settings = Settings(
-            scene,
-            tolerance,
-            geometry_order=geometry_order,
-            enforcement=enforcement,
-            solver=solver,
-            control=control,
-            degree=degree,
-            allow=allow,
-        )
+        parts = dict(enforcement=enforcement, solver=solver, control=control, goals=goals, allow=allow)
+        settings = Settings(scene, tolerance, geometry_order=geometry_order, degree=degree, **parts)
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
         if progress is not None and not callable(progress):

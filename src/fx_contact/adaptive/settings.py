@@ -7,6 +7,7 @@ from numbers import Integral
 from fx_contact.adaptive.validity import check_allowed
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.quantities import check_goals
 from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
@@ -48,6 +49,7 @@ class Settings:
         control: ErrorControl.
         degree: p of the displacements, 1 or 2.
         allow: kinds of doubts that are no errors, keys of `validity.REFUSED`.
+        goals: tuple of ContactForce and Gap, held to tolerances of their own.
 
     Raises:
         SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an
@@ -62,9 +64,11 @@ class Settings:
     control: ErrorControl
     degree: int = DEGREE
     allow: tuple[str, ...] = ()
+    goals: tuple = ()
 
     def __post_init__(self):
         check_scene(self.scene)
+        object.__setattr__(self, "goals", check_goals(self.goals, self.scene))
         tolerance = check_tolerance("the tolerance", self.tolerance)
         object.__setattr__(self, "tolerance", tolerance)
         order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
@@ -125,6 +129,7 @@ class Settings:
             "tolerance": self.tolerance,
             "allowed doubts": [*self.allow],
             **self.kept(),
+            "goals": [repr(goal) for goal in self.goals],
             **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
             **{f"solver's option {name}": value for name, value in self.solver.options.items()},
         }

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.validity import Doubt
+from fx_contact.estimate.quantities import GoalRecord
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.versions import library_versions
@@ -147,6 +148,7 @@ class StepRecord(SolveRecord):
             middle of the bodies [m].
         pair_alignments: length of the sum of each pair's forces over the sum of their lengths [-], 1 where they are
             parallel; None: the pair is open.
+        goals: tuple of GoalRecord, of the goals of the run; None: it has none.
         resultants: tuple of Resultant, of contact pairs, loads, conditions, and the balance of each body.
     """
 
@@ -174,6 +176,7 @@ class StepRecord(SolveRecord):
     contact_centre: list[float] | None = None
     pair_alignments: list[float | None] | None = None
     resultants: tuple[Resultant, ...] | None = None
+    goals: tuple[GoalRecord, ...] | None = None
 
     @classmethod
     def from_json(cls, entries):
@@ -194,4 +197,6 @@ class StepRecord(SolveRecord):
         if "resultants" in known:
             known["resultants"] = tuple(map(Resultant.from_json, known["resultants"]))
         known["doubts"] = [Doubt.from_json(doubt) for doubt in known.get("doubts", ())]
+        if known.get("goals") is not None:
+            known["goals"] = tuple(GoalRecord(**goal) for goal in known["goals"])
         return cls(**known)

@@ -20,6 +20,7 @@ from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import check_balance, nodal_residual
+from fx_contact.estimate.quantities import judge_goals
 from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
@@ -182,9 +183,14 @@ def _judge(settings, start, discrete, solution, system, stages):
     contact["resultants"] = sum_up(state, residual, discrete.load_totals, contact["contact_centre"])
     contact["contact_centre"] = contact["contact_centre"].tolist()
     of_contact = ContactError.unknown(len(forest), len(scene.contact))
+    duals = Goals(state, system, recovery, stages)
     if pairs is not None and control.of_contact:
-        goals = Goals(state, system, recovery, stages)
-        of_contact = contact_error(state, goals, contact["pair_forces"], tolerance, control, history)
+        of_contact = contact_error(state, duals, contact["pair_forces"], tolerance, control, history)
+    if settings.goals:
+        duals = duals if control.sought(estimate, tolerance, history) is None else None
+        theta = control.correction(history)
+        contact["goals"], refine = judge_goals(settings.goals, duals, state, contact["pair_forces"], theta, control)
+        of_contact = of_contact.with_more(refine, comm)
     fine = control.sought(estimate, tolerance, history) is None and not of_contact.leaves
     reached = bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2)
     return _Verdict(estimate, history, of_contact, contact, doubts, reached)

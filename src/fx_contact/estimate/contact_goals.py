@@ -6,7 +6,7 @@ W the energy that F stores.  With xi(z) = 0.5 omega(z) (`dual_error`) that is a 
 suffices where contact alone loads bodies.  Elsewhere dual solutions are computed (`dual_weighted`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,18 @@ class ContactError:
         """That of a step of so many leaves on this rank and so many contact pairs for which it is not asked.  Local."""
         between_nodes, share = (None, None) if pairs else (0, 0.0)
         return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
+
+    def with_more(self, refine, comm):
+        """The same with leaves to refine for something else.
+
+        Collective on comm.
+
+        Args:
+            refine: (n,) int8, how often to refine each leaf.
+            comm: MPI communicator.
+        """
+        refine = np.maximum(self.refine, refine)
+        return replace(self, refine=refine, leaves=comm.allreduce(int((refine > 0).sum())))
 
 
 def contact_error(state, goals, forces, tolerance, control, history):

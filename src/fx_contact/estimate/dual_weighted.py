@@ -26,6 +26,7 @@ class Goal:
         error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, in the unit of the value.
         total: sum of these on all ranks.
         dual: Estimate of the dual solution.
+        adjoint: (owned, 3) float64, the dual solution z.
         moved: of a gap, |a(u, z)|, what strains contribute to it [m]; 0 of a force.
         compliance: of a gap, by how much a unit force there widens it [m/N]; 0 of a force.
     """
@@ -34,6 +35,7 @@ class Goal:
     error: np.ndarray
     total: float
     dual: Estimate
+    adjoint: np.ndarray
     moved: float = 0.0
     compliance: float = 0.0
 
@@ -63,9 +65,9 @@ class Goals:
         solution = self._state.solution
         closed = (self._state.pairs.contact == index) & solution.active
         value = self._comm.allreduce(float(solution.force[closed].sum()))
-        _, dual = self._dual(closed.astype(float), np.zeros(len(closed)))
+        z, dual = self._dual(closed.astype(float), np.zeros(len(closed)))
         error = self._state.estimate.error * dual.error
-        return Goal(value, error, self._sum(error), dual)
+        return Goal(value, error, self._sum(error), dual, z)
 
     def gap(self, weight):
         """The mean gap of a place: Goal.  Collective.
@@ -77,7 +79,28 @@ class Goals:
         z, dual = self._dual(np.zeros(len(weight)), -weight)
         error = self._state.estimate.error * dual.error
         compliance = -self._sum(weight * self._state.pairs.jump(z))
-        return Goal(self._sum(weight * left), error, self._sum(error), dual, self._moved(z), compliance)
+        return Goal(self._sum(weight * left), error, self._sum(error), dual, z, self._moved(z), compliance)
+
+    def products(self, goal):
+        """|(e_u, e_z)_T|, a sharper error of a goal than xi_T(u) xi_T(z): (ncells,) float64 of this rank's cells.
+
+        Collective.  With xi_T^2 a quadratic form of what is estimated, by polarisation
+        xi_T(u + s z)^2 - xi_T(u - s z)^2 = 4 s (e_u, e_z)_T; far from what a goal is of, e_u and e_z have little to do
+        with each other.
+
+        Args:
+            goal: Goal.
+        """
+        elasticity, u, estimate = self._state.elasticity, self._state.solution.displacement, self._state.estimate
+        scale = estimate.error_global / goal.dual.error_global if goal.dual.error_global else 1.0
+        squares = []
+        try:
+            for sign in (1, -1):
+                elasticity.set_displacement(u + sign * scale * goal.adjoint)
+                squares.append(self._recovery.estimate().error ** 2)
+        finally:
+            elasticity.set_displacement(u)
+        return np.abs(squares[0] - squares[1]) / (4 * scale) if scale else np.zeros(len(goal.error))
 
     def _dual(self, penetration, force):
         """A dual solution z, (owned, 3) float64, and its Estimate."""
