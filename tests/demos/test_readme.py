@@ -133,21 +133,31 @@ def run(words, folder):
     return done.returncode, done.stdout.decode(errors="replace")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
-def test_command(command, clone, request):
-    """It ends well."""
-    if why := reason(command):
-        pytest.skip(why)
+def ends_well(command, clone, request):
+    """Run a command, once, and what makes the checkpoint that it goes on from before it."""
+    kept = next(c for c in COMMANDS if "--checkpoint results/kept" in c)
+    if "--restart" in command:
+        ends_well(kept, clone, request)
     text = bare(command) if request.config.getoption("--as-printed") else smaller(command)
     code, said = run(("./with-dolfinx", "sh", "-c", text), clone)
     assert code == 0, f"{text}\n{said[-3000:]}"
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command(command, clone, request):
+    """It ends well."""
+    if why := reason(command):
+        pytest.skip(why)
+    ends_well(command, clone, request)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in BLOCKS])
 def test_block(code, clone, request):
-    """It runs by itself, after the commands above."""
+    """It runs by itself, or after the command whose checkpoint it reads."""
+    if "Checkpoint(" in code:
+        ends_well(next(command for command in COMMANDS if "--restart" in command), clone, request)
     text = code if request.config.getoption("--as-printed") else smaller_block(code)
     status, said = run((sys.executable, "-c", text), clone)
     assert status == 0, f"{text}\n{said[-3000:]}"
