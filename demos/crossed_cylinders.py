@@ -10,7 +10,7 @@ import numpy as np
 from common import main, parser
 
 from fx_contact import ContactPair, Dirichlet, Scene, SymmetryPlane
-from fx_contact.problem import cylinder, root_mesh_from_shapes, sweep
+from fx_contact.problem import cylinder, root_mesh_from_shapes, sweep_side
 from fx_contact.results import Hertz
 
 options = parser(__doc__, tolerance=0.05, order=4, coarse=2, output="results/crossed_cylinders")
@@ -29,7 +29,7 @@ def scene(arguments, material):
         side, back = 2 * radius - np.sqrt(radius**2 - x[2] ** 2), 2 * radius
         return (1 - t) * side + t * back, x[1], x[2]
 
-    mesh = root_mesh_from_shapes({"rod": rod, "other": sweep(rod, "face", path, layers=2 * n)})
+    mesh = root_mesh_from_shapes({"rod": rod, "other": sweep_side(rod, "face", path, layers=2 * n)})
     pressed = Dirichlet("rod x = 0", x=0.0), Dirichlet("other end", x=-arguments.displacement)
     planes = [SymmetryPlane(f"{body} {side}") for body in ("rod", "other") for side in ("y = 0", "bottom")]
     return Scene(

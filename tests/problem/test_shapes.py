@@ -15,7 +15,7 @@ from fx_contact.problem import (
     revolve,
     ring,
     root_mesh_from_shapes,
-    sweep,
+    sweep_side,
 )
 from fx_contact.problem.facet_pairing import Pairing
 
@@ -99,7 +99,7 @@ def test_what_is_swept_matches(n, order):
     def path(x, t):
         return (1 - t) * (2 - np.sqrt(1 - x[2] ** 2)) + 2 * t, x[1], x[2]
 
-    upper = sweep(lower, "face", path, 3)
+    upper = sweep_side(lower, "face", path, 3)
     mesh = root_mesh_from_shapes({"lower": lower, "upper": upper})
     pairing = Pairing(mesh, (ContactPair("lower face", "upper start", direction=(1, 0, 0)),))
     assert pairing.first.sum() == len(mesh.surface("upper start")) == n * n
@@ -208,8 +208,8 @@ CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
         (lambda: CUBE.turned("w", 90), SceneError, "unknown axis 'w'"),
         (lambda: CUBE.turned((0, 0, 0), 90), GeometryError, "got zero"),
         (lambda: CUBE.mirrored("xy"), SceneError, "unknown axis 'xy'"),
-        (lambda: sweep(CUBE, "top", lambda x, t: 1.0, 1), GeometryError, "the path must be a function"),
-        (lambda: sweep(CUBE, "top", lambda x, t: x + t, 0), SceneError, "number of layers"),
+        (lambda: sweep_side(CUBE, "top", lambda x, t: 1.0, 1), GeometryError, "the path must be a function"),
+        (lambda: sweep_side(CUBE, "top", lambda x, t: x + t, 0), SceneError, "number of layers"),
         (lambda: extrude(CUBE, "top", 1.0, 1), SceneError, "three components"),
         (lambda: join(), GeometryError, "got orders []"),
         (lambda: join(CUBE, ball(1, 1)), GeometryError, "one order"),

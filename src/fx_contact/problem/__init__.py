@@ -7,7 +7,7 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
-from fx_contact.problem.sweeps import extrude, revolve, sweep
+from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
 
 __all__ = [
     "BodyForce",
@@ -30,5 +30,5 @@ __all__ = [
     "root_mesh_from_file",
     "root_mesh_from_gmsh",
     "root_mesh_from_shapes",
-    "sweep",
+    "sweep_side",
 ]

@@ -16,12 +16,12 @@ _LATERAL = [
 _START, _END = (np.flatnonzero((hexahedron.FACE_AXIS == 2) & (hexahedron.FACE_SIDE == s))[0] for s in (0, 1))
 
 
-def sweep(shape, side, path, layers):
+def sweep_side(shape, side, path, layers):
     """A new shape of the cells that a side of another one passes through on a path: meshed as that side is.
 
     What begins on the other's side, moved onto a surface of its own, meets it facet by facet:
 
-        upper = sweep(lower, "top", lambda x, t: (x[0], x[1], (1 - t) * (0.1 + x[0] ** 2) + t), layers=4)
+        upper = sweep_side(lower, "top", lambda x, t: (x[0], x[1], (1 - t) * (0.1 + x[0] ** 2) + t), layers=4)
 
     Args:
         shape: Shape.
@@ -57,10 +57,10 @@ def sweep(shape, side, path, layers):
 
 
 def extrude(shape, side, vector, layers):
-    """`sweep` along a vector.
+    """`sweep_side` along a vector.
 
     Args:
-        shape, side, layers: as in `sweep`.
+        shape, side, layers: as in `sweep_side`.
         vector: three numbers, in the unit of the mesh.
 
     Returns:
@@ -70,14 +70,14 @@ def extrude(shape, side, vector, layers):
         SceneError: an unknown side, or what is no vector or number of cells.
     """
     check_vector("the vector to extrude along", vector)
-    return sweep(shape, side, lambda x, t: x + t * np.array(vector, np.float64)[:, None], layers)
+    return sweep_side(shape, side, lambda x, t: x + t * np.array(vector, np.float64)[:, None], layers)
 
 
 def revolve(shape, side, degrees, layers, axis="z"):
-    """`sweep` around an axis through the origin; around the full circle, 360 degrees, the ends are joined.
+    """`sweep_side` around an axis through the origin; around the full circle, 360 degrees, the ends are joined.
 
     Args:
-        shape, side: as in `sweep`.
+        shape, side: as in `sweep_side`.
         degrees: angle, counter-clockwise seen from the tip of the axis; the side must not meet the axis.
         layers: cells around.
         axis: "x", "y" or "z", or three numbers: a direction.
@@ -91,7 +91,7 @@ def revolve(shape, side, degrees, layers, axis="z"):
     """
     whole = abs(check_number("an angle", degrees)) == 360
     rotation(axis, degrees)
-    result = sweep(shape, side, lambda x, t: rotation(axis, t * degrees) @ x, layers)
+    result = sweep_side(shape, side, lambda x, t: rotation(axis, t * degrees) @ x, layers)
     return join(result) if whole else result
 
 
