@@ -240,7 +240,7 @@ def test_a_light_plate_beside_a_heavier_load(load):
 @pytest.mark.slow
 def test_a_very_light_plate():
     """Lighter than e^2 of the heaviest, it may be as wrong as that is; its error says so."""
-    *_, last = (step.record for step in adapt_linear(on_a_base(heavy=500 * LIGHT), 0.1))
+    *_, last = (step.record for step in adapt_linear(on_a_base(heavy=500 * LIGHT), 0.1, allow=("large strain",)))
     light, heavy = last.pair_forces
     assert last.reached and FORCE < 0.1**2 * heavy and 2 * FORCE < light < FORCE + 0.1**2 * heavy
     assert 0.4 * (1 - FORCE / light) < last.pair_errors[0] < 1 and last.pair_errors[1] < 0.1
@@ -292,5 +292,5 @@ def test_each_contact_is_judged_by_its_own_energy(joined):
     expected = sixth * (force / (force + of_rod) if joined else 1.0)
     with pytest.raises(SolveError, match="penetration takes .*%") as caught:
         list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))
-    taken = float(re.search(r"takes ([\d.]+)%", str(caught.value))[1]) / 100
-    assert abs(taken - expected) < 0.002 and abs(sixth - 1 / 6) < 1e-12
+    taken = float(re.search(r"takes ([\d.]+)%", str(caught.value))[1]) / 100  # two digits
+    assert abs(taken - expected) < 0.005 and abs(sixth - 1 / 6) < 1e-12
