@@ -1,7 +1,8 @@
 """Shapes: curved hexahedra with named sides, placed, joined and swept until they are the bodies of a RootMesh.
 
-Simple shapes are made in `problem.solids`, others by `problem.swept_shapes` from a side of these.  Functions of position take
-an array (3, n) of points, as those of conditions do.  All functions here are local: every rank makes the same.
+Simple shapes are made in `problem.solids`, others by `problem.swept_shapes` from a side of these.  Functions of
+position take an array (3, n) of points, as those of conditions do.  All functions here are local: every rank makes the
+same.
 """
 
 from dataclasses import dataclass, field, replace
