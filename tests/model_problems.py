@@ -76,7 +76,7 @@ def _box(shape, low, order):
         -1, 3
     )
     first = np.array([(i, j, k) for k in range(shape[2]) for j in range(shape[1]) for i in range(shape[0])]) * order
-    ijk = first[:, None] + hexahedron.lattice(order)
+    ijk = first[:, None] + hexahedron.grid_points(order)
     return points + low, ijk @ [1, n[0], n[0] * n[1]]
 
 

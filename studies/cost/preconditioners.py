@@ -29,8 +29,8 @@ from fx_contact.fem.external_forces import load
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.linalg.coarse_level import CoarseLevel
 from fx_contact.linalg.matrix import distributed
+from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, indentation

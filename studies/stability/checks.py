@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.contact.constraint_rows import resultants
+from fx_contact.contact.constraint_rows import force_components
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import prescribed_displacements
 from fx_contact.fem.external_forces import load
@@ -153,7 +153,7 @@ class State:
 
         self.penetration = self.pairs.penetration(u)
         self.force = float(np.abs(contact.force).sum())
-        self._resultants = resultants(step.scene, self.pairs, contact.force)
+        self._resultants = force_components(step.scene, self.pairs, contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
         moved = held & (prescribed != 0)

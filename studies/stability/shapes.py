@@ -30,7 +30,7 @@ def sheared_nodes(scene, amount, axes):
     The bodies keep their shape: only the maps of the cells change, x -> x + amount x (1 - x) in each cell.
     """
     mesh = scene.mesh
-    place = hexahedron.lattice(mesh.order) / mesh.order
+    place = hexahedron.grid_points(mesh.order) / mesh.order
     moved = place.copy()
     moved[:, axes] += amount * place[:, axes] * (1 - place[:, axes])
     trilinear = np.prod(np.where(hexahedron.CORNERS[None] == 1, moved[:, None], 1 - moved[:, None]), axis=2)

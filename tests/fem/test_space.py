@@ -91,7 +91,7 @@ def test_facing_nodes_are_owned_together():
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_children_take_the_function_of_their_parent(degree):
     """Local: the values of a polynomial at the nodes of a child, from those of the cell."""
-    nodes = hexahedron.lattice(degree) / degree
+    nodes = hexahedron.grid_points(degree) / degree
     for child, table in enumerate(hexahedron.child_interpolation(degree)):
         inside = (hexahedron.CORNERS[child] + nodes) / 2
         assert np.abs(table @ polynomial(nodes, degree) - polynomial(inside, degree)).max() < 1e-12

@@ -76,7 +76,7 @@ def test_cut_is_balanced(parts, seed):
     assert len(np.unique(keys)) < len(keys)
     distinct, slot = np.unique(keys, return_inverse=True)
     heavy = np.bincount(slot, weights=weights)
-    cuts = space_filling_curve.cut(WORLD, *share("blocks", seed), parts)
+    cuts = space_filling_curve.cut_curve(WORLD, *share("blocks", seed), parts)
     assert len(cuts) == parts - 1 and (np.diff(cuts) >= 0).all()
     for number, threshold in enumerate(cuts, 1):
         below, ideal = weights[keys < threshold].sum(), weights.sum() * number / parts
@@ -91,12 +91,12 @@ def test_cut_is_balanced(parts, seed):
 @pytest.mark.parametrize("parts", [2, 3, 7])
 def test_cut_does_not_depend_on_the_distribution(parts):
     """The cuts are the same however the items lie on the ranks, in whatever order."""
-    expected = space_filling_curve.cut(MPI.COMM_SELF, *items(5), parts)
+    expected = space_filling_curve.cut_curve(MPI.COMM_SELF, *items(5), parts)
     for part in ("blocks", "strewn", "last"):
         keys, weights = share(part, 5)
         turn = np.argsort(scramble(np.arange(len(keys)), 2))
         everywhere(
-            np.array_equal(space_filling_curve.cut(WORLD, keys[turn], weights[turn], parts), expected),
+            np.array_equal(space_filling_curve.cut_curve(WORLD, keys[turn], weights[turn], parts), expected),
             f"{part}: other cuts",
         )
 
@@ -104,8 +104,8 @@ def test_cut_does_not_depend_on_the_distribution(parts):
 def test_cut_of_nothing():
     """No items, or all of one key, give valid cuts on all ranks."""
     empty = np.empty(0, dtype=np.int64)
-    assert len(space_filling_curve.cut(WORLD, empty, empty, 3)) == 2
-    cuts = space_filling_curve.cut(WORLD, np.full(5, 42), np.ones(5, dtype=np.int64), 3)
+    assert len(space_filling_curve.cut_curve(WORLD, empty, empty, 3)) == 2
+    cuts = space_filling_curve.cut_curve(WORLD, np.full(5, 42), np.ones(5, dtype=np.int64), 3)
     assert len(np.unique(np.searchsorted(cuts, np.full(5, 42), side="right"))) == 1
 
 

@@ -51,7 +51,7 @@ COMM = MPI.COMM_WORLD
 
 def grid(n=1, order=1, low=(0.0, 0.0, 0.0), size=1.0):
     """Points and cells of n cells along z, each a cube."""
-    lattice = hexahedron.lattice(order)
+    lattice = hexahedron.grid_points(order)
     points = np.concatenate([lattice / order + [0, 0, k] for k in range(n)]) * size + low
     keys = np.rint(points * 1e6).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -137,7 +137,7 @@ def cracked():
 
 def hanging_roots():
     """A cell beside two half as high: a root mesh may not have hanging nodes."""
-    points = hexahedron.lattice(1).astype(float)
+    points = hexahedron.grid_points(1).astype(float)
     small = points * [1, 1, 0.5] + [1, 0, 0]
     both = np.concatenate([points, small, small + [0, 0, 0.5]])
     _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import resultants
+from fx_contact.contact.constraint_rows import force_components
 
 #: Contact is round where the semi-axes of the ellipse with its second moments differ by no more than this part: its
 #: radius is then within 6 % of both.  A sphere whose pole is beside the nodes has semi-axes 1 : 0.81, 0.88,
@@ -39,7 +39,7 @@ def figures_of_contact(scene, pairs, solution, comm):
             "max_pressure": 0.0,
             "max_penetration": 0.0,
         }
-    force, mirrors = resultants(scene, pairs, solution.force), scene.mirrors
+    force, mirrors = force_components(scene, pairs, solution.force), scene.mirrors
     sums = np.zeros((len(scene.contact), 9))
     columns = force, solution.force, solution.force[:, None] * pairs.normal, force[:, None] * pairs.position
     np.add.at(sums, pairs.contact, np.column_stack([*columns, solution.active]))

@@ -140,7 +140,7 @@ def _initial_overlap(scene):
     """Largest overlap of facing root facets, at a lattice of points on each [m].  Local."""
     forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing)
     cell, face = np.nonzero(scene.pairing.first)
-    nodes = hexahedron.lattice(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
+    nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
     here, there = positions_across(forest, cell, face, nodes.astype(np.int32))
     across = scene.contact_directions(np.stack([cell, face], axis=1))
     return float(-np.einsum("nmi,ni->nm", there - here, across).min(initial=0.0))

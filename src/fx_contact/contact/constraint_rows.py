@@ -193,7 +193,7 @@ class ConstraintRows(ABC):
         return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
 
 
-def resultants(scene, rows, force):
+def force_components(scene, rows, force):
     """What forces of rows add to the force of their contact pair: along its direction, else all of them.
 
     Local.

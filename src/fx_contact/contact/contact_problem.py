@@ -8,8 +8,8 @@ import numpy as np
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidModes
-from fx_contact.linalg.coarse_level import CoarseLevel
 from fx_contact.linalg.matrix import BlockMatrix
+from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages

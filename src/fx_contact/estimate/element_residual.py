@@ -69,7 +69,7 @@ def _bubbles(mesh, degree):
         "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, discontinuous=True, shape=(3,)
     )
     bubbles = fem.Function(fem.functionspace(mesh, element))
-    points = hexahedron.lattice(order)[basix_order(CellType.hexahedron, order)] / order
+    points = hexahedron.grid_points(order)[basix_order(CellType.hexahedron, order)] / order
     integral = np.polynomial.Legendre.basis(degree, [0, 1]).integ(lbnd=0)
     bubbles.x.array.reshape(-1, 3)[bubbles.function_space.dofmap.list] = integral(points)
     return bubbles

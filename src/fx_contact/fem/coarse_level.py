@@ -11,8 +11,8 @@ from scipy.sparse import csr_matrix, diags, identity, kron
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.linalg.coarse_level import CoarseLevel
 from fx_contact.linalg.matrix import distributed
+from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.problem import hexahedron
 
 

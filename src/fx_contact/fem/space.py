@@ -70,7 +70,7 @@ class Space:
         if self.degree == 1:
             return forest.corners
         side = leaf_side(forest.level)
-        steps = hexahedron.lattice(self.degree).astype(np.int32)
+        steps = hexahedron.grid_points(self.degree).astype(np.int32)
         return forest.anchor[:, None] + side[:, None, None] * steps // self.degree
 
     def find(self, keys):

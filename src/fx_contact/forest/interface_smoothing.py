@@ -122,7 +122,9 @@ def _flowed(graph, *, keys, weights, start, bits, parts, mean, shells):
 def _shells(comm, keys, bits, weights, parts):
     """Parts of equal weight from the smallest cells to the largest: (n,) int32.  Collective on comm."""
     order = keys | bits // 3 << 58
-    return np.searchsorted(space_filling_curve.cut(comm, order, weights, parts), order, side="right").astype(np.int32)
+    return np.searchsorted(space_filling_curve.cut_curve(comm, order, weights, parts), order, side="right").astype(
+        np.int32
+    )
 
 
 def _loads(comm, part, weights, parts):

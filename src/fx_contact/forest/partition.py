@@ -30,7 +30,7 @@ IMBALANCE = 1.02
 
 def along_curve(units, parts, _home):
     """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit.  Collective on units.comm."""
-    cuts = space_filling_curve.cut(units.comm, units.keys, units.weights, parts)
+    cuts = space_filling_curve.cut_curve(units.comm, units.keys, units.weights, parts)
     return np.searchsorted(cuts, units.keys, side="right").astype(np.int32)
 
 

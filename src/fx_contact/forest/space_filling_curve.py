@@ -49,7 +49,7 @@ def _spread(x):
     return x
 
 
-def cut(comm, keys, weights, parts):
+def cut_curve(comm, keys, weights, parts):
     """Cut a weighted curve into parts of nearly equal weight; equal keys are never cut apart.
 
     Collective on comm.  A bisection for all cuts at once: each round is one reduction of `parts - 1` numbers, and no

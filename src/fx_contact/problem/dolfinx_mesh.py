@@ -134,5 +134,5 @@ def _tensor_order(cmap):
     order = np.lexsort(np.round(element.points, 9).T)  # z slowest
     if variant == basix.LagrangeVariant.equispaced or cmap.degree < 3:
         return order, np.eye(len(order))
-    equispaced = hexahedron.lattice(cmap.degree) / cmap.degree
+    equispaced = hexahedron.grid_points(cmap.degree) / cmap.degree
     return order, element.tabulate(0, equispaced)[0, :, :, 0][:, order]

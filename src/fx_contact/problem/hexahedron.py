@@ -41,7 +41,7 @@ FACE_EDGES = np.array(
 EDGE_FACES = np.array([np.flatnonzero((FACE_EDGES == edge).any(axis=1)) for edge in range(12)])
 
 
-def lattice(order):
+def grid_points(order):
     """Integer coordinates of the tensor-order nodes of a cell.
 
     Args:
@@ -66,7 +66,7 @@ def corner_nodes(order):
 
 def face_nodes(order):
     """Tensor indices of the nodes of the six faces, first tangent fastest: (6, (p+1)^2) int64."""
-    nodes = lattice(order)
+    nodes = grid_points(order)
     return np.array([np.flatnonzero(nodes[:, a] == order * s) for a, s in zip(FACE_AXIS, FACE_SIDE)])
 
 
@@ -88,7 +88,7 @@ def face_inner_nodes(order):
 
 def cell_inner_nodes(order):
     """Tensor indices of the nodes inside the cell: ((p-1)^3,) int64."""
-    nodes = lattice(order)
+    nodes = grid_points(order)
     return np.flatnonzero(((nodes > 0) & (nodes < order)).all(axis=1))
 
 

@@ -31,7 +31,7 @@ class RootMesh:
 
     Attributes:
         points: (npoints, 3) float64, node positions [m].
-        cells: (ncells, (p+1)^3) int64, nodes of each cell in tensor order, x fastest (`hexahedron.lattice`),
+        cells: (ncells, (p+1)^3) int64, nodes of each cell in tensor order, x fastest (`hexahedron.grid_points`),
             equispaced in the reference cell.
         bodies: names of the bodies.
         body: (ncells,) int32, index into `bodies`.

@@ -126,7 +126,7 @@ class Shape:
             SceneError: another axis.
         """
         check_name("axis", axis, AXES)
-        nodes = hexahedron.lattice(self.order) @ [-1, self.order + 1, (self.order + 1) ** 2] + self.order
+        nodes = hexahedron.grid_points(self.order) @ [-1, self.order + 1, (self.order + 1) ** 2] + self.order
         faces = np.arange(6)
         faces[hexahedron.FACE_AXIS == 0] = faces[hexahedron.FACE_AXIS == 0][::-1]
         return replace(

@@ -49,7 +49,7 @@ def block(low, high, cells, order=3):
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
     strides = np.cumprod([1, *(order * counts[:2] + 1)])
     place = np.stack(np.unravel_index(np.arange(counts.prod()), counts[::-1])[::-1], axis=1)
-    nodes = (order * place @ strides)[:, None] + hexahedron.lattice(order) @ strides
+    nodes = (order * place @ strides)[:, None] + hexahedron.grid_points(order) @ strides
     last = np.where(hexahedron.FACE_SIDE == 1, counts[hexahedron.FACE_AXIS] - 1, 0)
     outer = place[:, hexahedron.FACE_AXIS] == last
     sides = {name: np.argwhere(outer & (np.arange(6) == face)).astype(np.int32) for face, name in enumerate(_SIDES)}

@@ -92,7 +92,7 @@ def _half_balls(true_radius, order, coarse, symmetry):
     gmsh.model.add("hertz")
     surfaces = {}
     for body, flat, sign in (("lower", "bottom", -1), ("upper", "top", 1)):
-        blocks = Blocks(coarse)
+        blocks = _Blocks(coarse)
         for turn in range(1 if symmetry == "quarter" else 4):
             _ball_octant(blocks, radius, turn, sign)
         gmsh.model.geo.synchronize()
@@ -140,7 +140,7 @@ def _ball_octant(blocks, radius, turn, sign):
         blocks.add([cube[v] for v in inner] + [ball[v] for v in inner], named, sphere=centre)
 
 
-class Blocks:
+class _Blocks:
     """Transfinite hexahedral blocks in Gmsh's built-in kernel that share their points, edges and faces.
 
     Args:
