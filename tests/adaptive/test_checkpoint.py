@@ -270,6 +270,7 @@ def test_belongs_to_another_problem(scene, folder):
         (replace(scene, symmetry=2), "symmetry ([4"),
         (hertz(order=2, coarse=3), "root mesh"),
         (hertz(order=1, coarse=2), "root mesh"),
+        (replace(scene, mesh=replace(scene.mesh, body=1 - scene.mesh.body)), "root mesh"),
     ):
         message = caught(CheckpointError, lambda: Checkpoint(folder, changed, WORLD))
         assert "another problem" in message and words in message

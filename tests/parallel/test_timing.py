@@ -3,10 +3,12 @@
 import mmap
 import time
 
+import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 
 from fx_contact import adapt
+from fx_contact.parallel import timing
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import STAGES, Stages
 from fx_contact.scenes import hertz
@@ -29,6 +31,23 @@ def test_nested_stages_add_up():
     cpu = costs["cpu_seconds"]
     assert abs(sum(cpu[name] for name in STAGES) - cpu["total"]) < 1e-9
     everywhere(costs == WORLD.bcast(costs), "the ranks have different costs")
+
+
+def test_costs_of_all_ranks(monkeypatch):
+    """Wall seconds are those of the slowest rank in each stage, CPU seconds those of all ranks together."""
+    now = np.zeros(2)
+    monkeypatch.setattr(timing, "_clocks", now.copy)
+    stages = Stages()
+    for name, spent in (("mesh", WORLD.rank + 1.0), ("solve", 2.0 * (WORLD.size - WORLD.rank))):
+        with stages(name):
+            now += spent, 3.0 * spent
+    costs, ranks = stages.costs(WORLD), WORLD.size
+    for clock, expected in (
+        ("seconds", (ranks, 2 * ranks)),
+        ("cpu_seconds", 3 * np.array([1, 2]) * sum(range(ranks + 1))),
+    ):
+        assert [costs[clock][name] for name in ("mesh", "solve")] == list(expected)
+    assert costs["seconds"]["total"] == 2 * ranks + 1 and costs["cpu_seconds"]["total"] == 9 * sum(range(ranks + 1))
 
 
 def test_who_watches_hears_of_every_stage():

@@ -1,0 +1,113 @@
+"""Fingerprints: whatever a scene asks for is in its own, so that a restart of another problem is refused."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
+from fx_contact.problem.fingerprint import mesh_digest, scene_parts
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.scenes.boxes import DOWN, UP, Boxes
+
+#: The nodes of a cell of order 1, turned by half a turn about z.
+TURNED = [3, 2, 1, 0, 7, 6, 5, 4]
+
+
+def two_cubes():
+    """A cube on another one, with names for surfaces, a vertex and an edge."""
+    boxes = Boxes(1)
+    for name, low in (("lower", 0.0), ("upper", 1.0)):
+        boxes.add(name, (0.0, 0.0, low), (1.0, 1.0, low + 1), (1, 1, 1))
+    facets = {"bottom": (DOWN, 0.0, "lower"), "head": (UP, 1.0, "lower"), "foot": (DOWN, 1.0, "upper")}
+    surfaces = {name: boxes.facets(*where) for name, where in facets.items()}
+    surfaces |= {name: boxes.facets(UP, 2.0, "upper") for name in ("top", "lid")}
+    return replace(boxes.mesh(surfaces, curves={"edge": [[0, 8]]}), vertices={"corner": [15]})
+
+
+def complete(mesh):
+    """A scene that has one of each kind of condition and load."""
+    return Scene(
+        "two cubes",
+        mesh,
+        {"lower": Material(1.0, 0.3), "upper": Material(2.0, 0.2)},
+        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("foot", 0.0, 0.0), SymmetryPlane("top")),
+        (ContactPair("head", "foot", direction=(0.0, 0.0, 1.0)),),
+        (Traction("lid", (0.01, 0.0, 0.0)), Pressure("lid", 0.01)),
+        symmetry=2,
+        contact_centre=(0.5, 0.5, 1.0),
+        body_forces=(BodyForce("upper", (0.0, 0.0, 0.01)),),
+    )
+
+
+MESH = two_cubes()
+SCENE = complete(MESH)
+#: Another value of each field of a mesh,
+OF_MESH = {
+    "points": MESH.points * [1.0, 1.0, 1.1],
+    "cells": MESH.cells[:, TURNED],
+    "bodies": ("base", "upper"),
+    "body": 1 - MESH.body,
+    "surfaces": dict(MESH.surfaces) | {"lid": MESH.surfaces["bottom"]},
+    "vertices": {"corner": [14]},
+    "curves": {"edge": [[0, 9]]},
+}
+#: of a scene, but for the name, which is that of its records,
+OF_SCENE = {
+    "mesh": replace(MESH, points=MESH.points * 2),
+    "materials": dict(SCENE.materials) | {"lower": Material(1.5, 0.3)},
+    "dirichlet": SCENE.dirichlet[:2],
+    "contact": (),
+    "tractions": SCENE.tractions[:1],
+    "symmetry": 4,
+    "contact_centre": (0.5, 0.5, 2.0),
+    "body_forces": (),
+}
+#: and of each thing that a scene holds: where it is, and its fields.
+OF_PARTS = {
+    Dirichlet: ("dirichlet", {"where": "head", "x": 0.01, "y": 0.01, "z": None}),
+    SymmetryPlane: ("dirichlet", {"surface": "foot"}),
+    ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None}),
+    Traction: ("tractions", {"surface": "bottom", "value": (0.01, 0.0, 0.01)}),
+    Pressure: ("tractions", {"surface": "bottom", "value": 0.02}),
+    BodyForce: ("body_forces", {"body": "lower", "value": (0.0, 0.01, 0.01)}),
+    Material: ("materials", {"young": 3.0, "poisson": 0.25}),
+}
+
+
+def with_part(part, name, **entries):
+    """The scene with entries of the first of its parts of a kind changed."""
+    parts = getattr(SCENE, name)
+    if name == "materials":
+        return replace(SCENE, materials=parts | {"upper": replace(parts["upper"], **entries)})
+    one = next(index for index, value in enumerate(parts) if isinstance(value, part))
+    return replace(SCENE, **{name: (*parts[:one], replace(parts[one], **entries), *parts[one + 1 :])})
+
+
+def test_nothing_is_forgotten():
+    """The tables above have all fields of a scene and of what hangs off it."""
+    tables = {RootMesh: OF_MESH, Scene: {"name": None} | OF_SCENE}
+    tables |= {part: entries for part, (_, entries) in OF_PARTS.items()}
+    for kind, table in tables.items():
+        assert {one.name for one in fields(kind)} == table.keys(), kind
+    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.materials.values()]
+    assert {type(one) for one in held} == OF_PARTS.keys()
+
+
+def test_every_field_counts():
+    """Where one field alone is another one the fingerprint is; a scene made alike has the same."""
+    before, digest = scene_parts(SCENE), mesh_digest(MESH)
+    assert scene_parts(replace(complete(two_cubes()), name="other")) == before
+    meshes = {name: replace(MESH, **{name: value}) for name, value in OF_MESH.items()}
+    assert not [name for name, mesh in meshes.items() if mesh_digest(mesh) == digest]
+    scenes = {("scene", name): replace(SCENE, **{name: value}) for name, value in OF_SCENE.items()}
+    for part, (place, entries) in OF_PARTS.items():
+        scenes |= {(part.__name__, name): with_part(part, place, **{name: value}) for name, value in entries.items()}
+    assert not [name for name, scene in scenes.items() if scene_parts(scene) == before]
+
+
+@pytest.mark.parametrize("amount, same", [(1e-11, True), (1e-7, False)])
+def test_positions_are_rounded(amount, same):
+    """What another machine rounds otherwise is the same mesh: nine digits of its size count."""
+    moved = MESH.points + amount * np.cos(np.arange(MESH.points.size)).reshape(-1, 3)
+    assert (mesh_digest(replace(MESH, points=moved)) == mesh_digest(MESH)) == same
