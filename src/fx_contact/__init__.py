@@ -26,6 +26,7 @@ from fx_contact.parallel.errors import (
     SolveError,
     ValidityError,
 )
+from fx_contact.parallel.meeting import expect_end
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
@@ -77,3 +78,5 @@ __all__ = [
     "solve",
     "sweep",
 ]
+
+expect_end()

@@ -1,7 +1,7 @@
 """Run a program so that an error on one rank ends all of them: mpirun -n 2 python3 -m fx_contact program.py.
 
-Without, the others would wait for a rank that ends before its first Scene or call of this package, or while they are in
-calls of MPI of their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is shut down before, together
+Without, the others would wait for a rank that ends before it imports this package, or while they are in calls of MPI of
+their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is shut down before, together
 with the others.
 """
 

@@ -179,7 +179,12 @@ INSIDE = (
 END, STEP = "the end of the program", "the next step of adapt"
 #: Ways of one rank out of a program: text, what stderr has, ranks.
 ENDS = {
-    "first call": (RUN.format("").replace("run =", "if comm.rank == 0: run ="), ["adapt on rank 0", END], 2),
+    "only rank 0": (
+        HEAD + "if comm.rank == 0: next(adapt(patch(), 1e-3))",
+        ["adapt on rank 0", f"{END} on rank 1"],
+        2,
+    ),
+    "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on rank 0"], 3),
     "fields": (
         RUN.format("") + "step = next(run)\nif last: write_fields(step, '.')",
         [END, "write_fields of step 0 on rank"],
@@ -227,6 +232,16 @@ def test_rank_that_works_alone_at_the_end(tmp_path):
     program = RUN.format("") + "next(run)\nif comm.rank == 0:\n    time.sleep(2)\n    print('done')"
     done = outcome(tmp_path, program, 2)
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMM.size > 1, reason="starts programs")
+def test_messages_of_the_user_stay_apart(tmp_path):
+    """A rank that takes any message of the others gets only theirs, though one of them has come to its end."""
+    program = HEAD + "time.sleep(comm.rank - 1 if last else 0)\n"
+    program += "comm.send(comm.rank, 0) if comm.rank else print(comm.recv() + comm.recv())"
+    done = outcome(tmp_path, program, 3)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "3\n", "")
 
 
 def outcome(folder, program, ranks, *runner):

@@ -1,11 +1,12 @@
 """Calls that all ranks must make begin with a meeting, in which they agree on what is called.
 
 Each rank tells rank 0 of the communicator what it calls; rank 0 compares and answers all.  A rank whose program ends
-tells that instead, from an exit function that is registered with its first call or Scene.
+tells that instead, from an exit function that is registered when the package is imported.
 
 The messages go from point to point, for a collective would be matched with those of PETSc, which begin when a program
-ends.  They go over a duplicate of the user's communicator; until all have agreed on a first call, over that itself,
-with tags of their own.
+ends.  They go over a duplicate of the user's communicator, where no receive of the user's gets them.  That of PETSc's
+world is made when the package is imported, which is collective there as importing PETSc is; those of others once all
+have agreed on a first call, which is over the communicator itself, with tags of its own.
 """
 
 import atexit
@@ -19,6 +20,7 @@ from functools import wraps
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fx_contact.parallel.errors import CallError
 
@@ -58,6 +60,7 @@ def collective(comm, what=None):
 
         @wraps(function)
         def call(*args, **kwargs):
+            """The function after its meeting."""
             found = args[place] if place < len(args) else kwargs.get(argument, default)
             step = getattr(getattr(found, "record", None), "step", None)
             for attribute in attributes:
@@ -102,11 +105,17 @@ def calling(comm, what):
 
 
 def expect_end():
-    """From now on the others hear when the program of this rank ends; on one rank there are none.  Local."""
+    """From now on the others hear when the program of this rank ends; on one rank there are none.
+
+    Collective on PETSc's world.  After PETSc is imported, for the last exit function that is registered comes first.
+    """
     global _keyval
     if _keyval is None and MPI.COMM_WORLD.size > 1:
         _keyval = MPI.Comm.Create_keyval()
         atexit.register(leave)
+        world = _meetings(PETSc.COMM_WORLD.tompi4py())
+        if world is not None:
+            world.duplicate()
 
 
 def leave(error=None):
@@ -122,7 +131,6 @@ def leave(error=None):
         return
     error = error or getattr(sys, "last_value", None)
     said = f"{_END} by {type(error).__name__}" if error else _END
-    _meetings(MPI.COMM_WORLD)
     left = [meetings for meetings in _all if not meetings.over and meetings.link != MPI.COMM_NULL]
     if any(meetings.torn for meetings in left):
         _abort("it was interrupted inside a call that all ranks must make")
@@ -143,7 +151,6 @@ def _meetings(comm):
     """The Meetings of a communicator; None if it is none or has one rank."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
-    expect_end()
     known = comm.Get_attr(_keyval)
     if known is None:
         known = Meetings(comm)
@@ -178,13 +185,13 @@ class Meetings:
         link: communicator of the messages; null where the user has freed it before all had agreed.
         inside: whether this rank is inside a call on which all have agreed.
         torn: whether it was interrupted there, or in a meeting: nobody can know then where the others are.
-        over: why there are no more meetings; empty as long as there are.
+        over: whether there are no more meetings, as a rank has come to its end.
     """
 
     def __init__(self, comm):
         self.link, self._own = comm, False  # the duplicate belongs to it, and stays when the user frees the other
         self._rank, self._size = comm.rank, comm.size
-        self.inside, self.torn, self.over = False, False, ""
+        self.inside, self.torn, self.over = False, False, False
         self._number, self._said, self._sent = 0, {}, []
         self._differ = None  # of rank 0: when the first two ranks differed in the present meeting
         self._last = None  # what the ranks said in the last meeting where they differed: dict, what -> ranks
@@ -206,9 +213,14 @@ class Meetings:
             _wait([self], watch=_RollCall(self.link, self._number, what).turn)
             self.torn = False
         if self._last:
-            raise CallError(self.over or _sentence(self._last))
+            late = {} if what in self._last else {what: [self._rank]}
+            raise CallError(_sentence(self._last | late))
         if not self._own:
-            self.link, self._own = self.link.Dup(), True
+            self.duplicate()
+
+    def duplicate(self):
+        """Take a communicator of its own.  Collective on comm."""
+        self.link, self._own = self.link.Dup(), True
 
     def fail(self, what, error):
         """Say that a call has failed on this rank.  If it has on all, that is all; others inside it are aborted.
@@ -243,7 +255,7 @@ class Meetings:
         if answer is not None:
             self._number, self._said, self._differ, self._last = self._number + 1, {}, None, answer
             if any(said.startswith(_END) for said in answer):
-                self.over = _sentence(answer)
+                self.over = True
             for _ in _messages(self.link, _ROLL):
                 pass  # questions that were asked before this rank came
         return answer

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.meeting import expect_end
 from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction, merged
@@ -94,7 +93,6 @@ class Scene:
     body_forces: tuple[BodyForce, ...] = ()
 
     def __post_init__(self):
-        expect_end()
         mesh = self.mesh
         check_label("the name of a scene", self.name)
         if not isinstance(mesh, RootMesh):
