@@ -2,19 +2,24 @@
 
 import csv
 import weakref
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import ufl
 from conftest import WORLD, everywhere
 from dolfinx import fem
-from model_problems import pressed, two_boxes
+from model_problems import pressed, roots, two_boxes
 from mpi4py import MPI
 
 from fx_contact import adapt, solve
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.step_record import SolveRecord
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import OutputError, SceneError, SolveError
+from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, shrink_fit, stack
 
 pytestmark = pytest.mark.whole_run(1, 2)
@@ -33,6 +38,24 @@ def step():
     result = solve(scene, 0.01, beginning=Beginning(forest, values), max_steps=1)
     assert result.record.hanging_nodes > 20
     return result
+
+
+def test_counts_of_all_ranks():
+    """A record has the cells, unknowns and levels of the whole mesh: here two levels, of a rank each if there are more.
+
+    Uniform but for one cube of eight: 2 x 2 x 2 + 2 x 2 cells, one of which is 8.
+    """
+    start = roots(pressed(two_boxes(), contact=False))
+    forest, _ = start.refined(start.cell == start.mesh.cells.shape[0] - 1)
+    forest, _ = forest.moved(np.where(forest.level > 0, 0, WORLD.size - 1))
+    prolongation = Prolongation(Space(forest, 1))
+    elasticity = SimpleNamespace(prolongation=prolongation, leaf_mesh=SimpleNamespace(order=1))
+    solution, estimate = SimpleNamespace(krylov_iterations=[5]), SimpleNamespace(relative=0.05)
+    record = SolveRecord.of(elasticity, solution, estimate, 0.1, Stages(), scene="two boxes", step=0)
+    positions = 27 + 18 + 19  # of two boxes, and what halving a cell in a corner of its box adds
+    hanging = 12  # of these on faces and edges that it shares with others
+    assert (record.cells, record.max_level, record.ratio) == (12 + 7, 1, 0.5)
+    assert (record.hanging_nodes, record.dofs) == (hanging, 3 * (positions - hanging))
 
 
 def integral(form):
