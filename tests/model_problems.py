@@ -275,12 +275,6 @@ DISTRIBUTIONS = {
 # ------------------------------------------------------------------------------------ all of a forest on each rank
 
 
-def nodes_of_cells(leaf_mesh):
-    """Geometry nodes of the local cells of a LeafMesh: (ncells, (q + 1)^3) int32; from dolfinx 0.11 on in a list."""
-    geometry = leaf_mesh.mesh.geometry
-    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-
-
 def gathered(comm, rows):
     """The rows of all ranks on every rank.  Collective on comm."""
     return np.concatenate(comm.allgather(np.asarray(rows)))

@@ -8,22 +8,13 @@ import ufl
 from conftest import WORLD, everywhere
 from dolfinx.fem import Constant, assemble_scalar, form
 from dolfinx.mesh import exterior_facet_indices
-from model_problems import (
-    DISTRIBUTIONS,
-    gathered,
-    grown,
-    nodes_of_cells,
-    pressed,
-    roots,
-    two_boxes,
-    vertex_positions,
-    whole,
-)
+from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_boxes, vertex_positions, whole
 from mpi4py import MPI
 
 from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.parallel.compat import geometry_nodes
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import hertz
@@ -90,14 +81,14 @@ def test_leaf_maps_are_the_root_maps(order):
     forest = DISTRIBUTIONS["strewn"](grown(bent(order), 2))
     for q in {order, max(order - 1, 1)}:
         cells = create_leaf_mesh(forest, q)
-        x = cells.mesh.geometry.x[nodes_of_cells(cells)]
+        x = cells.mesh.geometry.x[geometry_nodes(cells.mesh)]
         corners = vertex_positions(forest)[forest.vertices.cells[cells.leaf]]
         everywhere(np.abs(x[:, :8] - corners).max(initial=0) < 1e-14, "a corner is not where its vertex is")
     cells = create_leaf_mesh(forest, order)
     low, side = forest.anchor[cells.leaf] / SIDE, 0.5 ** forest.level[cells.leaf].astype(float)
     line = np.linspace(0, 1, order + 1)
     expected = forest.mesh.evaluate(forest.cell[cells.leaf], low[:, :, None] + side[:, None, None] * line)
-    x = cells.mesh.geometry.x[nodes_of_cells(cells)]
+    x = cells.mesh.geometry.x[geometry_nodes(cells.mesh)]
     distance = np.abs(np.sort(x, axis=1) - np.sort(expected, axis=1)).max(initial=0)
     everywhere(distance < 1e-13, "nodes are not where the root map puts them")
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 from conftest import WORLD, everywhere, outside
-from model_problems import nodes_of_cells
 
 import fx_contact.adaptive.step_solver
 import fx_contact.contact.contact_solver
@@ -15,6 +14,7 @@ import fx_contact.plot
 import fx_contact.problem.facet_pairing
 from fx_contact import Dirichlet, adapt
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.compat import geometry_nodes
 from fx_contact.scenes import hertz, indentation, patch
 
 
@@ -73,10 +73,10 @@ def test_without_contact(calls):
 def test_affine_cells_have_order_one(order):
     """Whatever the order of the root mesh, affine leaves have eight nodes; round ones have more."""
     step = next(iter(adapt(indentation(order=order, coarse=2), 0.5)))
-    assert step.record.geometry_order == 1 and nodes_of_cells(step.leaf_mesh).shape[1] == 8
+    assert step.record.geometry_order == 1 and geometry_nodes(step.leaf_mesh.mesh).shape[1] == 8
     if order > 1:
         step = next(iter(adapt(hertz(order=order, coarse=2, displacement=0.05), 0.01, max_steps=1)))
-        assert step.record.geometry_order > 1 and nodes_of_cells(step.leaf_mesh).shape[1] > 8
+        assert step.record.geometry_order > 1 and geometry_nodes(step.leaf_mesh.mesh).shape[1] > 8
 
 
 def test_one_rank_is_not_partitioned(calls, monkeypatch):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fx_contact.parallel import compat
 from fx_contact.problem.hexahedron import CORNERS
 
 #: Differences of the values at the corners along each axis of a cell, in the mean: the derivatives in its middle.
@@ -23,12 +24,12 @@ def cell_strains(elasticity):
         rotation [rad]; the volume [m^3].
     """
     # The corners are the first nodes of a Lagrange element, in tensor order.
-    geometry, displacement = elasticity.mesh.geometry, elasticity.u.x.array.reshape(-1, 3)
-    at, on = geometry.dofmap[:, :8], elasticity.function_space.dofmap.list[:, :8]
+    points, displacement = elasticity.mesh.geometry.x, elasticity.u.x.array.reshape(-1, 3)
+    at, on = compat.geometry_nodes(elasticity.mesh)[:, :8], elasticity.function_space.dofmap.list[:, :8]
     strain, rotation, volume = np.empty((3, len(on)))
     for start in range(0, len(on), _CHUNK):
         part = slice(start, start + _CHUNK)
-        x, y, z = (_DIFFERENCES @ geometry.x[at[part]]).swapaxes(0, 1)
+        x, y, z = (_DIFFERENCES @ points[at[part]]).swapaxes(0, 1)
         dual = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
         volume[part] = np.einsum("ni,ni->n", x, dual[:, 0])
         slopes = _DIFFERENCES @ displacement[on[part]]

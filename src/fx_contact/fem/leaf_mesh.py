@@ -66,11 +66,13 @@ class LeafMesh:
         Returns:
             (k, 3) float64 [m].
         """
-        cell, geometry = np.empty(len(self.leaf), dtype=np.int32), self.mesh.geometry
+        cell = np.empty(len(self.leaf), dtype=np.int32)
         cell[self.leaf] = np.arange(len(cell))
         along = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
         weights = np.kron(along, np.kron(along, along))[:, basix_order(CellType.hexahedron, self.order)]
-        return np.einsum("kn,kni->ki", weights[local], geometry.x[geometry.dofmap[cell[leaf]]])
+        return np.einsum(
+            "kn,kni->ki", weights[local], self.mesh.geometry.x[compat.geometry_nodes(self.mesh)[cell[leaf]]]
+        )
 
 
 def create_leaf_mesh(forest, order):

@@ -30,6 +30,30 @@ def index_map(comm, owned, ghosts, owners):
         return IndexMap(**given)
 
 
+def geometry_nodes(mesh):
+    """Geometry nodes of each local cell: (ncells, nodes) int32, local numbers; after 0.10 a list by cell type.
+
+    Local.
+
+    Args:
+        mesh: dolfinx Mesh of cells of one type.
+    """
+    geometry = mesh.geometry
+    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
+def coordinate_element(mesh):
+    """The dolfinx CoordinateElement of a mesh; after 0.10 a list by cell type.
+
+    Local.
+
+    Args:
+        mesh: dolfinx Mesh of cells of one type.
+    """
+    geometry = mesh.geometry
+    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+
+
 def partition_graph(comm, parts, offsets, neighbours):
     """Partition a distributed graph by PT-SCOTCH, or by the default of a dolfinx that was built without it.
 

@@ -7,6 +7,7 @@ import basix
 import numpy as np
 from dolfinx.mesh import CellType, Mesh, MeshTags
 
+from fx_contact.parallel import compat
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_same_comm, shown
@@ -84,7 +85,7 @@ def _check_mesh(mesh, comm):
     if not isinstance(mesh, Mesh):
         raise SceneError(f"a Mesh of dolfinx is needed, got {shown(mesh)}")
     check_same_comm("the mesh", mesh.comm, comm)
-    kind, cmap = mesh.topology.cell_type, mesh.geometry.cmap
+    kind, cmap = mesh.topology.cell_type, compat.coordinate_element(mesh)
     complete = cmap.degree <= MAX_ORDER and cmap.dim == (cmap.degree + 1) ** 3
     if kind != CellType.hexahedron or mesh.geometry.dim != 3 or not complete:
         raise GeometryError(
@@ -105,8 +106,8 @@ def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
             f"cell {numbers[np.argmin(body)]} of the mesh is in no body: give every cell one of the tags "
             f"{shown(list(bodies))}"
         )
-    order, to_equispaced = _tensor_order(mesh.geometry.cmap)
-    local = mesh.geometry.dofmap[:owned]
+    order, to_equispaced = _tensor_order(compat.coordinate_element(mesh))
+    local = compat.geometry_nodes(mesh)[:owned]
     nodes = mesh.geometry.input_global_indices[local][:, order]
     x = to_equispaced @ mesh.geometry.x[local][:, order]
     named = np.isin(facet_tags.values, list(surfaces))

@@ -5,6 +5,7 @@ import shutil
 from dolfinx import fem
 from dolfinx.io import VTKFile, VTXWriter
 
+from fx_contact.parallel import compat
 from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.mpi import together
 
@@ -87,9 +88,9 @@ def write_vtu(comm, path, functions, time):
 def _bytes(functions):
     """Bytes of this rank's part of a file: positions, numbers and ghost marks of nodes, cells, fields, a header."""
     space = functions[0].function_space
-    geometry, dofmap = space.mesh.geometry, space.dofmap
-    nodes = max(len(geometry.x), dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
-    cells, corners = max(geometry.dofmap.shape, dofmap.list.shape)
+    dofmap = space.dofmap
+    nodes = max(len(space.mesh.geometry.x), dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
+    cells, corners = max(compat.geometry_nodes(space.mesh).shape, dofmap.list.shape)
     return (24 + 8 + 1) * nodes + 8 * (1 + corners) * cells + sum(f.x.array.nbytes for f in functions) + _HEAD_BYTES
 
 
