@@ -27,7 +27,7 @@ from fx_contact.fem.external_forces import load
 CONTRACT = 1e-7
 #: The most that linear solver and rounding may change in forces.
 LOST = 0.01
-#: Pairs may overlap by this part of the approach, or be apart and carry force: the gap tolerance of the program.
+#: Pairs may penetrate by this part of the approach, or be apart and carry force: the gap tolerance of the program.
 GAP_TOLERANCE = 1e-6
 
 
@@ -204,8 +204,8 @@ class State:
         bodies = range(len(self._step.scene.mesh.bodies))
         unbalanced = max(np.linalg.norm(all_forces[self._body == body].sum(axis=0)) for body in bodies)
         tension = -min(contact.force.min(), 0.0) / max(contact.force.max(), self.noise * self.scale)
-        overlap = np.where(contact.active, 0.0 if self._penalty else np.abs(self.penetration), self.penetration)
-        overlap = max(overlap.max(), 0.0)
+        depth = np.where(contact.active, 0.0 if self._penalty else np.abs(self.penetration), self.penetration)
+        depth = max(depth.max(), 0.0)
         approach = min(self.size, self.energy / self.force) if self.force else self.size
         clapeyron = self.work - self.energy - contact.force @ (self.pairs.gap + self.penetration)
         parts = abs(self.work) + self.energy + np.abs(contact.force * self.pairs.gap).sum() + abs(self.yielded)
@@ -219,7 +219,7 @@ class State:
             ),
             Check("balance of each body", unbalanced / self.scale, self.noise),
             Check("no tension", tension, self.noise * np.sqrt(len(self.pairs))),
-            Check("no overlap but the penalty's", overlap / (approach or 1.0), GAP_TOLERANCE),
+            Check("no penetration but the penalty's", depth / (approach or 1.0), GAP_TOLERANCE),
             Check(
                 "work is stored", abs(clapeyron) / (parts + lost or 1.0), self.noise + lost / (parts + lost or 1.0)
             ),

@@ -300,7 +300,7 @@ def between_nodes():
 
 
 def gaps():
-    """Overlap before anything moves, gaps wider than the bodies, and no contact at all."""
+    """Penetration before anything moves, gaps wider than the bodies, and no contact at all."""
     unlike = [PLAIN, material(3.0)]
     for gap in (-0.1, -1e-2, -1e-4, -1e-6, 1e-6, 1e-2, 1.0, 100.0):
         value = f"{'-' * (gap < 0)}{exponent(abs(gap))}"

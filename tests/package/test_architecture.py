@@ -165,6 +165,7 @@ def test_functions_are_short(path):
 #: Words that only their author knew, and the field's words for them.
 RETIRED = {
     r"\bspots?\b": "contact patch",
+    r"(?<!initial )\boverlap(s|ped|ping)?\b": "penetration; `initial overlap` is the name of a doubt",
     r"\bunseen\b": "between nodes",
     r"\bunrest\b": "noise",
     r"\bsees\b": "effectivity, or what it knows",

@@ -109,10 +109,10 @@ def test_few_layers_keep_what_was_asked_for():
     [
         (lambda c: replace(c, force=1.001 * c.force), "balance of each body"),
         (lambda c: replace(c, force=c.force - 2 * c.force * (c.force == c.force.max())), "no tension"),
-        (lambda c: replace(c, active=np.zeros_like(c.active), force=0 * c.force), "no overlap but the penalty's"),
+        (lambda c: replace(c, active=np.zeros_like(c.active), force=0 * c.force), "no penetration but the penalty's"),
         (lambda c: replace(c, displacement=1.01 * c.displacement), "work is stored"),
     ],
-    ids=["force", "tension", "overlap", "work"],
+    ids=["force", "tension", "penetration", "work"],
 )
 def test_the_judge_sees_a_spoilt_solution(spoil, check):
     """Each check fails where what it is for is wrong, and holds where nothing is."""

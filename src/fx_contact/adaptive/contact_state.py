@@ -77,7 +77,7 @@ class ContactState:
         normal: (n, 3) float64, unit direction from the first body to the second.
         pressure: (n,) float64, at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
         force: (n,) float64, compression positive [N]; of the modelled part, without its symmetric copies.
-        gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they overlap [m].
+        gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they penetrate [m].
         active: (n,) bool, whether the pair is closed.
         pair: (n,) int32, which of the scene's contact pairs it belongs to.
         names: of the scene's contact pairs, as `ContactPair.name`.

@@ -34,11 +34,11 @@ REFUSED = {"large strain": 0.5, "large rotation": 0.5, "no load": 0.0}
 #: Sliding of closed pairs that is a doubt, relative to the radius of the contact or that of its curvature [-].
 SLIDING = 0.1
 #: Initial overlap that is a doubt, relative to the thinner of the two bodies: as much strain as `DOUBTFUL` [-].
-OVERLAP = 0.05
+INITIAL_OVERLAP = 0.05
 #: Part of a load that the mesh may miss [-].
 MISSED = 0.01
 #: Initial overlap up to which bodies do not load each other, relative to the size of all [-]; spheres of order 3 that
-#: just touch overlap by 2.5e-9.
+#: just touch have 2.5e-9.
 _TOUCHING = 1e-8
 #: Standard deviation of the initial gap in a contact, relative to the approach that its force takes, up to which
 #: surfaces are parallel there [-]; of spheres it is 0.14.
@@ -131,13 +131,13 @@ def doubts_of_scene(scene):
         return []
     message = (
         f"nothing loads the scene {scene.name!r}: its prescribed displacements and forces are zero, and no bodies "
-        "overlap, so that the solution is zero; prescribe a displacement or a force"
+        "penetrate each other, so that the solution is zero; prescribe a displacement or a force"
     )
     return [Doubt("no load", 0.0, 0.0, scene.name, message)]
 
 
 def _initial_overlap(scene):
-    """Largest overlap of facing root facets, at a lattice of points on each [m].  Local."""
+    """Largest penetration of facing root facets, at a lattice of points on each [m].  Local."""
     forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing)
     cell, face = np.nonzero(scene.pairing.first)
     nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
@@ -268,20 +268,21 @@ def _no_contact(state):
 def _initial_overlaps(state):
     """The doubt about the deepest initial overlap at a closed pair, if it is deep against the bodies."""
     pairs, mesh = state.pairs, state.forest.mesh
-    overlap = np.where(state.solution.active, np.maximum(-pairs.gap, 0.0), 0.0)
+    depth = np.where(state.solution.active, np.maximum(-pairs.gap, 0.0), 0.0)
     more = np.column_stack([pairs.normal, pairs.bodies])
-    place, value, (*normal, first, second) = _place_of_largest(pairs.prolongation.comm, overlap, pairs.position, more)
+    place, value, (*normal, first, second) = _place_of_largest(pairs.prolongation.comm, depth, pairs.position, more)
     corners = mesh.points[mesh.corners]
     extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in (first, second)]
     thinner = int(extents[1] < (1 - _SAME) * extents[0])
     name, extent = mesh.bodies[int((first, second)[thinner])], extents[thinner]
-    if not value > OVERLAP * extent:
+    if not value > INITIAL_OVERLAP * extent:
         return []
     message = (
-        f"bodies overlap by {value:.3g} before anything moves, {value / extent:.0%} of the extent of {name!r} along "
-        f"the normal, at {_shown(place)}; doubtful from {OVERLAP * extent:.3g} on, in units of the mesh"
+        f"bodies penetrate each other by {value:.3g} before anything moves, {value / extent:.0%} of the extent of "
+        f"{name!r} along the normal, at {_shown(place)}; doubtful from {INITIAL_OVERLAP * extent:.3g} on, in units of "
+        "the mesh"
     )
-    return [Doubt("initial overlap", value, OVERLAP * extent, place, message)]
+    return [Doubt("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
 
 
 def _unresolved_loads(state, load_totals):

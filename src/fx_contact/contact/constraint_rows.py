@@ -124,7 +124,7 @@ class ConstraintRows(ABC):
         return blocks.sums(relative, n) + np.einsum("ni,ni->n", of_common, common)
 
     def penetration(self, u):
-        """B u - D, positive where the bodies overlap.  Collective; as `jump`."""
+        """B u - D, positive where the bodies penetrate.  Collective; as `jump`."""
         return self.jump(u) - self.gap
 
     def transposed(self, force):

@@ -26,7 +26,7 @@ class ContactSolution:
         force: (n,) float64, contact force of each row, compression positive [N]; 0 where conditions hold all
             its vertices: they carry it.
         pressure: (n,) float64, as from `ConstraintRows.pressure` [Pa].
-        penetration: (n,) float64, B u - D, positive where the bodies overlap [m].
+        penetration: (n,) float64, B u - D, positive where the bodies penetrate [m].
         contact_iterations: number of active sets tried, and of augmentations.
         krylov_iterations: of each linear solve.
         preconditioner: name of the one that the last solve used, as `ConjugateGradients` has it.

@@ -34,7 +34,7 @@ def stack(
         pressure: on the top [Pa]; None: the displacement is prescribed.
         side: width of the whole blocks [m].
         height: of each block [m].
-        gap: initial distance between neighbours, negative where they overlap [m].
+        gap: initial distance between neighbours, negative where they penetrate each other [m].
         order: of the root mesh, 1 to 6; the geometry is affine.
         cells: root cells of a quarter of a block along x, y, z.
 

@@ -36,7 +36,7 @@ def punch(
         force: on the punch's top, downwards and uniform, of the whole punch [N]; None: the displacement is prescribed.
         side: width and height of the punch, below sqrt(2) radius [m]; None: the radius.
         block, punch: materials.
-        gap: initial distance between the end and the block, negative where they overlap [m].
+        gap: initial distance between the end and the block, negative where they penetrate each other [m].
         order: of the root mesh, 2 to 6 for a round end.
         coarse: root cells along the side, even.
         symmetry: "quarter" models x, y >= 0, "full" the whole.
