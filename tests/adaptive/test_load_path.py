@@ -4,15 +4,21 @@ import csv
 import json
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
+from model_problems import pressed as two_cubes
+from model_problems import two_boxes
 
 from fx_contact import CheckpointError, Material, SceneError, adapt, solve, sweep
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import State
+from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.recovery import Estimate
 from fx_contact.fem.space import Space
 from fx_contact.scenes import hertz, stack
 
@@ -46,6 +52,20 @@ def test_displacement_at_the_nodes_of_merged_leaves(degree, coarse):
     expected = (after.positions() @ rows)[after.cells]
     everywhere(np.allclose(begin.values, expected, rtol=0, atol=1e-12), "the same values")
     assert begin.history.compared is not coarse and begin.history.effectivity == step.history.effectivity
+
+
+@pytest.mark.parametrize("share, levels", [(0.99, 2), (1.01, 1)])
+def test_a_coarse_forest_is_two_refinements_away(share, levels):
+    """Cells that just meet criterion (2) are to be got by two refinements; halving a cell takes 1/32 of xi_T^2."""
+    forest = Beginning.uniform(two_cubes(two_boxes(upper=(1, 1, 1))), 3).forest
+    count, tolerance = forest.size_global, 0.1
+    error = np.full(len(forest), share * tolerance / np.sqrt(count))
+    estimate = Estimate(None, error, None, share * tolerance, 1.0, count, 1 / 32)
+    state = SimpleNamespace(
+        forest=forest, estimate=estimate, history=RefinementHistory(1.0), values=np.zeros((len(forest), 8, 3))
+    )
+    begin = carried_over(state, tolerance, ErrorControl(), "contact-sfc", True)
+    everywhere((begin.forest.level == 3 - levels).all(), "other levels")
 
 
 def test_a_kept_forest_is_accepted_at_once():
@@ -124,16 +144,18 @@ def test_a_single_run_is_no_sweep(folder):
 
 
 def begun(scene_of, values, tolerance=0.4):
-    """How the points of a sweep begin."""
-    return [point.record.begun for point in sweep(scene_of, values, tolerance, degree=1)]
+    """How the points of a sweep begin, and how many solves on a kept forest did not do."""
+    points = list(sweep(scene_of, values, tolerance, degree=1))
+    return [point.record.begun + " again" * (point.record.solves - point.step.record.step - 1) for point in points]
 
 
 def test_the_effectivity_is_kept_where_that_is_sound():
-    """Not where Poisson's ratio is another, a contact pair closes, or the root mesh is another."""
-    assert begun(lambda nu: small(material=Material(1.0, nu)), (0.3, 0.45)) == ["anew", "coarse"]
+    """Not where Poisson's ratio is another, a contact pair closes, or the root mesh is another; coarse stays coarse."""
+    assert begun(lambda nu: small(material=Material(1.0, nu)), (0.3, 0.45, 0.45)) == ["anew", "coarse", "coarse"]
     assert begun(lambda radius: small(radius, 0.01 * radius), (1.0, 1.0, 1.1)) == ["anew", "kept", "anew"]
     blocks = (Material(1.0, 0.3),) * 2
-    assert begun(lambda top: stack(blocks, top, gap=0.01), (0.005, 0.006, 0.03)) == ["anew", "kept", "coarse"]
+    path = begun(lambda top: stack(blocks, top, gap=0.01), (0.005, 0.006, 0.03))
+    assert path == ["anew", "kept", "coarse again"]
 
 
 @pytest.mark.parametrize(

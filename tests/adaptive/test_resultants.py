@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from mpi4py import MPI
 from scenes.test_ready_scenes import READY
 
 from fx_contact import BodyForce, Dirichlet, Material, Pressure, StepRecord, Traction, solve
+from fx_contact.adaptive.contact_figures import _is_round
+from fx_contact.adaptive.resultants import _resultant
+from fx_contact.problem.mirrors import Mirrors
 from fx_contact.scenes import hertz, indentation, shrink_fit, stack
 
 pytestmark = pytest.mark.whole_run
@@ -130,8 +134,10 @@ def test_same_on_any_number_of_ranks():
 
 def test_centre_of_a_part():
     """It is on the planes of symmetry, as that of the whole."""
-    record = once(replace(stack(cells=(1, 1, 1)), contact_centre=(0.2, 0.3, 1.0)))
+    scene = replace(stack(cells=(1, 1, 1)), contact_centre=(0.2, 0.3, 1.0))
+    record = once(scene)
     assert np.allclose(record.contact_centre, [0, 0, 1]) and record.resultants[0].point == (0, 0, 1)
+    assert record.contact_radius > 0 and once(replace(scene, symmetry=8)).contact_radius is None, "planes for 4 alone"
 
 
 def test_forces_without_a_direction():
@@ -153,6 +159,34 @@ def test_centre_is_the_centroid(symmetry):
     assert np.allclose(there.contact_centre[:2], [0.1, 0.2])
     # On the lower sphere of radius 1: r^2 / 2 below the pole, in the mean a fifth of the square of the contact radius.
     assert abs((-0.3 - there.contact_centre[2]) / (there.contact_radius**2 / 5) - 1) < 0.05
+
+
+def test_images_of_a_resultant():
+    """Mirrored across x: a plane doubles what is along it and the moment about its normal.
+
+    Of planes of symmetry, and in the balance of a body, it is that of the modelled part.
+    """
+    scene = SimpleNamespace(mirrors=Mirrors(np.array([True, False, False]), np.zeros(3)))
+    row = np.arange(1.0, 7.0)
+    for kind in ("contact", "traction", "pressure", "body force", "reaction"):
+        whole = _resultant("it", kind, row, (0.0, 0.0, 0.0), scene)
+        assert (whole.force, whole.moment, whole.parts) == ((0.0, 4.0, 6.0), (8.0, 0.0, 0.0), 2)
+    for kind in ("symmetry", "balance"):
+        part = _resultant("it", kind, row, (0.0, 0.0, 0.0), scene)
+        assert (*part.force, *part.moment, part.parts) == (*row, 1)
+
+
+@pytest.mark.parametrize("degrees, has_axis", [(30, True), (85, True), (95, False), (180, False)])
+def test_contact_with_an_axis(degrees, has_axis):
+    """Uniform pressure on a cap up to the angle t: its forces add up to (1 + cos t) / 2 of their magnitudes."""
+    cosine = 1 - (1 - np.cos(np.radians(degrees))) * (np.arange(100) + 0.5) / 100  # equal areas
+    around = np.pi / 4 * np.arange(8)
+    sine = np.sqrt(1 - cosine**2)
+    columns = np.outer(sine, np.cos(around)), np.outer(sine, np.sin(around)), np.outer(cosine, np.ones(8))
+    normal = np.stack(columns, axis=-1).reshape(-1, 3)
+    vector, length = normal.sum(axis=0), len(normal)
+    assert abs(np.linalg.norm(vector) / length - (1 + np.cos(np.radians(degrees))) / 2) < 1e-12
+    assert _is_round(normal.T @ normal, vector, length) == has_axis
 
 
 @pytest.mark.parametrize("width, round_contact", [(1.0, True), (0.93, True), (0.87, False)])

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from fx_contact import (
     adapt,
     solve,
 )
-from fx_contact.adaptive.validity import Doubt, doubts_of_scene
+from fx_contact.adaptive.validity import Doubt, _place_of_largest, doubts_of_scene
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results import doubt_lines
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
@@ -47,16 +48,23 @@ def block(*loads, clamped="bottom", cells=(3, 2, 2), size=(3.0, 1.0, 1.0), poiss
     return Scene("block", boxes.mesh(surfaces), {"block": Material(1.0, poisson)}, (held,), **forces)
 
 
-def on_a_block(x=0.0, down=0.01, gap=0.0, first="ground", second="foot"):
-    """A block on another one, both 20 wide, moved along their faces and pressed down."""
-    boxes = Boxes(1)
+def on_a_block(x=0.0, down=0.01, gap=0.0, first="ground", second="foot", thick=20.0, bulge=0.0):
+    """A block on another one, both 20 wide, moved along their faces and pressed down; its foot may be round."""
+    boxes = Boxes(2 if bulge else 1)
     boxes.add("base", (0.0, 0.0, -20.0), (20.0, 20.0, 0.0), (2, 2, 1))
-    boxes.add("slider", (0.0, 0.0, gap), (20.0, 20.0, 20.0 + gap), (2, 2, 1))
+    boxes.add("slider", (0.0, 0.0, gap), (20.0, 20.0, thick + gap), (2, 2, 1))
     faces = {"bottom": (DOWN, -20.0), "ground": (UP, 0.0, "base"), "foot": (DOWN, gap, "slider")}
-    surfaces = {name: boxes.facets(*face) for name, face in (faces | {"top": (UP, 20.0 + gap)}).items()}
+    surfaces = {name: boxes.facets(*face) for name, face in (faces | {"top": (UP, thick + gap)}).items()}
+
+    def place(name, x):
+        """The foot is lower by the bulge half way between the corners of its facets."""
+        lower = bulge * np.prod(np.sin(np.pi * x[:, :2] / 10), axis=1) ** 2 * (1 - x[:, 2] / thick)
+        return x - np.outer(lower * (name == "slider"), [0, 0, 1])
+
     held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -down)
     materials = dict.fromkeys(("base", "slider"), MATERIAL)
-    return Scene("on a block", boxes.mesh(surfaces), materials, held, (ContactPair(first, second, (0, 0, 1)),))
+    mesh = boxes.mesh(surfaces, place=place if bulge else None)
+    return Scene("on a block", mesh, materials, held, (ContactPair(first, second, (0, 0, 1)),))
 
 
 def doubts(scene, **options):
@@ -84,7 +92,9 @@ def test_strains_do_not_depend_on_the_mesh():
     means, largest = [], []
     for step in adapt(indentation(displacement=0.1, coarse=2), 0.1, degree=1):
         means.append({doubt.kind: doubt.value for doubt in step.record.doubts}["large strain"])
-        largest.append(WORLD.allreduce(cell_strains(step.elasticity)[0].max(initial=0.0), op=MPI.MAX))
+        strain, _, volume = cell_strains(step.elasticity)
+        largest.append(WORLD.allreduce(strain.max(initial=0.0), op=MPI.MAX))
+        assert abs(WORLD.allreduce(float(volume.sum())) - (1.5 * 1.5 + 0.5 * 0.5)) < 1e-12
     assert largest[-1] > 3 * largest[0] and largest[-1] > 1.3 * largest[-2], largest
     assert means[-1] < 1.05 * means[-2] and means[-1] < 1.5 * means[0], means
 
@@ -155,9 +165,9 @@ def test_no_contact():
 
 def test_initial_overlap():
     """5 % of the thinner body; a shrink fit overlaps on purpose, by less."""
-    found = doubts(on_a_block(down=0.0, gap=-1.1))
-    assert abs(found["initial overlap"].value - 1.1) < 1e-9 and abs(found["initial overlap"].limit - 1.0) < 1e-9
-    assert not doubts(on_a_block(down=0.0, gap=-0.9))
+    found = doubts(on_a_block(down=0.0, gap=-0.6, thick=10.0))["initial overlap"]
+    assert abs(found.value - 0.6) < 1e-9 and abs(found.limit - 0.5) < 1e-9 and "of 'slider'" in found.message
+    assert not doubts(on_a_block(down=0.0, gap=-0.4, thick=10.0))
     assert not doubts(shrink_fit(coarse=2))
 
 
@@ -193,10 +203,23 @@ def test_no_load():
     found = doubts(hertz(1.0, 0.0, order=6, coarse=2), allow=("no load",))
     assert [*found] == ["no load", "no contact"] and found["no contact"].value == 0
     assert doubts_of_scene(on_a_block(down=0.0)) and not doubts_of_scene(on_a_block(down=0.0, gap=-1e-5))
+    assert doubts_of_scene(on_a_block(down=0.0, bulge=-1e-3)) and not doubts_of_scene(
+        on_a_block(down=0.0, bulge=1e-3)
+    )
     assert doubts_of_scene(block()) and not doubts_of_scene(block(Pressure("top", lambda x: x[0])))
     assert not doubts_of_scene(block(BodyForce("block", (0.0, 0.0, -1e-9))))
     assert not doubts_of_scene(stack(displacement=-1e-9)) and not doubts_of_scene(shrink_fit())
     assert doubts_of_scene(shrink_fit(interference=-0.01))
+
+
+def test_place_of_the_largest_value():
+    """Of places with the same value, but for rounding, the first by x, y, z, in whatever order they come."""
+    points = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]])
+    values, more = np.array([2.0, 2.0, 2.0 - 1e-9, 1.0]), np.arange(4.0)[:, None]
+    for order in permutations(range(4)):
+        rows = np.roll(order, WORLD.rank)[: 4 if WORLD.rank == WORLD.size - 1 else 0]
+        place, value, (which,) = _place_of_largest(WORLD, values[rows], points[rows], more[rows])
+        assert (place, value, which) == ((0.0, 0.0, 1.0), 2.0, 2.0)
 
 
 @pytest.mark.parametrize(

@@ -49,3 +49,14 @@ def test_no_leaf_is_coarser_than_needed_nor_finer_than_before():
     everywhere((after[holder, 1] >= np.minimum(needed, before[:, 1])).all(), "none is coarser than needed")
     again = coarsened(merged, merged.level)
     everywhere(np.array_equal(leaves(again), after), "balanced: its own levels need no more leaves")
+
+
+def test_what_one_rank_needs_stays():
+    """However coarse the leaves of the others may become."""
+    forest = refined()
+    last = WORLD.rank == WORLD.size - 1
+    merged = coarsened(forest, forest.level * last)
+    names = np.stack([leaf_code(forest.cell, forest.anchor), forest.level], axis=1)
+    wanted, found = (set(map(tuple, rows)) for rows in (WORLD.bcast(names, WORLD.size - 1), leaves(merged)))
+    everywhere(wanted <= found and max(level for _, level in wanted) > 1, "a leaf that is needed has merged")
+    everywhere(WORLD.size == 1 or len(found) < forest.size_global, "no leaf has merged")

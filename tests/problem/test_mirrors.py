@@ -9,6 +9,7 @@ import pytest
 from fx_contact import Dirichlet
 from fx_contact.problem.mirrors import Mirrors
 from fx_contact.scenes import cylinders, indentation, shrink_fit, stack
+from studies.stability.twins import scaled
 
 #: What a stack has, but for the declaration of symmetry.
 HELD = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-0.1), Dirichlet("x = 0", x=0.0), Dirichlet("y = 0", y=0.0)
@@ -40,11 +41,12 @@ def test_sums_over_images(across):
         (lambda: indentation(symmetry="full"), ""),
         (shrink_fit, "xyz"),
         (cylinders, "x"),
+        (lambda: scaled(cylinders(), 1e-7, 1.0), "x"),
         (lambda: replace(stack(), symmetry=1), ""),
         (lambda: replace(stack(), symmetry=8), ""),
         (lambda: replace(stack(), dirichlet=HELD), ""),
     ],
-    ids=["stack", "quarter", "full", "rings", "slice", "one part", "an eighth", "undeclared"],
+    ids=["stack", "quarter", "full", "rings", "slice", "thin slice", "one part", "an eighth", "undeclared"],
 )
 def test_mirrors_of_scenes(make, across):
     """Planes of symmetry that make the copies which the scene says, at their place; a slice is between two."""

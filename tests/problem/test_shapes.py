@@ -157,6 +157,30 @@ def test_joined():
     assert abs(volume - 2) < 1e-13
     assert areas == pytest.approx({"left": 1, "right": 1, "front": 2, "back": 2, "bottom": 2, "top": 2})
     assert "left" not in join(one, one.mirrored("x")).sides
+    # What is a rounding apart is joined, what is a millionth apart is not.
+    assert [len(join(one, one.shifted(x=1 + apart)).points) for apart in (1e-13, 1e-6)] == [125, 150]
+
+
+@pytest.mark.parametrize(
+    "make, there",
+    [
+        (lambda **parts: ring(1, 2, 1, (1, 1, 1), 1, **parts), {1: "", 2: "y", 4: "xy"}),
+        (lambda **parts: cylinder(1, 1, (1, 1), 1, **parts), {1: "", 2: "y", 4: "xy"}),
+        (lambda **parts: ball(1, 1, 1, **parts), {1: "", 2: "y", 4: "xy", 8: "xyz"}),
+    ],
+)
+def test_which_part_is_made(make, there):
+    """Coordinates that have both signs in a part of so many quarters or octants; the others are not negative."""
+    for count, axes in there.items():
+        low = make(**{"octants" if 8 in there else "quarters": count}).points.min(axis=0)
+        assert [axis for axis, value in zip("xyz", low) if value < -1e-12] == list(axes)
+
+
+@pytest.mark.parametrize("degrees, ends", [(360, 0), (-360, 0), (180, 2)])
+def test_a_full_circle_is_closed(degrees, ends):
+    """Either way round: its ends are no sides."""
+    face = block((1, 0, 0), (2, 2, 1), (1, 1, 1), 1)
+    assert len({"start", "end"} & revolve(face, "bottom", degrees, 4, axis="y").sides.keys()) == ends
 
 
 def test_named_places():
