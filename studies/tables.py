@@ -3,8 +3,9 @@
     python3 -m studies.tables                             # writes the tables into the pages
     python3 -m studies.tables results/cost/standard.csv   # keeps a new result first, with the revision of the program
 
-A page has a table between `<!-- table: studies/cost/standard.csv -->` and `<!-- end of table -->`. Above the rows of a
-CSV file stand the command which made it, the machine, and the revision of the program.
+A page has a table between `<!-- table: studies/cost/standard.csv -->` and `<!-- end of table -->`, a choice of its rows
+with `#CHOICE` after the name. Above the rows of a CSV file stand the command which made it, the machine, and the revision
+of the program; the page says them below the table.
 """
 
 import csv
@@ -13,13 +14,14 @@ import re
 import subprocess
 import sys
 from functools import partial
+from math import log
 from pathlib import Path
 from string import Formatter
 
 from studies.stability.figures import counts
 
 TOP = Path(__file__).parents[1]
-PAGES = ("README.md",)
+PAGES = ("README.md", *sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
 #: Targets of the project stand beside what was measured, where there are some.
 COST = {
     "command": "`{command}`",
@@ -91,6 +93,27 @@ def _cell(forms, row):
     return ""
 
 
+POINTS_OF_README = {name: POINTS[name] for name in ("unknowns", "true energy error", "force", "CPU")}
+EFFECTIVITY = {
+    "case": "{case}",
+    "degree": "{degree:d}",
+    "unknowns": "{dofs:,}",
+    "estimated": "{estimate:.2%}",
+    "true": "{true_error:.2%}",
+    "effectivity": "{effectivity:.2f}",
+    "corrected": "{corrected:.2f}",
+}
+PRECONDITIONERS = {
+    "scene": "{scene}",
+    "dofs": "{dofs:,}",
+    "preconditioner": "{preconditioner}",
+    "at the end": "{at_the_end}",
+    "iterations": "{iterations:d}",
+    "set-up": "{setup_us:.1f}",
+    "solve": "{solve_us:.0f}",
+}
+
+
 def plain(rows):
     """A table with all columns, floats to three digits."""
     columns = {name: f"{{{name}:.3g}}" if isinstance(rows[0][name], float) else f"{{{name}}}" for name in rows[0]}
@@ -102,12 +125,21 @@ def shown(rows):
     return [r for r in rows if r["group"] == "HERTZ-A" and r["line"].startswith("degree")]
 
 
+def three(rows):
+    """Of these the points of degree 2 whose true errors are nearest to 5, 1 and 0.25 %."""
+    points = [r for r in shown(rows) if r["line"] == "degree 2" and r["true_error"] != ""]
+    return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.0025)]
+
+
 #: The CSV files that pages show, and what makes a table of their rows.
 TABLES = {
     "studies/cost/standard.csv": partial(markdown, columns=COST),
     "studies/cost/hertz.csv": partial(markdown, columns=HERTZ),
     "studies/cost/parts.csv": partial(markdown, columns=PARTS),
     "studies/work_precision/points.csv": lambda rows: markdown(shown(rows), POINTS),
+    "studies/work_precision/points.csv#three": lambda rows: markdown(three(rows), POINTS_OF_README),
+    "studies/effectivity/table.csv": partial(markdown, columns=EFFECTIVITY),
+    "studies/cost/preconditioners.csv": partial(markdown, columns=PRECONDITIONERS),
     "studies/work_precision/promises.csv": partial(
         markdown, columns={"promise": "{promise}", "measured": "{measured}"}
     ),
@@ -167,7 +199,9 @@ def with_tables(text):
     """The text of a page with its tables as the CSV files have them."""
 
     def table(found):
-        return f"{found[1]}\n{TABLES[found[2]](read(TOP / found[2])[1])}\n{found[3]}"
+        about, rows = read(TOP / found[2].partition("#")[0])
+        origin = f"(`{about['command']}`; revision {about['revision']}; {about['machine']})"
+        return f"{found[1]}\n{TABLES[found[2]](rows)}\n\n{origin}\n{found[3]}"
 
     return re.sub(r"(<!-- table: (\S+) -->)\n.*?(<!-- end of table -->)", table, text, flags=re.S)
 

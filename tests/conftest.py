@@ -16,7 +16,7 @@ WORLD = MPI.COMM_WORLD
 def pytest_addoption(parser):
     """How often the runs of `test_checkpoint` are killed, and how what takes long is run."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
-    parser.addoption("--as-printed", action="store_true", help="run what the README prints to the letter, for hours")
+    parser.addoption("--as-printed", action="store_true", help="run what the pages print to the letter, for hours")
     parser.addoption("--quick", action="store_true", help="leave out tests that are marked as slow")
     parser.addoption("--whole-runs-on", metavar="RANKS", help="numbers of ranks of which one has each whole run")
 

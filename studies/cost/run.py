@@ -5,7 +5,7 @@ again: after a change of the program, name another folder. Displacements have de
 CPU seconds are those of all ranks and all steps, without compilation, start of Python and root mesh; memory is the
 largest resident size of all ranks together.
 
-    python3 -m studies.cost.run                  # the README's table, without the large runs
+    python3 -m studies.cost.run                  # the pages' table, without the large runs
     python3 -m studies.cost.run --large          # with them: 20 minutes, 16 GB
     python3 -m studies.cost.run --study hertz orders growth ranks python
 
@@ -21,7 +21,7 @@ import numpy as np
 from studies.runs import STAGES, Case, RunFailed, at_once, cpu, records, wall
 from studies.tables import TABLES, plain, write
 
-#: The README's table: targets in CPU seconds and kB a dof, where there are some.
+#: The pages' table: targets in CPU seconds and kB a dof, where there are some.
 STANDARD = {
     Case("indentation", "--degree 1 --symmetry full --tolerance 0.06"): (87, 3.0),
     Case("hertz", "--degree 1 --symmetry full --tolerance 0.08"): (25, 3.2),

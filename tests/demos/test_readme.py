@@ -1,6 +1,7 @@
-"""Every command and every block of code in the README and its neighbours runs, in the order in which they are printed.
+"""Every command and every block of code in the README and the documentation runs, in the order of the pages.
 
-What takes minutes is run in the smaller form that `SMALLER` tells; as it is printed, which takes hours:
+What takes minutes is run in the smaller form that `SMALLER` tells: demos on coarse meshes; of studies, notebooks and tests
+their options and names alone (`--help`, `--co`).  As it is printed, which takes hours:
 
     ./with-dolfinx python3 -m pytest tests/demos/test_readme.py --as-printed
 """
@@ -16,6 +17,7 @@ from conftest import WORLD, outside
 
 TOP = Path(__file__).parents[2]
 PAGES = ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "demos/README.md", "studies/README.md")
+PAGES += tuple(sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="each command starts its own processes")
 
@@ -24,7 +26,7 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 #: What is run, without the launcher.
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
-    r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured|own_gmsh_model)\.py.*"
+    r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
     r"|(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*"
     r"|python3 tests/mutations/run\.py .*"
@@ -32,6 +34,9 @@ RUN = (
 #: What is not.
 SKIPPED = {
     r"tests/run.*|tests/launcher": "it runs this test too",
+    r"docs/build": "it needs a root of its own",
+    r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
+    r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
     r"jupytext .*": "test_notebooks sees that it has nothing to do",
     r"python3 -m studies\.tables.*": "test_tables sees that it has nothing to do",
@@ -96,8 +101,16 @@ def smaller(command):
 
 
 def python_blocks(text):
-    """Blocks of Python of a page."""
-    return re.findall(r"^```python\n(.*?)^```", text, flags=re.M | re.S)
+    """Blocks of Python of a page, those that the documentation runs too among them."""
+    return re.findall(r"^```(?:python|\{code-cell\} python)\n(.*?)^```", text, flags=re.M | re.S)
+
+
+def programs(page, text):
+    """Names and texts of the programs of a page: each block of the README, on other pages all blocks together."""
+    blocks = python_blocks(text)
+    if page == "README.md":
+        return [(f"{page} {i}", block) for i, block in enumerate(blocks)]
+    return [(page, "\n".join(blocks))] if blocks else []
 
 
 def smaller_block(code):
@@ -108,7 +121,9 @@ def smaller_block(code):
 
 TEXTS = {page: (TOP / page).read_text() for page in PAGES}
 COMMANDS = [command for text in TEXTS.values() for command in commands(text)]
-BLOCKS = [(f"{page} {i}", block) for page, text in TEXTS.items() for i, block in enumerate(python_blocks(text))]
+BLOCKS = [program for page, text in TEXTS.items() for program in programs(page, text)]
+#: The first program of the README, and what it prints.
+FIRST, PRINTED = re.search(r"```python\n(.*?)```\n\n```text\n(.*?)```", TEXTS["README.md"], flags=re.S).groups()
 
 
 @pytest.fixture(scope="module")
@@ -155,12 +170,19 @@ def test_command(command, clone, request):
 @pytest.mark.slow
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in BLOCKS])
 def test_block(code, clone, request):
-    """It runs by itself, or after the command whose checkpoint it reads."""
-    if "Checkpoint(" in code:
-        ends_well(next(command for command in COMMANDS if "--restart" in command), clone, request)
-    text = code if request.config.getoption("--as-printed") else smaller_block(code)
+    """It runs by itself; the README's first program prints what the README says."""
+    as_printed = code == FIRST or request.config.getoption("--as-printed")
+    text = code if as_printed else smaller_block(code)
     status, said = run((sys.executable, "-c", text), clone)
     assert status == 0, f"{text}\n{said[-3000:]}"
+    if code == FIRST:
+        assert said == PRINTED
+
+
+def test_pages_are_short():
+    """A page can be read; the README in a minute."""
+    lines = {page: len(text.splitlines()) for page, text in TEXTS.items()}
+    assert lines["README.md"] <= 150 and max(lines.values()) <= 300, lines
 
 
 def test_options_exist():

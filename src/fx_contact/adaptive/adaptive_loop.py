@@ -88,7 +88,7 @@ def adapt(
         CompilationError: there is no C compiler, or no folder for what it makes.
         ValidityError: nothing loads the scene, or strains or rotations are far from small (`validity`).
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
-        Whatever ends a run, what was yielded before stays valid, and the error holds the last state: `FxContactError`.
+        What was yielded before stays valid; an `FxContactError` holds the last state.
     """
     check_comm(comm)
     with together(comm):
