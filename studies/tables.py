@@ -4,8 +4,8 @@
     python3 -m studies.tables results/cost/standard.csv   # keeps a new result first, with the revision of the program
 
 A page has a table between `<!-- table: studies/cost/standard.csv -->` and `<!-- end of table -->`, a choice of its rows
-with `#CHOICE` after the name. Above the rows of a CSV file stand the command which made it, the machine, and the revision
-of the program; the page says them below the table.
+with `#CHOICE` after the name. Above the rows of a CSV file stand the command which made it, the machine, and the
+revision of the program; the page says them below the table.
 """
 
 import csv
