@@ -91,5 +91,5 @@ def setup(app):
         app.add_html_math_renderer("katex", (html_visit_math, None), (html_visit_displaymath, None))
         app.config.html_math_renderer = "katex"
         app.add_css_file("katex/katex.min.css")
-        for script in ("katex/katex.min.js", "katex/contrib/auto-render.min.js", "formulas.js"):
+        for script in ("katex/katex.min.js", "formulas.js"):
             app.add_js_file(script)

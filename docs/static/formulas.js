@@ -1,8 +1,7 @@
-// Formulas of a page, as Sphinx marks them.
+// Formulas of a page, as Sphinx marks them: \(...\) in a line, \[...\] on their own.
 document.addEventListener("DOMContentLoaded", () => {
-  const delimiters = [
-    { left: "\\(", right: "\\)", display: false },
-    { left: "\\[", right: "\\]", display: true },
-  ];
-  document.querySelectorAll(".math").forEach((formula) => renderMathInElement(formula, { delimiters }));
+  document.querySelectorAll(".math").forEach((formula) => {
+    const text = formula.textContent.trim();
+    katex.render(text.slice(2, -2), formula, { displayMode: text.startsWith("\\["), throwOnError: false });
+  });
 });
