@@ -19,7 +19,9 @@ KATEX = Path("/usr/share/javascript/katex")
 project = "fx_contact"
 author = "the fx_contact developers"
 copyright = f"{date.today():%Y}, {author}"
-release = version = re.search(r'^version = "(.*)"', (TOP / "pyproject.toml").read_text(), flags=re.M)[1]
+release = version = re.search(r'^__version__ = "(.*)"', (TOP / "src/fx_contact/__init__.py").read_text(), flags=re.M)[
+    1
+]
 
 root_doc = "docs/index"
 include_patterns = ["docs/**.md", "docs/generated/*", "notebooks/*.ipynb", "studies/README.md", "studies/*/README.md"]

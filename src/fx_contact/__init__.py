@@ -33,6 +33,8 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import ContactPair, Scene
 
+__version__ = "0.2.0"
+
 __all__ = [
     "Beginning",
     "BodyForce",

@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from conftest import WORLD, outside
 
+import fx_contact
+
 TOP = Path(__file__).parents[2]
 PAGES = ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "demos/README.md", "studies/README.md")
 PAGES += tuple(sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
@@ -213,7 +215,8 @@ def test_citation():
     yaml = pytest.importorskip("yaml")
     citation = yaml.safe_load((TOP / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors", "license"} <= set(citation)
-    assert f'version = "{citation["version"]}"' in (TOP / "pyproject.toml").read_text()
+    assert citation["version"] == fx_contact.__version__
+    assert f"## {fx_contact.__version__}" in (TOP / "CHANGELOG.md").read_text()
     assert all({"type", "title", "authors"} <= set(reference) for reference in citation["references"])
 
 

@@ -1,0 +1,81 @@
+"""The package can be installed, and declares what it imports."""
+
+import ast
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import WORLD, outside
+
+import fx_contact
+
+TOP = Path(__file__).parents[2]
+PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
+#: Modules that come with something, or have another name than it: in pyproject.toml, in environment.yml.
+FROM = {
+    **dict.fromkeys(("dolfinx", "basix", "ufl", "ffcx"), ("fenics-dolfinx", "fenics-dolfinx")),
+    **dict.fromkeys(("IPython", "traitlets"), ("ipykernel", "ipykernel")),
+    "nbformat": ("nbclient", "nbclient"),
+    "gmsh": ("gmsh", "python-gmsh"),
+    "yaml": ("pyyaml", "pyyaml"),
+}
+
+pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="reads files, and starts programs of its own")
+
+
+def imported():
+    """Names of the modules of others that the project imports, those that tests may lack among them."""
+    files = [path for folder in ("src", "demos", "studies", "tests") for path in (TOP / folder).rglob("*.py")]
+    files += (TOP / "notebooks").glob("*.py")
+    found, own = set(), {"fx_contact", *(path.stem for path in files), *(path.parent.name for path in files)}
+    for path in files:
+        tree = ast.parse("\n".join(x for x in path.read_text().splitlines() if not x.startswith("%")))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found.add(node.module.split(".")[0])
+            elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "importorskip":
+                found.add(node.args[0].value)
+    return found - own - set(sys.stdlib_module_names)
+
+
+def declared():
+    """Names of the distributions in pyproject.toml, without versions, and packages of environment.yml."""
+    lists = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
+    lines = [line.strip() for line in (TOP / "environment.yml").read_text().splitlines()]
+    packages = [line[2:] for line in lines if line.startswith("- ")]
+    return ({name.partition(">")[0].partition("=")[0] for name in some} for some in (sum(lists, []), packages))
+
+
+def test_all_imports_are_declared():
+    """Of pip and of conda; nothing is found that the project does not have."""
+    modules = imported()
+    assert {"dolfinx", "tqdm", "matplotlib", "pyvista", "yaml"} <= modules
+    for number, names in enumerate(declared()):
+        missing = {name for name in modules if FROM.get(name, (name, name))[number] not in names}
+        assert not missing, missing
+
+
+@pytest.mark.slow
+def test_wheel(tmp_path):
+    """It has the version, the data and the mark of types, and can be imported from elsewhere."""
+    pytest.importorskip("setuptools", minversion="77")
+    shutil.copytree(TOP / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(TOP / name, tmp_path)
+    build = "from setuptools import build_meta; build_meta.build_wheel('.')"
+    done = subprocess.run([sys.executable, "-c", build], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob(f"fx_contact-{fx_contact.__version__}-*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(tmp_path / "site")
+    assert (tmp_path / "site" / "fx_contact" / "py.typed").exists()
+    code = "import fx_contact.results as r; print(r.__file__); r.REFERENCES['hertz-a']()"
+    env = outside() | {"PYTHONPATH": str(tmp_path / "site")}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith(str(tmp_path)), done.stderr
