@@ -62,6 +62,9 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"fx_contact {release}"
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
+#: Pages without others below them have nothing to show at the left.
+ALONE = "install gallery verification performance partitions limits glossary records".split()
+html_sidebars = {f"docs/{page}": [] for page in ALONE} | {"CHANGELOG": []}
 html_show_sourcelink = False
 html_theme_options = {
     "navigation_with_keys": False,
