@@ -11,7 +11,8 @@ from fx_contact.adaptive.step_record import StepRecord, TrueError
 from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.quantities import ContactForce, Gap, GoalRecord
+from fx_contact.estimate.goal_errors import GoalRecord
+from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Reaction
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import (
     CallError,
@@ -47,6 +48,7 @@ __all__ = [
     "ContactState",
     "ContactTable",
     "Dirichlet",
+    "Displacement",
     "Enforcement",
     "ErrorControl",
     "FxContactError",
@@ -54,10 +56,12 @@ __all__ = [
     "GeometryError",
     "GoalRecord",
     "Material",
+    "MaxPressure",
     "OutputError",
     "PairingError",
     "PartitionError",
     "Pressure",
+    "Reaction",
     "Resultant",
     "RootMesh",
     "Run",

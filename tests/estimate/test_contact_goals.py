@@ -38,9 +38,7 @@ class Watched(Goals):
 
     def force(self, index):
         goal = super().force(index)
-        closed = (self._state.pairs.contact == index) & self._state.solution.active
-        dual = self._system.dual(closed.astype(float), np.zeros(len(closed)))
-        Watched.asked.append((goal, dual, self._moved(dual)))
+        Watched.asked.append((goal, goal.adjoint, self._moved(goal.adjoint)))
         return goal
 
     def gap(self, weight):

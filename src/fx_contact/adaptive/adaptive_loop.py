@@ -62,7 +62,8 @@ def adapt(
         enforcement: Enforcement of the contact conditions; None: the default one.
         solver: Solver; None: the default one.
         control: ErrorControl, what is refined for and when to stop; None: the default one.
-        goals: ContactForce and Gap, quantities that are held to tolerances of their own, besides.
+        goals: quantities that are held to tolerances of their own, besides: ContactForce, Gap, MaxPressure,
+            Displacement, Reaction.
         partition_kind: a key of `partition.KINDS`.
         allow: doubts of the record that are errors unless they are named here, keys of `validity.REFUSED`:
             "large strain", "large rotation", "no load".

@@ -49,7 +49,7 @@ class Settings:
         control: ErrorControl.
         degree: p of the displacements, 1 or 2.
         allow: kinds of doubts that are no errors, keys of `validity.REFUSED`.
-        goals: tuple of ContactForce and Gap, held to tolerances of their own.
+        goals: tuple of Quantity, held to tolerances of their own.
 
     Raises:
         SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.validity import Doubt
-from fx_contact.estimate.quantities import GoalRecord
+from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.versions import library_versions

@@ -20,7 +20,7 @@ from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import check_balance, nodal_residual
-from fx_contact.estimate.quantities import judge_goals
+from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
@@ -189,7 +189,7 @@ def _judge(settings, start, discrete, solution, system, stages):
     if settings.goals:
         duals = duals if control.sought(estimate, tolerance, history) is None else None
         theta = control.correction(history)
-        contact["goals"], refine = judge_goals(settings.goals, duals, state, contact["pair_forces"], theta, control)
+        contact["goals"], refine = judge_goals(settings.goals, duals, state, residual, theta, control)
         of_contact = of_contact.with_more(refine, comm)
     fine = control.sought(estimate, tolerance, history) is None and not of_contact.leaves
     reached = bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2)

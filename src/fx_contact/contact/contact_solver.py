@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.active_set import ActiveSet
 from fx_contact.contact.contact_problem import Environment
-from fx_contact.contact.contact_system import ContactSystem
+from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.initial_guess import relax
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
@@ -71,7 +71,7 @@ def solve_system(problem, start, options, environment):
         environment: Environment.
 
     Returns:
-        ContactSolution, and the ContactSystem of the closed rows for dual solutions, None without contact.
+        ContactSolution, and for dual solutions the ContactSystem of the closed rows, or LinearSystem without contact.
 
     Raises:
         SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
@@ -86,17 +86,16 @@ def solve_system(problem, start, options, environment):
         matrix.assemble()
         base, scale = _impose(matrix, problem.load, problem.prescribed)
     if jump is None:
-        u, cg = _solve_linear(problem, base, u, options, environment)
-        active, (force, pressure, penetration) = np.zeros(0, dtype=bool), np.zeros((3, 0))
-        system, count, noise = None, 1, cg.energy_error
+        u, system = _solve_linear(problem, base, u, options, environment)
+        active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
     else:
         with stages("solve"):
             carried = problem.matrix.comm.allreduce(bool(start.any()), op=MPI.LOR)
             status, u = _first_guess(problem, base, jump, u, options, carried)
         with stages("system"):
-            system = cg = ContactSystem(problem, base, jump, status.active, options, environment)
+            system = ContactSystem(problem, base, jump, status.active, options, environment)
         u, trial, count = _settle(system, status, u, options)
-        active, penetration, noise = status.active, rows.penetration(u), system.noise
+        active, penetration = status.active, rows.penetration(u)
         force = np.where(active & jump.movable, trial, 0.0)
         pressure = rows.pressure(force)
     rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
@@ -107,16 +106,16 @@ def solve_system(problem, start, options, environment):
         pressure=pressure,
         penetration=penetration,
         contact_iterations=count,
-        krylov_iterations=list(cg.iterations),
-        preconditioner=cg.preconditioner,
-        energy_error=noise,
+        krylov_iterations=list(system.iterations),
+        preconditioner=system.preconditioner,
+        energy_error=system.noise,
         rounding=rounding,
     )
     return solution, system
 
 
 def _solve_linear(problem, base, u, options, environment):
-    """The displacement without contact, and the ConjugateGradients that found it."""
+    """The displacement without contact, and the LinearSystem that found it."""
     stages = environment.stages
     with stages("system"):
         cg = ConjugateGradients(
@@ -125,7 +124,8 @@ def _solve_linear(problem, base, u, options, environment):
     with stages("setup"):
         cg.set_up()
     with stages("solve"):
-        return cg.solve(base, u, options.solver.tolerance), cg
+        system = LinearSystem(cg, problem.prescribed, options.solver)
+        return system.solve(base, u, options.solver.tolerance), system
 
 
 def _first_guess(problem, base, jump, u, options, carried):

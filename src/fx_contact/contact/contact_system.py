@@ -17,6 +17,50 @@ _OF_DISPLACEMENT = 1e-12
 _DUAL = 1e-6
 
 
+def dual_tolerance(solver):
+    """Relative tolerance of dual solutions with a Solver [-].  Local."""
+    return max(_DUAL, solver.tolerance)
+
+
+class LinearSystem:
+    """K u = L without contact, and its dual solutions, as `ContactSystem` has them.
+
+    Collective.
+
+    Args:
+        cg: ConjugateGradients, set up.
+        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
+        solver: Solver.
+    """
+
+    def __init__(self, cg, prescribed, solver):
+        self._cg, self._free, self._solver = cg, np.isnan(prescribed), solver
+
+    @property
+    def iterations(self):
+        """As `ContactSystem.iterations`."""
+        return self._cg.iterations
+
+    @property
+    def preconditioner(self):
+        """As `ContactSystem.preconditioner`."""
+        return self._cg.preconditioner
+
+    @property
+    def noise(self):
+        """As `ContactSystem.noise`."""
+        return self._cg.energy_error
+
+    def solve(self, base, u, tolerance):
+        """The displacement (owned, 3) float64 [m] for forces (owned, 3) float64 [N], from a first guess."""
+        return self._cg.solve(base, u, tolerance)
+
+    def dual(self, load, _=None):
+        """As `ContactSystem.dual`, without rows."""
+        load = np.where(self._free, load, 0.0)
+        return self._cg.solve(load, np.zeros_like(load), dual_tolerance(self._solver))
+
+
 class ContactSystem:
     """K u + B^T f = L of closed rows, whose set changes: displacements, forces, and dual solutions.
 
@@ -37,6 +81,7 @@ class ContactSystem:
 
     def __init__(self, problem, base, jump, active, options, environment):
         self._base, self._jump, self._stages = base, jump, environment.stages
+        self._free = np.isnan(problem.prescribed)
         self._solver, self._enforcement = options.solver, options.enforcement
         self._rows, self._comm, self._energy_norm = jump.rows, problem.matrix.comm, problem.energy_norm
         exact = self._enforcement.method == "exact"
@@ -107,28 +152,28 @@ class ContactSystem:
         with self._stages("solve"):
             return self._cg.solve(right_hand_side, u, tolerance, self._projection)
 
-    def dual(self, penetration, force):
-        """The dual solution z of K z + B^T f = B^T g, B z = d on the closed rows, nothing prescribed or loaded.
+    def dual(self, load, penetration):
+        """The dual solution z of K z + B^T f = l, B z = d on the closed rows, with nothing prescribed.
 
-        Collective.  With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with forces g on
-        open rows that of the gaps there.
+        Collective.  With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with l = B^T g
+        and forces g on open rows that of the gaps there.
 
         Args:
+            load: (owned, 3) float64, l; what it has at prescribed components does not matter [N].
             penetration: (n,) float64, d [m].
-            force: (n,) float64, g, which presses the bodies together [N].
 
         Returns:
             (owned, 3) float64 [m].
         """
         bounded, term, projection = self._enforced(self._jump.with_gap(penetration))
-        right_hand_side = bounded.right_hand_side(self._known, -force)
+        right_hand_side = bounded.right_hand_side(self._known) + np.where(self._free, load, 0.0)
         u = np.zeros_like(right_hand_side)
         if projection is not None:
             projection.close(self._active & self._projected)
             u = projection.onto_closed(u)
         self._cg.correct(term.difference(self._active, bounded, self._known))
         try:
-            return self._cg.solve(right_hand_side, u, max(_DUAL, self._solver.tolerance), projection)
+            return self._cg.solve(right_hand_side, u, dual_tolerance(self._solver), projection)
         finally:
             self._correct(self._term)
 

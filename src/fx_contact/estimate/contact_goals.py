@@ -145,6 +145,7 @@ def _of_pairs(state, patches, patch_force, energy, forces):
     work = state.forest.comm.allreduce(work)
 
     def summed(of_patches):
+        """Sums of values of the patches over each contact pair."""
         return np.bincount(patches.contact, of_patches, len(forces))
 
     force = np.where(forces > 0, summed(patch_force), 0.0)  # a pair that pulls at last does so by rounding

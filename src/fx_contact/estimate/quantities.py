@@ -1,17 +1,72 @@
-"""Quantities of interest that a run holds to tolerances of their own, by adjoint solutions (`dual_weighted`)."""
+"""Quantities of interest that a run may hold to tolerances of their own, beside the energy norm."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.estimate.marking import for_goal
+from fx_contact.contact.constraint_rows import force_components
+from fx_contact.estimate.dual_weighted import Functional, gap_functional
+from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_name, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_direction, check_name, check_number, check_vector, shown
+from fx_contact.problem.boundary_conditions import Dirichlet
+from fx_contact.problem.point_location import root_cells_at
+
+#: Node pairs count as equally near to a point, or equally pressed, up to this part: rounding and the linear
+#: solver's error, which depend on ranks.
+_SAME = 1e-6
+
+
+class Quantity(ABC):
+    """A quantity of interest; each kind is a frozen dataclass with a `tolerance`.
+
+    Raises:
+        SceneError: the tolerance is no positive number.
+    """
+
+    def __post_init__(self):
+        check_number(f"the tolerance of {self!r}", self.tolerance, positive=True)
+
+    @property
+    @abstractmethod
+    def name(self):
+        """As records have it."""
+
+    @abstractmethod
+    def check(self, scene):
+        """See that a Scene has what the quantity is of.  Local.  Raises SceneError: it has not."""
+
+    @abstractmethod
+    def functional(self, state, residual):
+        """The quantity at a solution, linear as long as the closed node pairs stay closed.
+
+        Collective on state.forest.comm.
+
+        Args:
+            state: SolvedState.
+            residual: (owned, 3) float64, its `nodal_residual` [N].
+
+        Returns:
+            Functional.
+        """
+
+
+class OfPair(Quantity):
+    """A quantity of the contact pair that its `pair` names, "first on second" (`ContactPair.name`)."""
+
+    def check(self, scene):
+        """As `Quantity.check`.  Local.  Raises SceneError: there is no such contact pair."""
+        check_name("contact pair", self.pair, [pair.name for pair in scene.contact])
+
+    def ours(self, state):
+        """(n,) bool, the node pairs of the contact pair, of a SolvedState.  Local."""
+        return state.pairs.contact == [pair.name for pair in state.scene.contact].index(self.pair)
 
 
 @dataclass(frozen=True)
-class ContactForce:
+class ContactForce(OfPair):
     """The force of a contact pair, as in `StepRecord.pair_forces`.
 
     Attributes:
@@ -25,17 +80,21 @@ class ContactForce:
     pair: str
     tolerance: float
 
-    def __post_init__(self):
-        check_number(f"the tolerance of {self!r}", self.tolerance, positive=True)
-
     @property
     def name(self):
         """As records have it."""
         return f"force of {self.pair}"
 
+    def functional(self, state, residual):
+        """As `Quantity.functional`; d is the share of each closed node pair."""
+        scene, closed = state.scene, self.ours(state) & state.solution.active
+        share = scene.symmetry * np.where(closed, force_components(scene, state.pairs, np.ones(len(closed))), 0.0)
+        value = state.forest.comm.allreduce(float(share @ state.solution.force))
+        return Functional(value, abs(value), penetration=share)
+
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(OfPair):
     """The gap left at a node pair, along the normal; 0 where it is closed.
 
     Attributes:
@@ -52,34 +111,189 @@ class Gap:
     tolerance: float
 
     def __post_init__(self):
+        super().__post_init__()
         check_vector("the point of a Gap", self.point)
-        check_number(f"the tolerance of {self!r}", self.tolerance, positive=True)
 
     @property
     def name(self):
         """As records have it."""
-        return f"gap of {self.pair} at {', '.join(f'{x:g}' for x in self.point)}"
+        return f"gap of {self.pair} at {_listed(self.point)}"
+
+    def functional(self, state, residual):
+        """As `Quantity.functional`."""
+        ours, comm = self.ours(state), state.forest.comm
+        distance = np.linalg.norm(state.pairs.position - np.array(self.point, np.float64), axis=1)
+        weight = _one(comm, state.pairs, ours, -distance)
+        return gap_functional(state, np.where(state.solution.active, 0.0, weight))
 
 
 @dataclass(frozen=True)
-class GoalRecord:
-    """What a step says of a goal.
+class MaxPressure(OfPair):
+    """The largest nodal contact pressure of a contact pair.
 
     Attributes:
-        name: of the goal.
-        value: force of the whole bodies [N], or gap [m].
-        error: estimated error, in the unit of the value; None: not estimated, before the energy error meets its
-            tolerance, or for the force of an open pair.
-        tolerance: allowed error relative to the value [-].
-        reached: whether the error is known to be within the tolerance; of a pair that is open the gaps are judged
-            (`contact_goals`).
+        pair: name of the contact pair, "first on second" (`ContactPair.name`).
+        tolerance: allowed error relative to the pressure [-].
+
+    Raises:
+        SceneError: the tolerance is no positive number.
     """
 
-    name: str
-    value: float
-    error: float | None
+    pair: str
     tolerance: float
-    reached: bool
+
+    @property
+    def name(self):
+        """As records have it."""
+        return f"largest pressure of {self.pair}"
+
+    def functional(self, state, residual):
+        """As `Quantity.functional`, of the pressure at the node that has the largest."""
+        pressure, comm = state.solution.pressure, state.forest.comm
+        ours = self.ours(state)
+        value = comm.allreduce(float(pressure[ours].max(initial=0.0)), op=MPI.MAX)
+        weight = _one(comm, state.pairs, ours & state.solution.active, pressure)
+        return Functional(value, value, penetration=weight / state.pairs.area, pointwise=True)
+
+
+@dataclass(frozen=True)
+class Displacement(Quantity):
+    """The displacement of a point in a direction.
+
+    Attributes:
+        point: three numbers, undeformed, in a body or on its surface [m]; of a part it is in the modelled one.
+        direction: three numbers, of any length.
+        tolerance: allowed error relative to the length of the point's displacement [-].
+        body: name of the body, where several have the point; None: only one has it.
+
+    Raises:
+        SceneError: the tolerance is no positive number, point or direction not three numbers, or the direction zero.
+    """
+
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    tolerance: float
+    body: str | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        check_vector("the point of a Displacement", self.point)
+        _ = self._unit_direction  # as it must be
+
+    @property
+    def _unit_direction(self):
+        return check_direction("the direction of a Displacement", self.direction)
+
+    @property
+    def name(self):
+        """As records have it."""
+        of = "" if self.body is None else f" of {self.body}"
+        return f"displacement{of} at {_listed(self.point)} along {_listed(self.direction)}"
+
+    def check(self, scene):
+        """As `Quantity.check`: exactly one body has the point."""
+        self._place(scene.mesh)
+
+    def functional(self, state, residual):
+        """As `Quantity.functional`; l is the direction times the shape functions at the point.
+
+        Raises:
+            SceneError: as `check`, of a scene that was not checked.
+        """
+        comm, prolongation = state.forest.comm, state.elasticity.prolongation
+        nodes, values = prolongation.space.functions_at(*self._place(state.scene.mesh))
+        sums = np.zeros((len(prolongation.space), 1))
+        sums[nodes, 0] = values
+        weight = prolongation.restrict(sums)
+        vector = comm.allreduce((weight * state.solution.displacement).sum(axis=0))
+        direction = check_direction("the direction", self.direction)
+        return Functional(
+            float(direction @ vector), float(np.linalg.norm(vector)), load=weight * direction, pointwise=True
+        )
+
+    def _place(self, mesh):
+        """Root cell and reference coordinates (3,) of the point."""
+        if self.body is not None:
+            check_name("body", self.body, mesh.bodies, "the root mesh has")
+        cells, coordinates = root_cells_at(mesh, np.array(self.point, np.float64))
+        bodies = [mesh.bodies[body] for body in mesh.body[cells]]
+        found = sorted({*bodies} if self.body is None else {*bodies} & {self.body})
+        if not found:
+            raise SceneError(
+                f"the point of {self!r} is in no body"
+                if self.body is None
+                else f"the point of {self!r} is not in {self.body!r}"
+            )
+        if len(found) > 1:
+            raise SceneError(
+                f"the point of {self!r} is in {' and '.join(map(repr, found))}: say which is meant by `body`"
+            )
+        first = bodies.index(found[0])
+        return cells[first], coordinates[first]
+
+
+@dataclass(frozen=True)
+class Reaction(Quantity):
+    """The reaction of a condition on the bodies, in a direction, as in `StepRecord.resultants`.
+
+    Attributes:
+        where: name of the place of the condition (`Dirichlet.where`).
+        tolerance: allowed error relative to the length of the reaction's vector [-].
+        direction: three numbers, of any length; None: that of the only component that is prescribed there.
+
+    Raises:
+        SceneError: the tolerance is no positive number, or the direction not three numbers or zero.
+    """
+
+    where: str
+    tolerance: float
+    direction: tuple[float, float, float] | None = None
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.direction is not None:
+            check_direction("the direction of a Reaction", self.direction)
+
+    @property
+    def name(self):
+        """As records have it."""
+        along = "" if self.direction is None else f" along {_listed(self.direction)}"
+        return f"reaction at {self.where}{along}"
+
+    def check(self, scene):
+        """As `Quantity.check`: there is such a condition, and it holds the direction."""
+        self._unit_direction(scene)
+
+    def _unit_direction(self, scene):
+        """The direction as a unit vector (3,)."""
+        conditions = [condition for condition in scene.dirichlet if isinstance(condition, Dirichlet)]
+        check_name("condition", self.where, [condition.where for condition in conditions])
+        held = np.any([condition.held for condition in conditions if condition.where == self.where], axis=0)
+        if self.direction is None and held.sum() > 1:
+            raise SceneError(f"{self.where!r} is held in several directions: give {self!r} one")
+        direction = held.astype(float) if self.direction is None else check_direction("", self.direction)
+        if not (held * direction).any():
+            raise SceneError(f"{self.where!r} is not held along the direction of {self!r}: it has no reaction there")
+        return direction
+
+    def functional(self, state, residual):
+        """As `Quantity.functional`; w shares the direction among the conditions of a node, as the resultants do."""
+        scene, prolongation = state.scene, state.elasticity.prolongation
+        held, count = held_nodes(scene, prolongation), np.zeros(residual.shape)
+        share = np.zeros(residual.shape)
+        for nodes, condition in zip(held, scene.conditions):
+            count[nodes] += condition.held
+            if condition.where == self.where:
+                share[nodes] += condition.held
+        share /= np.maximum(count, 1)
+        vector = scene.mirrors.force(state.forest.comm.allreduce((share * residual).sum(axis=0)))
+        direction = self._unit_direction(scene)
+        w = share * scene.mirrors.force(direction)
+        return Functional(float(direction @ vector), float(np.linalg.norm(vector)), prescribed=w)
+
+
+#: All kinds of goals.
+KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
 
 
 def check_goals(goals, scene):
@@ -88,81 +302,37 @@ def check_goals(goals, scene):
     Local.
 
     Args:
-        goals: sequence of ContactForce and Gap.
+        goals: sequence of Quantity.
         scene: Scene.
 
     Raises:
-        SceneError: there is another thing among them, or they name no contact pair of the scene.
+        SceneError: there is another thing among them, or they name what the scene does not have.
     """
+    kinds = ", ".join(kind.__name__ for kind in KINDS)
     if not isinstance(goals, (tuple, list)):
-        raise SceneError(f"goals must be a tuple of ContactForce and Gap, got {shown(goals)}")
+        raise SceneError(f"goals must be a tuple of {kinds}, got {shown(goals)}")
     for goal in goals:
-        if not isinstance(goal, (ContactForce, Gap)):
-            raise SceneError(f"a goal must be a ContactForce or a Gap, got {shown(goal)}")
-        check_name("contact pair", goal.pair, [pair.name for pair in scene.contact])
+        if not isinstance(goal, KINDS):
+            raise SceneError(f"a goal must be one of {kinds}, got {shown(goal)}")
+        goal.check(scene)
     return tuple(goals)
 
 
-def judge_goals(goals, duals, state, forces, theta, control):
-    """Values and estimated errors of goals, and the cells to refine for them.
+def _listed(point):
+    """Three numbers as they stand in a name."""
+    return ", ".join(f"{x:g}" for x in point)
 
-    Collective on state.forest.comm.  The error is sum_T |(e_u, e_z)_T| / theta, of the recovered errors of u and of the
-    adjoint solution z (`dual_weighted.Goals.products`).  It takes that closed node pairs stay closed.
 
-    Args:
-        goals: sequence of ContactForce and Gap.
-        duals: dual_weighted.Goals of the state; None: no errors are wanted yet.
-        state: SolvedState.
-        forces: list of float, `pair_forces` of the record [N].
-        theta: effectivity by which estimated errors are corrected [-].
-        control: ErrorControl.
+def _one(comm, pairs, some, value):
+    """Weights (n,) float64: 1 for the one of some node pairs (n,) bool that has the largest value, 0 for the others.
 
-    Returns:
-        tuple of GoalRecord, and (n,) int8, how often to refine each leaf.
+    Collective on comm.  Of several the first by position is taken, so that ranks do not matter; of none, none.
     """
-    comm, leaf = state.forest.comm, state.elasticity.leaf_mesh.leaf
-    pairs, names = state.pairs, [pair.name for pair in state.scene.contact]
-    records, refine = [], np.zeros(len(state.forest), dtype=np.int8)
-    for goal in goals:
-        index, force = names.index(goal.pair), isinstance(goal, ContactForce)
-        weight = None if force else _nearest(comm, pairs, index, np.array(goal.point, np.float64))
-        if force:
-            value = forces[index]
-        else:
-            value = comm.allreduce(float((weight * np.maximum(-state.solution.penetration, 0.0)).sum()))
-        error, reached = None, force and not value
-        if duals is not None and not reached:
-            found = duals.force(index) if force else duals.gap(weight)
-            scale = value / found.value if force else 1.0
-            products = duals.products(found)
-            total = comm.allreduce(float(products.sum()))
-            error = scale * total / theta
-            times = _needed(found, products, total, goal.tolerance * value * theta / scale, control, comm)
-            reached = times is None
-            times = 0 if reached else times
-            refine[leaf] = np.maximum(refine[leaf], times)
-        records.append(GoalRecord(goal.name, float(value), error, float(goal.tolerance), bool(reached)))
-    return tuple(records), refine
-
-
-def _needed(found, products, total, allowed, control, comm):
-    """The cells to refine for the allowed error of a Goal: (ncells,) int8; None if it has no more.  Collective."""
-    dual, limit = found.dual, control.dual_limit
-    if dual.relative > limit:  # it knows nothing yet
-        return for_goal(dual.error**2, (limit * dual.energy_norm) ** 2, dual.child_error, control, comm)
-    return for_goal(products, allowed, dual.child_error, control, comm) if total > allowed else None
-
-
-def _nearest(comm, pairs, index, point):
-    """Weights (n,) float64: 1 for the node pair of a contact pair that is nearest to a point, 0 for the others.
-
-    Collective on comm.  Of several the first by position is taken, so that ranks do not matter.
-    """
-    ours = np.flatnonzero(pairs.contact == index)
-    distance = np.linalg.norm(pairs.position[ours] - point, axis=1)
-    least = comm.allreduce(float(distance.min(initial=np.inf)), op=MPI.MIN)
-    near = ours[distance <= least * (1 + 1e-9)]
+    weight, ours = np.zeros(len(pairs)), np.flatnonzero(some)
+    largest = comm.allreduce(float(value[ours].max(initial=-np.inf)), op=MPI.MAX)
+    if not np.isfinite(largest):
+        return weight
+    near = ours[value[ours] >= largest - _SAME * abs(largest)]
     first = min(comm.allgather(min(map(tuple, pairs.position[near]), default=(np.inf,) * 3)))
-    weight = np.zeros(len(pairs))
     weight[near[(pairs.position[near] == first).all(axis=1)]] = 1.0
     return weight

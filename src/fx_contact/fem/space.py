@@ -14,7 +14,7 @@ from fx_contact.forest.forest import LatticePoints
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import leaf_side
+from fx_contact.problem.lattice import SIDE, leaf_side
 
 #: Degrees of the displacements.
 DEGREES = (1, 2)
@@ -110,6 +110,27 @@ class Space:
             (k, (p+1)^2) int32, first tangent fastest.
         """
         return self.cells[leaf[:, None], self.face_nodes[face]]
+
+    def functions_at(self, cell, coordinates):
+        """The shape functions at a point of a root cell.
+
+        Local.
+
+        Args:
+            cell: root cell.
+            coordinates: (3,) float64, reference coordinates of the point there, in [0, 1].
+
+        Returns:
+            (k,) int32 nodes and (k,) float64 values, k = (p+1)^3 on the one rank that has the point's leaf, else 0;
+            of several leaves that have it, the highest along each axis.
+        """
+        forest, place = self.forest, SIDE * coordinates
+        inside = np.minimum(np.floor(place), SIDE - 1) - forest.anchor
+        side = leaf_side(forest.level)
+        here = (forest.cell == cell) & ((0 <= inside) & (inside < side[:, None])).all(axis=1)
+        at = (place - forest.anchor[here]) / side[here, None]
+        x, y, z = (hexahedron.lagrange(self.degree, at[:, axis]) for axis in range(3))
+        return self.cells[here].ravel(), np.einsum("nk,nj,ni->nkji", z, y, x).ravel()
 
     def facing(self, leaf, face):
         """Keys of the points that face the nodes of paired faces of this rank's leaves.

@@ -40,6 +40,16 @@ def check_vector(what, value):
         check_number(what, component)
 
 
+def check_direction(what, value):
+    """The unit vector (3,) float64 of a direction.  Raises SceneError unless it is three finite numbers, not all 0."""
+    check_vector(what, value)
+    vector = np.array(value, np.float64)
+    if not vector.any():
+        raise SceneError(f"{what} is zero")
+    vector /= np.abs(vector).max()
+    return vector / np.linalg.norm(vector)
+
+
 def check_name(kind, name, names, there="there are"):
     """Raises SceneError unless a name is one of some; the error lists them, and says which is nearest.
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
+from fx_contact.parallel.validation import check_count, check_direction, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction, merged
 from fx_contact.problem.facet_pairing import Pairing
@@ -40,10 +40,7 @@ class ContactPair:
     def __post_init__(self):
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
-        if self.direction is not None:
-            check_vector(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
-            if not np.any(self.direction):
-                raise SceneError(f"the direction of ({self.first!r}, {self.second!r}) is zero")
+        _ = self.unit_direction  # as it must be
 
     @property
     def name(self):
@@ -52,11 +49,14 @@ class ContactPair:
 
     @property
     def unit_direction(self):
-        """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local."""
+        """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local.
+
+        Raises:
+            SceneError: it is not a non-zero vector; the pair is then not made.
+        """
         if self.direction is None:
             return None
-        scaled = np.array(self.direction, np.float64) / np.abs(np.array(self.direction, np.float64)).max()
-        return scaled / np.linalg.norm(scaled)
+        return check_direction(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
