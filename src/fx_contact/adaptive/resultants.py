@@ -84,7 +84,8 @@ def sum_up(state, residual, totals, centre):
     Args:
         state: SolvedState.
         residual: (owned, 3) float64, as `nodal_residual` [N].
-        totals: (k, nbodies, 6) float64, of the loads, as from `load_and_totals`.
+        totals: (k, nbodies, 6) float64, of the loads on this rank's leaves, as from `load_and_totals`: forces [N] and
+            moments about the origin [N m].
         centre: (3,) float64, the point of moments, on all mirrors of the scene [m].
 
     Returns:

@@ -48,10 +48,10 @@ class Products:
         Collective.
 
         Args:
-            u: (owned, 3) float64.
+            u: (owned, 3) float64 [m].
 
         Returns:
-            (n,) float64.
+            (n,) float64 [m], of this rank's rows.
         """
         u = u if self._local else self._prolongation.ghosted(u)
         return self._matrix @ u.reshape(-1)[self._dofs]
@@ -62,8 +62,8 @@ class Products:
         Collective.
 
         Args:
-            values: (n,) float64.
-            y: (owned, 3) float64, contiguous; changed in place.
+            values: (n,) float64, of this rank's rows [N].
+            y: (owned, 3) float64 [N], contiguous; changed in place.
         """
         if self._local:
             y.reshape(-1)[self._dofs] += self._transposed @ values

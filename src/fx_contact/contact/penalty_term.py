@@ -21,7 +21,7 @@ class Springs:
         self._jump, self._stiffness = jump, stiffness
 
     def add_product(self, u, y):
-        """y := y + B^T k B u; (owned, 3) float64, y contiguous.  Collective."""
+        """y := y + B^T k B u; u [m], y [N], contiguous: (owned, 3) float64.  Collective."""
         self._jump.matrix.add_transposed(self._stiffness * self._jump.matrix.times(u), y)
 
     def add_force(self, u, y):

@@ -76,7 +76,7 @@ class Projection:
         """u := P u.  Collective.
 
         Args:
-            u: (owned, 3) float64, contiguous; changed in place.
+            u: (owned, 3) float64 [m], contiguous; changed in place.
         """
         self._weighted.add_transposed(-self._solve_gram(self._jump.matrix.times(u)), u)
 
@@ -84,7 +84,7 @@ class Projection:
         """f := P^T f.  Collective.
 
         Args:
-            f: (owned, 3) float64, contiguous; changed in place.
+            f: (owned, 3) float64 [N], contiguous; changed in place.
 
         Returns:
             (n,) float64, forces of the closed rows that balance what is projected away, compression positive [N].
@@ -100,7 +100,7 @@ class Projection:
 
         Args:
             forces: (n,) float64, f as from `apply_transpose` [N].
-            u: (owned, 3) float64, contiguous; changed in place.
+            u: (owned, 3) float64 [m], contiguous; changed in place.
         """
         if self._compliance is not None:
             self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)

@@ -11,12 +11,13 @@ def bounding_boxes(comm, position, group, count):
 
     Args:
         comm: MPI communicator.
-        position: (n, 3) float64, this rank's points.
+        position: (n, 3) float64, this rank's points, in any unit of length.
         group: (n,) int, the group of each.
         count: number of groups on all ranks.
 
     Returns:
-        (count, 3) float64, lowest corners, and (count,) float64, longest sides, at least the smallest number above 0.
+        (count, 3) float64, lowest corners, and (count,) float64, longest sides, at least the smallest number above 0:
+        in the unit of the points, alike on all ranks.
     """
     ends = np.full((2, count, 3), np.inf)
     np.minimum.at(ends, (0, group), position)
@@ -32,10 +33,10 @@ def distinct_rows(comm, rows):
 
     Args:
         comm: MPI communicator.
-        rows: (n, k) int.
+        rows: (n, k) int, this rank's.
 
     Returns:
-        (m, k) int and (n,) int.
+        (m, k) int, alike on all ranks, and (n,) int64, positions in these.
     """
     distinct = np.unique(np.concatenate(comm.allgather(np.unique(rows, axis=0))), axis=0)
     _, which = np.unique(np.concatenate([distinct, rows]), axis=0, return_inverse=True)
@@ -49,11 +50,11 @@ def sums_by_row(comm, rows, values):
 
     Args:
         comm: MPI communicator.
-        rows: (n, k) int.
-        values: (n, l) float64.
+        rows: (n, k) int, this rank's.
+        values: (n, l) float64, of each.
 
     Returns:
-        (m, k) int and (m, l) float64.
+        (m, k) int and (m, l) float64, in the unit of the values, alike on all ranks.
     """
     own = _added(rows, values)
     return _added(*map(np.concatenate, zip(*comm.allgather(own))))

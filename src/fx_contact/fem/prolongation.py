@@ -21,7 +21,7 @@ _NONE = -1
 class Prolongation:
     """P: the values at all nodes of this rank's leaves from those at the conforming nodes.
 
-    Collective on space.forest.comm.
+    Collective on space.forest.comm.  What is carried may have any unit, which it keeps.
 
     Args:
         space: Space.

@@ -100,7 +100,7 @@ class ConjugateGradients:
         return _FACTOR_BYTES * self._unknowns ** (4 / 3) / self._comm.size
 
     def correct(self, correction):
-        """From now on solve with the matrix and a correction.
+        """From now on solve with the matrix and a correction.  Local.
 
         Args:
             correction: Springs or None.
@@ -108,7 +108,7 @@ class ConjugateGradients:
         self._product.correction = correction
 
     def set_up(self):
-        """Build the preconditioner for the present values of the matrix.
+        """Build the preconditioner for the present values of the matrix.  Collective.
 
         Raises:
             SceneError: an option of the user that PETSc does not read.
@@ -120,11 +120,11 @@ class ConjugateGradients:
         self._best = None
 
     def stops_paying(self):
-        """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper."""
+        """Whether the last solve needed so many more iterations than the first that a new set-up is cheaper.  Local."""
         return bool(self.iterations) and self._best is not None and self.iterations[-1] > 2 * self._best + 20
 
     def residual(self, right_hand_side, u):
-        """What a displacement leaves of the forces.
+        """What a displacement leaves of the forces.  Collective.
 
         Args:
             right_hand_side: (owned, 3) float64, that of the matrix alone: the correction has its own [N].
@@ -141,7 +141,7 @@ class ConjugateGradients:
         return right_hand_side - forces
 
     def solve(self, right_hand_side, start, tolerance, held=None):
-        """Solve to an error relative to the energy norm of the solution.
+        """Solve to an error relative to the energy norm of the solution.  Collective.
 
         Args:
             right_hand_side, start: (owned, 3) float64, as for `residual` [N], [m].

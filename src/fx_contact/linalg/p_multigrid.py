@@ -22,7 +22,7 @@ class CoarseLevel:
         self._rows = self._stiffness = None
 
     def couple(self, rows):
-        """Make room for springs across some rows; at first they are 0.
+        """Make room for springs across some rows; at first they are 0.  Collective.
 
         Args:
             rows: PETSc AIJ matrix B, rows by fine unknowns; it is used up.
@@ -33,7 +33,7 @@ class CoarseLevel:
         self._add(self._stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
 
     def stiffen(self, stiffness):
-        """Change the springs.
+        """Change the springs.  Collective.
 
         Args:
             stiffness: (n,) float64, k of this rank's rows [N/m].
@@ -54,7 +54,7 @@ class CoarseLevel:
         return [thing for thing in (self.matrix, self.interpolation, self._rows) if thing is not None]
 
     def destroy(self):
-        """Free what PETSc holds; as `PetscObjects` calls it."""
+        """Free what PETSc holds; as `PetscObjects` calls it.  Collective."""
         for thing in self._things():
             thing.destroy()
 

@@ -1,7 +1,7 @@
 """Conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
 Values are numbers, or functions of position as in dolfinx: of an array (3, n) of points.  Numbers are checked when the
-condition is made, functions where they are evaluated.
+condition is made, functions where they are evaluated.  All is local.
 """
 
 from dataclasses import dataclass
@@ -203,7 +203,7 @@ class Pressure:
         return f"the pressure on {self.surface!r}"
 
     def at(self, points, normals):
-        """Force per area: as `Traction.at`."""
+        """Force per area, (n, 3) float64 [Pa]: arguments and errors as of `Traction.at`."""
         return -evaluated(self.what, self.value, points, 1) * normals
 
 

@@ -1,7 +1,7 @@
 """Facing root facets of two contact surfaces, and the partner of a leaf by integer arithmetic.
 
 Facets are paired once, on the root mesh.  The partner of a leaf or of a lattice point then follows from integers alone,
-without search or communication ("éléments appariés", section 2 of the paper).
+without search or communication ("éléments appariés", section 2 of the paper).  All is local.
 """
 
 from itertools import product

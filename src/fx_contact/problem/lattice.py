@@ -4,6 +4,7 @@ Each root cell carries an integer lattice with 2^15 intervals a side: twice as f
 midpoints of leaf edges and faces are lattice points too.  A lattice point is named by the root entity (vertex, edge,
 face or cell) in whose interior it lies and by its integer coordinates in that entity's canonical frame, which starts
 at the entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.
+All functions here are local.
 """
 
 from itertools import product
@@ -126,12 +127,12 @@ def leaf_corners(anchor, level):
 
 
 def edge_midpoints(corners):
-    """Lattice coordinates of the midpoints of the 12 edges, from the corners (n, 8, 3): (n, 12, 3)."""
+    """Lattice coordinates of the midpoints of the 12 edges, from the corners: (n, 8, 3) int32 to (n, 12, 3)."""
     return corners[:, hexahedron.EDGE_CORNERS].sum(axis=2) // 2
 
 
 def face_centres(corners):
-    """Lattice coordinates of the centres of the 6 faces, from the corners (n, 8, 3): (n, 6, 3)."""
+    """Lattice coordinates of the centres of the 6 faces, from the corners: (n, 8, 3) int32 to (n, 6, 3)."""
     return corners[:, hexahedron.FACE_CORNERS[:, [0, 3]]].sum(axis=2) // 2
 
 

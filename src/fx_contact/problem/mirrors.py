@@ -11,6 +11,8 @@ from fx_contact.problem.boundary_conditions import PLANE, SymmetryPlane
 class Mirrors:
     """Planes in which the modelled part is mirrored to give the whole, across different axes.
 
+    All methods are local; sums over mirror images have the unit of what is summed.
+
     Attributes:
         across: (3,) bool, the axes across which there is such a plane.
         at: (3,) float64, where it is on its axis [m]; 0 on the others.
@@ -36,17 +38,17 @@ class Mirrors:
         return self.parts * np.where(self.across, 0.0, vectors)
 
     def moment(self, vectors):
-        """As `force`, for moments about a point on all planes: a plane keeps the moment about its normal alone."""
+        """As `force`, for moments (..., 3) about a point on all planes: one keeps the moment about its normal alone."""
         kept = [not np.delete(self.across, axis).any() for axis in range(3)]
         return self.parts * np.where(kept, vectors, 0.0)
 
     def second_moment(self, tensor):
-        """As `force`, for tensors (3, 3) of second moments about a point on all planes."""
+        """As `force`, for (3, 3) float64 second moments about a point on all planes: mixed ones across one cancel."""
         mixed = (self.across[:, None] | self.across) & ~np.eye(3, dtype=bool)
         return self.parts * np.where(mixed, 0.0, tensor)
 
     def centre(self, point):
-        """The centre of the whole: (3,) [m], from that of the modelled part; on all planes.  Local."""
+        """The centre of the whole: (3,) float64 [m], from that of the modelled part; on all planes."""
         return np.where(self.across, self.at, point)
 
 

@@ -11,15 +11,18 @@ _ROUNDING = 1e-10
 class RigidMotions:
     """Rigid motions of the bodies of a root mesh.
 
-    Local.  A motion has six coefficients a body [m]: translations, and rotations about its middle in units of its size.
+    Local.  A motion has six coefficients a body [m]: three translations, and three rotations about its middle, each the
+    displacement at the distance of its size.
 
     Args:
         mesh: RootMesh.
         prescribed: (npoints, 3) float64, prescribed displacements of its nodes [m], NaN where free.
 
     Attributes:
-        free: (k, nbodies, 6) float64, basis of the motions that homogeneous conditions allow.
-        prescribed: (nbodies, 6) float64, the motion closest to the prescribed displacements (least squares).
+        free: (k, nbodies, 6) float64, coefficients [-] of an orthonormal basis of the motions that homogeneous
+            conditions allow.
+        prescribed: (nbodies, 6) float64, coefficients [m] of the motion closest to the prescribed displacements (least
+            squares).
     """
 
     def __init__(self, mesh, prescribed):
@@ -57,7 +60,7 @@ class RigidMotions:
             bodies: (n,) int, the body of each.
 
         Returns:
-            (n, 6, 3) float64.
+            (n, 6, 3) float64 [-].
         """
         middle, size = self._extents
         rotations = np.cross(np.eye(3), ((points - middle[bodies]) / size[bodies])[:, None])
@@ -70,10 +73,10 @@ class RigidMotions:
 
         Args:
             points, bodies: as in `modes`.
-            direction: (3,) or (n, 3) float64.
+            direction: (3,) or (n, 3) float64 [-].
 
         Returns:
-            (n, 6 nbodies) float64.
+            (n, 6 nbodies) float64 [-].
         """
         result = np.zeros((len(points), len(self._mesh.bodies), 6))
         direction = np.broadcast_to(direction, points.shape)
@@ -89,7 +92,7 @@ class RigidMotions:
             points, bodies, direction: as in `along`.
 
         Returns:
-            (n, k) float64.
+            (n, k) float64 [-].
         """
         return self.along(points, bodies, direction) @ self._free_rows.T
 
@@ -104,7 +107,8 @@ class RigidMotions:
         Local.
 
         Args:
-            resistance: (k, k) float64, R^T R, the rows of R relative `free_along` at points in contact.
+            resistance: (k, k) float64, R^T R of all ranks [-]; the rows of R are what `free_along` gives for the first
+                body at points in contact less what it gives for the second one.
 
         Returns:
             list of str, their names.

@@ -1,7 +1,7 @@
 """The root mesh: coarse curved hexahedra with bodies, surfaces and points as names, the same on every rank.
 
 The geometry of every leaf is the restriction of its root cell's map of order p, so refinement never changes the
-domain (super-parametric elements, section 2 of the paper).
+domain (super-parametric elements, section 2 of the paper).  All but what takes a communicator is local.
 """
 
 from dataclasses import dataclass, field
@@ -151,7 +151,7 @@ class RootMesh:
             facets: (n, 2) int (root cell, local face).
 
         Returns:
-            (n, 3) float64.
+            (n, 3) float64 [-].
         """
         corners = self.facet_points(facets, order=1)
         normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])

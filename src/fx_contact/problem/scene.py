@@ -1,4 +1,4 @@
-"""A contact problem: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made."""
+"""A contact problem: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made; local."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -194,7 +194,7 @@ class Scene:
             facets: (n, 2) int rows (root cell, local face).
 
         Returns:
-            (n, 3) float64 unit vectors, out of the first body.
+            (n, 3) float64, unit vectors out of the first body [-].
         """
         result = self.mesh.outward_normals(facets)
         pair = self.pairing.pair[facets[:, 0], facets[:, 1]]

@@ -249,10 +249,10 @@ def images(what, place, points):
     Args:
         what: it is, for the message.
         place: function of positions (3, n) that gives three arrays (n,), or numbers.
-        points: (n, 3) float64.
+        points: (n, 3) float64 [m].
 
     Returns:
-        (n, 3) float64.
+        (n, 3) float64 [m].
 
     Raises:
         GeometryError: it gives something else.

@@ -1,4 +1,4 @@
-"""Exact solutions to compare with."""
+"""Exact solutions to compare with.  All is local."""
 
 from dataclasses import dataclass
 from functools import cached_property

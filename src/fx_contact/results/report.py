@@ -1,4 +1,4 @@
-"""Text on a run: a table of its steps, warnings on forces, doubts, seconds by stage."""
+"""Text on a run: a table of its steps, warnings on forces, doubts, seconds by stage.  Local."""
 
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.parallel.timing import STAGES
