@@ -39,13 +39,12 @@ def prescribed_displacements(scene, forest, prolongation):
     result = np.full((prolongation.owned, 3), np.nan)
     for condition, (at, values) in zip(scene.conditions, said):
         # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
-        sums = prolongation.zeros(4)
-        sums[at] = np.column_stack([np.nan_to_num(values), np.ones(len(at))])
-        total = prolongation.summed(sums)
-        ours = np.flatnonzero(total[:, 3])
-        mean = np.where(condition.held, total[ours, :3] / total[ours, 3:], np.nan)
+        mean = prolongation.averaged(at, values)
+        ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
         with together(forest.comm):
-            result[ours] = merged(result[ours], condition, mean, same, lambda row: _position(prolongation, ours[row]))
+            result[ours] = merged(
+                result[ours], condition, mean[ours], same, lambda row: _position(prolongation, ours[row])
+            )
     return result
 
 

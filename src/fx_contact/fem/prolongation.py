@@ -152,6 +152,24 @@ class Prolongation:
         """
         return self.summed(self.matrix.T @ values)
 
+    def averaged(self, at, values):
+        """Means over the ranks of what each says of conforming nodes, NaN where none says anything.
+
+        Collective on comm.
+
+        Args:
+            at: (n,) int, distinct positions in `index_map`.
+            values: (n, k) float64.
+
+        Returns:
+            (owned, k) float64.
+        """
+        sums = self.zeros(values.shape[1] + 1)
+        sums[at] = np.column_stack([values, np.ones(len(at))])
+        sums = self.summed(sums)
+        with np.errstate(invalid="ignore"):
+            return sums[:, :-1] / sums[:, -1:]
+
     def summed(self, values):
         """Sums over the ranks of what each says of conforming nodes.
 

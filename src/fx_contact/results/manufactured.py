@@ -218,13 +218,8 @@ def _load(forest, elasticity, stages):
 
 def _prescribed(forest, prolongation):
     """u at the conforming nodes of both ends of the ring: (owned, 3) [m], NaN elsewhere.  Collective."""
-    space = prolongation.space
-    position, on = space.positions(), np.zeros(len(space), dtype=bool)
+    space, on = prolongation.space, np.zeros(len(prolongation.space), dtype=bool)
     for name in ("start", "end"):
         on[space.on_faces(*forest.boundary_faces(forest.mesh.surface(name)))] = True
-    on &= ~prolongation.hanging
-    rows = np.zeros((len(on), 4))
-    rows[on, :3], rows[on, 3] = np.stack(bump(position.T), axis=1)[on], 1
-    total = prolongation.restrict(rows)
-    with np.errstate(invalid="ignore"):
-        return np.where(total[:, 3:] > 0, total[:, :3] / total[:, 3:], np.nan)
+    on = np.flatnonzero(on & ~prolongation.hanging)
+    return prolongation.averaged(prolongation.conforming[on], np.stack(bump(space.positions(on).T), axis=1))
