@@ -16,7 +16,11 @@ from fx_contact.parallel.meeting import calling, leave
 
 
 def main():
-    """Run the program that the command line names, with the arguments after it, as Python does."""
+    """Run the program that the command line names, with the arguments after it, as Python does.
+
+    Raises:
+        SystemExit: no program is named; or the program ends so itself, alike on all ranks.
+    """
     del sys.argv[0]
     if not sys.argv:
         sys.exit("usage: python3 -m fx_contact PROGRAM.py [ARGUMENT...]")
