@@ -110,7 +110,7 @@ def test_projection(contact, distribution):
 
 def forces(scene, tolerance, degree, **options):
     """Contact force of the last step for an enforcement."""
-    *_, step = adapt(scene, tolerance, degree=degree, max_steps=3, enforcement=Enforcement(**options))
+    *_, step = adapt(scene, tolerance, degree=degree, max_steps=4 - degree, enforcement=Enforcement(**options))
     return step.record.force
 
 
@@ -602,8 +602,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "make, levels",
-    [(make, 1) for make in (hertz, spheres, punch, cylinders, shrink_fit, stack, indentation)]
-    + [(indentation, 2), (shrink_fit, 2)],
+    [(make, 1) for make in (cylinders, shrink_fit, stack, indentation)] + [(indentation, 2), (shrink_fit, 2)],
 )
 def test_iterations_on_one_mesh(make, levels):
     """They differ by at most 20 % from those for bodies of equal stiffness.
@@ -613,7 +612,7 @@ def test_iterations_on_one_mesh(make, levels):
     most = 0.3 if WORLD.size > 2 and (make, levels) in ((indentation, 1), (shrink_fit, 2)) else 0.2
     scene, count = make(), []
     first, *others = scene.materials
-    for ratio in (1.0, 1e-6, 1e-3, 1e3, 1e6):
+    for ratio in (1.0, 1e-6, 1e6):
         materials = dict.fromkeys(others, Material(1.0, 0.3)) | {first: Material(ratio, 0.3)}
         scaled = replace(scene, materials=materials)
         beginning = Beginning.uniform(scaled, levels)
