@@ -1,10 +1,11 @@
 """Quantities of interest: their estimated errors against known ones, and tolerances of their own."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import WORLD
+from conftest import WORLD, everywhere
 from model_problems import EXACT
 from mpi4py import MPI
 
@@ -23,7 +24,8 @@ from fx_contact import (
 )
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.enforcement import METHODS
-from fx_contact.estimate.dual_weighted import Goals, _of_families
+from fx_contact.estimate.dual_weighted import Functional, Goals, _of_families
+from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
 
@@ -65,6 +67,30 @@ def test_a_goal_is_refined_for():
     assert before.estimate < 0.3 and not before.reached and before.goals[0].error > 0.01 * before.force
     assert last.reached and last.goals[0].reached and last.goals[0].error <= 0.01 * last.force
     assert StepRecord.from_json(last.as_json()).goals == last.goals
+
+
+class Leaves(list):
+    """What of a forest is asked for: its communicator, and so many leaves on each rank."""
+
+    comm = WORLD
+
+    def __init__(self, count):
+        super().__init__(range(count))
+
+
+@pytest.mark.parametrize("theta, marked", [(1.0, 0), (0.61, 0), (0.59, 1), (0.1, 3)])
+def test_an_error_is_corrected_by_the_effectivity(theta, marked):
+    """Of 2 N, 0.2 N may be wrong; 0.12 N are estimated, most of them of one cell."""
+    leaf, errors = np.arange(4), np.array([0.1, 0.01, 0.009, 0.001]) / WORLD.size
+    state = SimpleNamespace(forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=leaf)))
+    dual = SimpleNamespace(relative=0.1, child_error=1 / 32)
+    duals = SimpleNamespace(of=lambda _: SimpleNamespace(dual=dual), errors=lambda _: errors)
+    goal = SimpleNamespace(
+        name="force", tolerance=0.1, functional=lambda *_: Functional(2.0, 2.0, penetration=np.ones(1))
+    )
+    (record,), times = judge_goals((goal,), duals, state, None, theta, ErrorControl())
+    assert (record.value, record.reached) == (2.0, marked == 0) and abs(record.error - 0.12 / theta) < 1e-12
+    everywhere(np.count_nonzero(times) == marked, f"{times}")
 
 
 @pytest.mark.parametrize("method", METHODS)
