@@ -14,12 +14,8 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactTable:
-    """All contact node pairs, sorted by contact pair and node: alike on any number of ranks.
-
-    Attributes:
-        points, normal, pressure, force, gap, active, pair, names: as of `ContactState`, of all ranks.
-    """
+class _Columns:
+    """What is known of each node pair, as `ContactState` explains it."""
 
     points: np.ndarray
     normal: np.ndarray
@@ -32,6 +28,15 @@ class ContactTable:
 
     def __len__(self):
         return len(self.points)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactTable(_Columns):
+    """All contact node pairs, sorted by contact pair and node: alike on any number of ranks.
+
+    Attributes:
+        points, normal, pressure, force, gap, active, pair, names: as of `ContactState`, of all ranks.
+    """
 
     def __repr__(self):
         return _summary("contact", self)
@@ -69,7 +74,7 @@ class ContactTable:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactState:
+class ContactState(_Columns):
     """Contact at the node pairs that this rank holds; each pair is on one rank.
 
     Attributes:
@@ -85,19 +90,8 @@ class ContactState:
         comm: MPI communicator.
     """
 
-    points: np.ndarray
-    normal: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
-    gap: np.ndarray
-    active: np.ndarray
-    pair: np.ndarray
-    names: tuple[str, ...]
     key: np.ndarray
     comm: MPI.Comm
-
-    def __len__(self):
-        return len(self.points)
 
     def __repr__(self):
         return _summary("contact on this rank alone", self)

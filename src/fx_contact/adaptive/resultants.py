@@ -1,14 +1,14 @@
 """Resultants: force and moment of contact pairs, loads and reactions, and what they leave of each body.
 
-All are of the undeformed bodies, about one point, the contact's centre.  Nodes are where the leaves of the mesh have
-them.  With the residual r = K u - L + B^T f at the
-conforming nodes x_i, the reaction of a condition is the sum of r_i, and of (x_i - c) x r_i, over the components that it
-prescribes.  What several conditions prescribe is shared among them equally.
+All are of the undeformed bodies, about one point c, the contact's centre.  Nodes are where the leaves of the mesh have
+them.  The residual at the conforming nodes x_i is r = K u - L + B^T f.  The reaction of a condition is the sum of r_i
+over the components that it prescribes, its moment that of (x_i - c) x r_i.  What several conditions prescribe is shared
+among them equally.
 
-On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  Their moments
-do where the order of the leaves' geometry is at most the degree, so that rotations are among the displacements; on
-others, up to what the displacement cannot follow of the geometry: 3e-3 of the force times the radius on the coarsest
-Hertz mesh, of order 2, at degree 1.
+On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  So do their
+moments where the order of the leaves' geometry is at most the degree, for then rotations are among the displacements.
+Elsewhere the moments are off by what the displacement cannot follow of the geometry: 3e-3 of the force times the radius
+on the coarsest Hertz mesh, of order 2, at degree 1.
 """
 
 from dataclasses import dataclass

@@ -211,7 +211,12 @@ def root_mesh_from_shapes(bodies, surfaces=None, curves=None, vertices=None):
     order = hexahedron.order_of(cells.shape[1])
 
     def found(places, local):
-        """Name -> rows (cell, local edge or corner) of the places: each edge or corner once."""
+        """Name -> rows (cell, local edge or corner) of the places: each edge or corner once.
+
+        Raises:
+            SceneError: an unknown body.
+            GeometryError: a place has none.
+        """
         result = {}
         for name, (where, place) in (places or {}).items():
             check_name("body", where, bodies)
