@@ -126,9 +126,9 @@ class StepRecord(SolveRecord):
         active_pairs: closed node pairs.
         force: sum of `pair_forces` [N].
         pair_forces: normal contact force of each contact pair [N].
-        contact_radius: radius of Hertz's contact with these second moments of the forces about `contact_centre` [m]; None
-            where they differ across the contact, or take more than the closed area (a flat punch), or where several
-            pairs press; 0 where nothing touches.
+        contact_radius: radius of Hertz's contact with these second moments of the forces about `contact_centre` [m];
+            None where they differ across the contact, or take more than the closed area (a flat punch), or where
+            several pairs press; 0 where nothing touches.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
         contact_iterations: of the active set.
