@@ -1,6 +1,7 @@
 """Pictures: what the section shows, and that something is seen on each."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -80,6 +81,41 @@ def test_pictures(name, degree, tmp_path):
         assert len(colours) > 4, "one colour"
         assert (pixels.std(axis=1) > 5).mean() > 1e-3, "no colour but grey"
         assert (pixels < 250).any(axis=1).mean() > 0.01, "next to nothing on white"
+
+
+def test_on_what_the_user_gives():
+    """Axes and plotters of rank 0 are drawn on and returned on each rank; without them and a path nothing is."""
+    from matplotlib.figure import Figure
+
+    step, records = a_step()
+    left, right = Figure().subplots(1, 2)
+    assert draw_pressure(step, ax=left) is left and draw_convergence(records, ax=right) is right
+    everywhere(bool(left.lines and right.lines) == (WORLD.rank == 0), "drawn elsewhere than on rank 0")
+    plotter = SimpleNamespace(camera=SimpleNamespace(), drawn=[])
+    plotter.add_mesh = lambda mesh, **_: plotter.drawn.append(mesh.n_cells)
+    plotter.enable_parallel_projection = plotter.view_xz = plotter.add_legend = lambda *_, **__: None
+    mine = plotter if WORLD.rank == 0 else None
+    assert draw_mesh(step, plotter=mine) is mine
+    everywhere((sum(plotter.drawn) > 100) == (WORLD.rank == 0), "drawn elsewhere than on rank 0")
+    with pytest.raises(OutputError, match="must be a path, got None"):
+        draw_mesh(step)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_grid_of_pyvista(degree):
+    """Its cells are this rank's leaves, which fill the bodies; displacement and stress are of their points."""
+    step, _ = a_step(degree)
+    grid = step.to_pyvista()
+    assert grid.n_cells == len(step.forest) and (grid["rank"] == WORLD.rank).all()
+    assert (np.bincount(grid["level"]) == np.bincount(step.forest.level)).all()
+    volume = WORLD.allreduce(grid.compute_cell_sizes(length=False, area=False)["Volume"].sum())
+    assert abs(volume / (2 * np.pi / 6) - 1) < (0.05 if degree == 1 else 0.02), "two quarters of half-balls"
+    flat = np.abs(grid.points[:, 2]) > 1 - 1e-9
+    approach = (grid["displacement"] * grid.points)[flat, 2]
+    everywhere(np.allclose(approach, -0.005, atol=1e-9), "flat faces, at z = -1 and 1, approach by half of 0.01 each")
+    s = grid["stress"].reshape(-1, 3, 3)
+    deviator = s - np.trace(s, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    assert np.allclose(grid["von Mises stress"], np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))))
 
 
 def test_levels_are_drawn_where_they_are():

@@ -9,6 +9,7 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from fx_contact.adaptive.contact_state import ContactState
+from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.contact_goals import ContactError
@@ -117,6 +118,18 @@ class Step:
         values = recovered.x.array.reshape(-1, len(VOIGT))[recovered.function_space.dofmap.list]
         result.x.array.reshape(-1, 9)[result.function_space.dofmap.list] = values[:, :, np.ravel(TENSOR)]
         return result
+
+    def to_pyvista(self):
+        """pyvista UnstructuredGrid of this rank's leaves, undeformed: `grid.warp_by_vector("displacement")` moves them.
+
+        Local.  `pyvista.merge(comm.gather(step.to_pyvista()))` on rank 0 has those of all ranks.  A leaf is a Lagrange
+        hexahedron of the displacement's degree.
+
+        Returns:
+            Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa], recovered;
+            cell data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
+        """
+        return leaf_grid(self)
 
     @cached_property
     def contact(self):

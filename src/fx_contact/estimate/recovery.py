@@ -25,6 +25,12 @@ TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
 _SUPERCONVERGENT = 3
 
 
+def von_mises(stress):
+    """Von Mises stress of stresses (..., 6) in the order of `VOIGT`: (...) [Pa].  Local."""
+    x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
+    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Estimated error and energy of a displacement field.

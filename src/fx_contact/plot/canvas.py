@@ -3,30 +3,37 @@
 import os
 import shutil
 import subprocess
-import warnings
 from contextlib import contextmanager
 
+from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.mpi import together
 
 
-def draw_on_first(comm, path, draw):
-    """Draw a picture on rank 0 into a folder that is made if it is not there.
+def draw_on_first(comm, path, draw, canvas, given=None):
+    """Draw a picture on rank 0: on what the user gives there, or into a file, whose folder is made.
 
     Collective on comm.
 
     Args:
         comm: MPI communicator.
-        path: of the PNG.
-        draw: function of the path that draws, called on rank 0 alone.
+        path: of the PNG; not looked at where the user gives axes or a plotter.
+        draw: function that draws on axes or a plotter, called on rank 0 alone.
+        canvas: context manager of a path that yields axes or a plotter and saves them: `axes_for` or `plotter_for`.
+        given: matplotlib Axes or pyvista Plotter of the user, or None; that of rank 0 counts.
 
     Returns:
-        Path of the picture.
+        What is given, or else the Path of the picture.
 
     Raises:
-        OutputError: the picture cannot be written.
+        OutputError: the picture cannot be written, or there is neither a path nor what to draw on.
     """
+    if comm.bcast(given is not None):
+        with together(comm):
+            if comm.rank == 0:
+                draw(given)
+        return given
     path = shared_path(comm, "the name of a picture", path, OutputError)
     if not path.suffix:  # what draws would give it one, and the picture would be elsewhere
         raise OutputError(
@@ -36,7 +43,8 @@ def draw_on_first(comm, path, draw):
         if comm.rank == 0:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                draw(path)
+                with canvas(path) as new:
+                    draw(new)
             except ValueError as error:
                 raise OutputError(f"cannot draw {str(path)!r}, let its name end in .png: {error}") from error
             except OSError as error:
@@ -63,14 +71,6 @@ def axes_for(path, width=6.4, height=4.4):
     figure.savefig(path, dpi=150)
 
 
-def import_pyvista():
-    """The module pyvista, without its warning in notebooks that progress bars of downloads are missing."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="IProgress not found")
-        import pyvista
-    return pyvista
-
-
 @contextmanager
 def plotter_for(path, width=1200, height=840):
     """A pyvista Plotter whose picture is saved in the end.
@@ -84,7 +84,6 @@ def plotter_for(path, width=1200, height=840):
     with _display():
         plotter = import_pyvista().Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")
-        plotter.enable_parallel_projection()
         try:
             yield plotter
             plotter.screenshot(path)

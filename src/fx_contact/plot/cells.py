@@ -5,11 +5,12 @@ import colorsys
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import check_step
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
+from fx_contact.plot.canvas import draw_on_first, plotter_for
 from fx_contact.problem import hexahedron
 
 
@@ -34,19 +35,20 @@ _COLOURS = {"rank": _number_colour, "level": _level_colour}
 
 
 @collective("step.forest.comm")
-def draw_mesh(step, path, zoom=3.0, colour="rank"):
+def draw_mesh(step, path=None, zoom=3.0, colour="rank", *, plotter=None):
     """The undeformed leaves around the contact, cut open along y = 0 and coloured.
 
     Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
 
     Args:
         step: Step with contact.
-        path: of the PNG.
+        path: of the PNG, if there is no plotter.
         zoom: half width of the picture, in contact radii.
         colour: "rank" or "level", of refinement.
+        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the plotter.
 
     Raises:
         SceneError: an unknown colouring, a zoom that is not positive, or a step without contact.
@@ -55,7 +57,7 @@ def draw_mesh(step, path, zoom=3.0, colour="rank"):
     check_step(step, contact=True)
     check_number("the zoom of a picture", zoom, positive=True)
     centre = np.asarray(step.record.contact_centre)
-    return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path)
+    return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path, plotter)
 
 
 def contact_size(step):
@@ -75,18 +77,19 @@ def contact_size(step):
 
 
 @collective("step.forest.comm")
-def draw_partition(step, path, colour="rank"):
+def draw_partition(step, path=None, colour="rank", *, plotter=None):
     """All undeformed leaves, cut open along y = 0 through the contact's centre and coloured.
 
     Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
 
     Args:
         step: Step.
-        path: of the PNG.
+        path: of the PNG, if there is no plotter.
         colour: "rank" or "level", of refinement.
+        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the plotter.
 
     Raises:
         SceneError: an unknown colouring, or no step.
@@ -96,7 +99,7 @@ def draw_partition(step, path, colour="rank"):
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
     cut = np.asarray(step.record.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))
-    return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path)
+    return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path, plotter)
 
 
 def draw_parts(forest, part, centre, reach, path):
@@ -121,35 +124,35 @@ def draw_parts(forest, part, centre, reach, path):
     return _draw_groups(forest, part, path, colour=_number_colour, word="", cut=cut, centre=cut, reach=reach)
 
 
-def _draw_leaves(forest, colour, cut, centre, reach, path):
+def _draw_leaves(forest, colour, cut, centre, reach, path, plotter):
     """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by rank or level."""
     check_name("colouring", colour, _COLOURS)
     group = forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
-    look = {"cut": cut, "centre": centre, "reach": reach}
+    look = {"cut": cut, "centre": centre, "reach": reach, "given": plotter}
     return _draw_groups(forest, group, path, colour=_COLOURS[colour], word=colour, **look)
 
 
-def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach):
+def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given=None):
     """Draw groups of leaves, each in the colour of its number; with a word before the number in the legend."""
     faces, leaf = _visible_faces(forest, cut, reach)
     parts = forest.comm.gather((faces, group[leaf]), root=0)
 
-    def draw(path):
+    def draw(plotter):
         """The picture, on the first rank."""
         faces, group = (np.concatenate(column) for column in zip(*parts))
-        with plotter_for(path) as plotter:
-            for number in np.unique(group):
-                surface, edges = _drawn(faces[group == number])
-                plotter.add_mesh(surface, color=colour(number), label=f"{word} {number}", ambient=0.65, diffuse=0.4)
-                nearer = edges.translate(1e-3 * reach * _EYE)  # lest they lie in the surface
-                plotter.add_mesh(nearer, color="#202020", line_width=1, lighting=False)
-            if word and np.ptp(group):
-                size = (0.16, 0.045 * len(np.unique(group)))
-                plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
-            plotter.camera_position = [centre + reach * _EYE, centre, (0, 0, 1)]
-            plotter.camera.parallel_scale = 0.7 * reach
+        for number in np.unique(group):
+            surface, edges = _drawn(faces[group == number])
+            plotter.add_mesh(surface, color=colour(number), label=f"{word} {number}", ambient=0.65, diffuse=0.4)
+            nearer = edges.translate(1e-3 * reach * _EYE)  # lest they lie in the surface
+            plotter.add_mesh(nearer, color="#202020", line_width=1, lighting=False)
+        if word and np.ptp(group):
+            size = (0.16, 0.045 * len(np.unique(group)))
+            plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
+        plotter.enable_parallel_projection()
+        plotter.camera_position = [centre + reach * _EYE, centre, (0, 0, 1)]
+        plotter.camera.parallel_scale = 0.7 * reach
 
-    return draw_on_first(forest.comm, path, draw)
+    return draw_on_first(forest.comm, path, draw, plotter_for, given)
 
 
 def _visible_faces(forest, centre, reach):

@@ -1,5 +1,7 @@
 """Curves: contact pressure over the radius, error over the unknowns, force over the approach."""
 
+from functools import partial
+
 import numpy as np
 from mpi4py import MPI
 
@@ -11,18 +13,19 @@ from fx_contact.plot.canvas import axes_for, draw_on_first
 
 
 @collective("step.forest.comm")
-def draw_pressure(step, path, exact=None):
+def draw_pressure(step, path=None, exact=None, *, ax=None):
     """Contact pressure of every node pair over the radius, against Hertz's.
 
     Collective on the step's communicator; rank 0 draws.
 
     Args:
         step: Step with contact.
-        path: of the PNG.
+        path: of the PNG, if there is no ax.
         exact: Hertz, or None for no curve.
+        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the ax.
 
     Raises:
         SceneError: no step, or one without contact.
@@ -30,10 +33,11 @@ def draw_pressure(step, path, exact=None):
     """
     check_step(step, contact=True)
     table = step.contact.gathered()
-    return draw_on_first(step.forest.comm, path, lambda path: _draw_pressure(table, step.record, path, exact))
+    draw = partial(_draw_pressure, table=table, record=step.record, exact=exact)
+    return draw_on_first(step.forest.comm, path, draw, axes_for, ax)
 
 
-def _draw_pressure(table, record, path, exact):
+def _draw_pressure(axes, table, record, exact):
     arm = table.points - record.contact_centre
     along = np.einsum("ni,ni->n", arm, table.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
@@ -41,34 +45,32 @@ def _draw_pressure(table, record, path, exact):
     reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
-    with axes_for(path) as axes:
-        axes.plot(
-            radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs"
-        )
-        if exact:
-            r = np.linspace(0, reach, 400)
-            axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
-        axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius")
-        axes.set_ylabel("contact pressure")
-        axes.set_ylim(bottom=0)
-        axes.set_xlim(left=0)
-        axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)
-        axes.legend(frameon=False)
+    axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+    if exact:
+        r = np.linspace(0, reach, 400)
+        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
+    axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius")
+    axes.set_ylabel("contact pressure")
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(left=0)
+    axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)
+    axes.legend(frameon=False)
 
 
 @collective("comm")
-def draw_convergence(records, path, comm=MPI.COMM_WORLD):
+def draw_convergence(records, path=None, comm=MPI.COMM_WORLD, *, ax=None):
     """Estimated error of every step over its unknowns, and the true one where it has been measured.
 
     Collective on comm; rank 0 draws.
 
     Args:
         records: list of StepRecord, of the steps of a run, alike on all ranks.
-        path: of the PNG.
+        path: of the PNG, if there is no ax.
         comm: MPI communicator.
+        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the ax.
 
     Raises:
         SceneError: comm is no communicator.
@@ -77,45 +79,47 @@ def draw_convergence(records, path, comm=MPI.COMM_WORLD):
     check_comm(comm)
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
-    return draw_on_first(comm, path, lambda path: _draw_convergence(records, path))
+    return draw_on_first(comm, path, partial(_draw_convergence, records=records), axes_for, ax)
 
 
-def _draw_convergence(records, path):
+def _draw_convergence(axes, records):
     dofs, error = np.array([(r.dofs, 100 * r.estimate) for r in records]).T
     true = np.array([(r.dofs, 100 * r.true_error.relative) for r in records if r.true_error])
-    with axes_for(path) as axes:
-        axes.loglog(dofs, error, "o-", color="#0072B2", label="estimated")
-        if len(true):
-            axes.loglog(*true.T, "s", color="#D55E00", label="true")
-        axes.axhline(100 * records[-1].tolerance, color="#555555", ls=":", label="tolerance")
-        degree = records[-1].degree
-        smooth = error[-1] * (dofs / dofs[-1]) ** (-degree / 3)
-        label = f"uniform cells, smooth solution: dofs$^{{-{degree}/3}}$"
-        axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label=label)
-        axes.set_xlabel("unknowns")
-        axes.set_ylabel("relative energy error [%]")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter("{x:,g}")
-            axis.set_minor_formatter(_few_digits)
-        axes.legend(frameon=False)
+    axes.loglog(dofs, error, "o-", color="#0072B2", label="estimated")
+    if len(true):
+        axes.loglog(*true.T, "s", color="#D55E00", label="true")
+    axes.axhline(100 * records[-1].tolerance, color="#555555", ls=":", label="tolerance")
+    degree = records[-1].degree
+    smooth = error[-1] * (dofs / dofs[-1]) ** (-degree / 3)
+    label = f"uniform cells, smooth solution: dofs$^{{-{degree}/3}}$"
+    axes.loglog(dofs, smooth, "--", color="#999999", lw=1, label=label)
+    axes.set_xlabel("unknowns")
+    axes.set_ylabel("relative energy error [%]")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:,g}")
+        axis.set_minor_formatter(_few_digits)
+    axes.legend(frameon=False)
 
 
 @collective("comm")
-def draw_sweep(points, path, comm=MPI.COMM_WORLD, *, quantity="force", label="value", logarithmic=False):
+def draw_sweep(
+    points, path=None, comm=MPI.COMM_WORLD, *, quantity="force", label="value", logarithmic=False, ax=None
+):
     """A quantity at the points of a load path over their values: with the force, a force-approach curve.
 
     Collective on comm; rank 0 draws.
 
     Args:
         points: list of SweepRecord, alike on all ranks.
-        path: of the PNG.
+        path: of the PNG, if there is no ax.
         comm: MPI communicator.
         quantity: entry of a StepRecord that is a number.
         label: of the values.
         logarithmic: whether both axes are.
+        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the ax.
 
     Raises:
         SceneError: comm is no communicator, or there is no such entry.
@@ -127,16 +131,16 @@ def draw_sweep(points, path, comm=MPI.COMM_WORLD, *, quantity="force", label="va
     numbers = [name for name, value in vars(points[0].record).items() if isinstance(value, (int, float))]
     check_name("entry of a record", quantity, numbers)
     rows = np.array([(point.value, getattr(point.record, quantity)) for point in points])
-    return draw_on_first(comm, path, lambda path: _draw_sweep(rows, path, quantity, label, logarithmic))
+    draw = partial(_draw_sweep, rows=rows, quantity=quantity, label=label, logarithmic=logarithmic)
+    return draw_on_first(comm, path, draw, axes_for, ax)
 
 
-def _draw_sweep(rows, path, quantity, label, logarithmic):
-    with axes_for(path) as axes:
-        axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color="#0072B2")
-        if logarithmic:
-            axes.loglog()
-        axes.set_xlabel(label)
-        axes.set_ylabel(quantity.replace("_", " "))
+def _draw_sweep(axes, rows, quantity, label, logarithmic):
+    axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color="#0072B2")
+    if logarithmic:
+        axes.loglog()
+    axes.set_xlabel(label)
+    axes.set_ylabel(quantity.replace("_", " "))
 
 
 def _few_digits(value, _position):

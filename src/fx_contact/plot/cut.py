@@ -1,13 +1,17 @@
 """Stress in a plane cut through the bodies."""
 
+from functools import partial
+
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import check_step
+from fx_contact.estimate.recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import draw_on_first, import_pyvista, plotter_for
+from fx_contact.plot.canvas import draw_on_first, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
@@ -16,19 +20,20 @@ _SHOWN = {"x": [1, 0, 2], "y": [0, 1, 2], "z": [0, 2, 1]}
 
 
 @collective("step.forest.comm")
-def draw_stress(step, path, zoom=None, across="y"):
+def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
     """Von Mises stress, recovered at the nodes, and the leaves in a plane through the contact's centre.
 
     Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
 
     Args:
         step: Step, with contact if there is a zoom.
-        path: of the PNG.
+        path: of the PNG, if there is no plotter.
         zoom: half width of the picture, in contact radii; None: all of the bodies.
         across: "x", "y" or "z", the normal of the plane.
+        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
 
     Returns:
-        Path of the picture.
+        Path of the picture, or the plotter.
 
     Raises:
         SceneError: no step, or with a zoom one without contact, a zoom that is not positive, or another axis.
@@ -49,21 +54,15 @@ def draw_stress(step, path, zoom=None, across="y"):
     if zoom is not None:
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
-    stress = _von_mises(step.elasticity.at_leaves(step.estimate.stress)[cut])
+    stress = von_mises(step.elasticity.at_leaves(step.estimate.stress)[cut])
     parts = comm.gather((points[cut], stress, forest.mesh.body[forest.cell[cut]]), root=0)
 
-    def draw(path):
+    def draw(plotter):
         """The picture, on the first rank."""
         points, values, body = (np.concatenate(column) for column in zip(*parts))
-        _draw_cut(points, values, body, path, centre=centre, reach=reach, y=y)
+        _draw_cut(plotter, points, values, body, centre=centre, reach=reach, y=y)
 
-    return draw_on_first(comm, path, draw)
-
-
-def _von_mises(stress):
-    """Von Mises stress of stresses (..., 6) in Voigt's order xx, yy, zz, yz, xz, xy."""
-    x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
-    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
+    return draw_on_first(comm, path, draw, partial(plotter_for, width=1500, height=1000), plotter)
 
 
 def cut_by_body(points, values, body, y):
@@ -92,42 +91,42 @@ def cut_by_body(points, values, body, y):
     return sections
 
 
-def _draw_cut(points, values, body, path, *, centre, reach, y):
+def _draw_cut(plotter, points, values, body, *, centre, reach, y):
     pyvista = import_pyvista()
     section = pyvista.merge(cut_by_body(points, values, body, y), merge_points=False)
-    with plotter_for(path, 1500, 1000) as plotter:
-        plotter.add_mesh(
-            section,
-            scalars="stress",
-            cmap="viridis",
-            clim=(0, np.percentile(section["stress"], 99)),
-            lighting=False,
-            scalar_bar_args={
-                "title": "von Mises stress; the highest 1 % are above the scale",
-                "color": "black",
-                "fill": reach is not None,
-                "background_color": "white",
-                "vertical": False,
-                "n_labels": 2,
-                "position_x": 0.2,
-                "title_font_size": 22,
-                "fmt": "%.2g",
-            },
-        )
-        plotter.add_mesh(_outlines(points, y), color="#202020", line_width=1, lighting=False)
-        plotter.view_xz()
-        if reach is None:
-            x, z = np.ptp(points[:, :, [0, 2]], axis=(0, 1))
-            plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
-        else:
-            quarter = points[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
-            plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
-            plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
-            plotter.camera.parallel_scale = 0.7 * reach
-        lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
-        plotter.camera.focal_point, plotter.camera.position = (
-            np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
-        )
+    plotter.add_mesh(
+        section,
+        scalars="stress",
+        cmap="viridis",
+        clim=(0, np.percentile(section["stress"], 99)),
+        lighting=False,
+        scalar_bar_args={
+            "title": "von Mises stress; the highest 1 % are above the scale",
+            "color": "black",
+            "fill": reach is not None,
+            "background_color": "white",
+            "vertical": False,
+            "n_labels": 2,
+            "position_x": 0.2,
+            "title_font_size": 22,
+            "fmt": "%.2g",
+        },
+    )
+    plotter.add_mesh(_outlines(points, y), color="#202020", line_width=1, lighting=False)
+    plotter.enable_parallel_projection()
+    plotter.view_xz()
+    if reach is None:
+        x, z = np.ptp(points[:, :, [0, 2]], axis=(0, 1))
+        plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
+    else:
+        quarter = points[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
+        plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
+        plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
+        plotter.camera.parallel_scale = 0.7 * reach
+    lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
+    plotter.camera.focal_point, plotter.camera.position = (
+        np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
+    )
 
 
 def _outlines(points, y):
