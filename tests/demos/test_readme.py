@@ -45,7 +45,7 @@ SKIPPED = {
     rf"(--suite|{ELSEWHERE}|python3 -m black) ?.*": "needs what is not here",
 }
 #: What is run instead: coarse meshes; fields and pictures of the plain command alone, several ranks of that and of what
-#: keeps checkpoints; of studies the help.
+#: keeps checkpoints, one of what goes on from them; of studies the help.
 SMALLER = (
     (r"--tolerance \S+", "--tolerance 0.3"),
     (r"--true-error \S+", "--true-error 0.4"),
@@ -55,7 +55,7 @@ SMALLER = (
     (r"--order [126]", "--order 2"),
     (r"(demos/\w+\.py) (?!.*--tolerance)", r"\1 --tolerance 0.3 "),
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
-    (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)", ""),
+    (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
     (r"(mpirun -n \d )?(python3 -m studies\.\w+\.\w+)(?!.*--only).*", r"\2 --help"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),

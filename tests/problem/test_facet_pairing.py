@@ -42,3 +42,12 @@ def test_nodes_must_face_nodes(direction, amount):
         else:
             with pytest.raises(PairingError, match="have no partner"):
                 replace(scene, mesh=moved).pairing
+
+
+@pytest.mark.parametrize("direction, expected", [((1.0, 0.0, 2.0), (5**-0.5, 0.0, 2 * 5**-0.5)), (None, (0, 0, 1))])
+def test_direction_of_facets(direction, expected):
+    """They face others along the direction that is given, whatever its length, else along their normals."""
+    scene = pressed(two_boxes(distortion=0.0), direction=direction)
+    cell, face = np.nonzero(scene.pairing.first)
+    found = scene.contact_directions(np.stack([cell, face], axis=1))
+    assert len(found) and np.allclose(found, expected, rtol=0, atol=1e-14)
