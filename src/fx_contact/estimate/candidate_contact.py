@@ -104,7 +104,7 @@ def moved_by_strains(state):
         weighted = solution.active * pairs.area * free.T
         sums = np.column_stack([weighted @ free, weighted @ moved])
         pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-        motion, *_ = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=1e-10)
+        motion, *_ = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=1e-10)  # as RigidMotions tells free from held
         moved -= free @ motion
     return moved
 

@@ -116,6 +116,7 @@ class RigidMotions:
         if not len(self.free):
             return []
         strength, vectors = np.linalg.eigh(resistance)
+        # Of unit vectors: a row of R has a length of about 1, a motion that a body takes part in at least 1e-6.
         loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12)]
         moves = (np.abs(loose @ self._free_rows) > 1e-6).reshape(-1, *self.free.shape[1:]).any(axis=(0, 2))
         return [name for name, free in zip(self._mesh.bodies, moves) if free]

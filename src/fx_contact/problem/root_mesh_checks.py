@@ -112,7 +112,7 @@ def _check_jacobian(mesh):
         ]
         determinant = np.linalg.det(np.stack(columns, axis=-1))
         smallest[start : start + step] = determinant.min(axis=1) / np.maximum(np.abs(determinant).max(axis=1), 1e-300)
-    if smallest.min() <= 1e-8:
+    if smallest.min() <= 1e-8:  # the square root of rounding: a degenerate corner, exactly 0, has less
         cell = int(smallest.argmin())
         raise GeometryError(
             f"root cell {cell} of {len(mesh.cells)} is inverted or degenerate: the smallest Jacobian determinant is "

@@ -64,6 +64,7 @@ def true_error(step, tolerance, scene=None):
 def _on(forest, scene):
     """The same leaves on the root mesh of a scene."""
     check_scene(scene)
+    # A mesh of another order has other corners by Gmsh's rounding, 1e-9; another mesh by parts of a cell.
     here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
     if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
         raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")
