@@ -56,6 +56,7 @@ SMALLER = (
     (r"(demos/\w+\.py) (?!.*--tolerance)", r"\1 --tolerance 0.3 "),
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
+    (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
     (r"(mpirun -n \d )?(python3 -m studies\.\w+\.\w+)(?!.*--only).*", r"\2 --help"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),

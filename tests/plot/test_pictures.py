@@ -9,7 +9,15 @@ from conftest import WORLD, everywhere
 
 from fx_contact import ErrorControl, SweepRecord, adapt
 from fx_contact.parallel.errors import OutputError, SceneError
-from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress, draw_sweep
+from fx_contact.plot import (
+    draw_bodies,
+    draw_convergence,
+    draw_mesh,
+    draw_partition,
+    draw_pressure,
+    draw_stress,
+    draw_sweep,
+)
 from fx_contact.plot.cells import _level_colour
 from fx_contact.plot.cut import _outlines, cut_by_body
 from fx_contact.scenes import hertz
@@ -58,6 +66,8 @@ PICTURES = {
     "mesh": lambda step, records, path: draw_mesh(step, path),
     "levels": lambda step, records, path: draw_mesh(step, path, zoom=4, colour="level"),
     "partition": lambda step, records, path: draw_partition(step, path),
+    "bodies": lambda step, records, path: draw_bodies(step, path, cut=True, apart=0.1),
+    "bodies, stress": lambda step, records, path: draw_bodies(step, path, "stress", factor=2, zoom=2),
     "pressure": lambda step, records, path: draw_pressure(step, path),
     "stress": lambda step, records, path: draw_stress(step, path),
     "stress near": lambda step, records, path: draw_stress(step, path, zoom=3, across="z"),
@@ -131,6 +141,8 @@ def test_wrong_requests():
         draw_mesh(step, "x.png", colour="levels")
     with pytest.raises(SceneError, match="unknown axis 'w'"):
         draw_stress(step, "x.png", across="w")
+    with pytest.raises(SceneError, match="unknown field 'level'"):
+        draw_bodies(step, "x.png", "level")
     with pytest.raises(OutputError, match="no record"):
         draw_convergence([], "x.png", WORLD)
     with pytest.raises(OutputError, match="must be a path"):

@@ -1,10 +1,12 @@
 """Pictures of a step or a run, as PNG files; plotting libraries are imported only when one is drawn."""
 
+from fx_contact.plot.bodies import draw_bodies
 from fx_contact.plot.cells import draw_mesh, draw_partition, draw_parts
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
 
 __all__ = [
+    "draw_bodies",
     "draw_convergence",
     "draw_mesh",
     "draw_partition",

@@ -84,6 +84,7 @@ def plotter_for(path, width=1200, height=840):
     with _display():
         plotter = import_pyvista().Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")
+        plotter.enable_anti_aliasing("ssaa")
         try:
             yield plotter
             plotter.screenshot(path)

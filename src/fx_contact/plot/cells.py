@@ -5,13 +5,11 @@ import colorsys
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import check_step
-from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import draw_on_first, plotter_for
-from fx_contact.problem import hexahedron
+from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 
 
 def _number_colour(number):
@@ -26,10 +24,6 @@ def _level_colour(level):
     return colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)[:3]
 
 
-#: From the centre of a picture to the eye.
-_EYE = np.array([-2.2, -4.0, 1.2])
-#: Straight pieces by which an edge of a curved leaf is drawn.
-_PIECES = 4
 #: What leaves can be coloured by.
 _COLOURS = {"rank": _number_colour, "level": _level_colour}
 
@@ -134,55 +128,22 @@ def _draw_leaves(forest, colour, cut, centre, reach, path, plotter):
 
 def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given=None):
     """Draw groups of leaves, each in the colour of its number; with a word before the number in the legend."""
-    faces, leaf = _visible_faces(forest, cut, reach)
-    parts = forest.comm.gather((faces, group[leaf]), root=0)
+    leaf, face = visible_faces(forest, cut, reach)
+    parts = forest.comm.gather((face_points(forest, leaf, face), group[leaf]), root=0)
 
     def draw(plotter):
         """The picture, on the first rank."""
         faces, group = (np.concatenate(column) for column in zip(*parts))
         for number in np.unique(group):
-            surface, edges = _drawn(faces[group == number])
+            surface, edges = surface_and_edges(faces[group == number])
             plotter.add_mesh(surface, color=colour(number), label=f"{word} {number}", ambient=0.65, diffuse=0.4)
-            nearer = edges.translate(1e-3 * reach * _EYE)  # lest they lie in the surface
+            nearer = edges.translate(1e-3 * reach * EYE)  # lest they lie in the surface
             plotter.add_mesh(nearer, color="#202020", line_width=1, lighting=False)
         if word and np.ptp(group):
             size = (0.16, 0.045 * len(np.unique(group)))
             plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
         plotter.enable_parallel_projection()
-        plotter.camera_position = [centre + reach * _EYE, centre, (0, 0, 1)]
+        plotter.camera_position = [centre + reach * EYE, centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach
 
     return draw_on_first(forest.comm, path, draw, plotter_for, given)
-
-
-def _visible_faces(forest, centre, reach):
-    """Leaf faces near a point, of the half beyond its y, on the boundary or the cut.
-
-    Returns:
-        (m, (k+1)^2, 3) float64 points of the faces, k = `_PIECES`, and (m,) int, leaves.
-    """
-    position = leaf_positions(forest, slice(None), 1)
-    near = (np.abs(position.mean(axis=1) - centre) < 3 * reach).all(axis=1) & (
-        position[:, :, 1].mean(axis=1) > centre[1]
-    )
-    corners = position[near][:, hexahedron.FACE_CORNERS]
-    in_plane = (np.abs(corners[..., 1] - centre[1]) < 1e-9 * reach).all(axis=2)
-    exterior = np.argwhere(forest.mesh.face_neighbours == 1)
-    leaf, face = forest.boundary_faces(exterior)
-    outer = np.zeros((len(forest), 6), dtype=bool)
-    outer[leaf, face] = True
-    leaf, face = np.nonzero(in_plane | outer[near])
-    leaf = np.flatnonzero(near)[leaf]
-    points = leaf_positions(forest, leaf, _PIECES)
-    return points[np.arange(len(leaf))[:, None], hexahedron.face_nodes(_PIECES)[face]], leaf
-
-
-def _drawn(faces):
-    """Faces of leaves as pyvista's surface, and their edges as lines; faces as `_visible_faces` returns them."""
-    count, first = _PIECES + 1, faces.shape[1] * np.arange(len(faces))[:, None, None]
-    quads = (first + hexahedron.subcells(_PIECES, 2)[:, [0, 1, 3, 2]]).reshape(-1, 4)
-    grid = np.arange(count**2).reshape(count, count)
-    sides = (first + np.stack([grid[0], grid[-1], grid[:, 0], grid[:, -1]])).reshape(-1, count)
-    surface, points = import_pyvista().PolyData, faces.reshape(-1, 3)
-    lines = np.hstack([np.full((len(sides), 1), count), sides])
-    return surface.from_regular_faces(points, quads), surface(points, lines=lines.ravel())

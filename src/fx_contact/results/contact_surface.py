@@ -36,8 +36,8 @@ def contact_functions(step):
     order = max(leaf_order, space.degree)
     leaf, face = forest.contact_faces()
     on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
-    points = _interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
-    nodal = _interpolation(space.degree, order) @ _nodal_values(step)[space.on_faces(leaf, face)]
+    points = face_interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
+    nodal = face_interpolation(space.degree, order) @ nodal_values(step)[space.on_faces(leaf, face)]
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     rank = np.full(len(leaf), forest.comm.rank)
@@ -66,14 +66,33 @@ def contact_functions(step):
     return fields
 
 
-def _interpolation(order, finer):
-    """Values at the nodes of a facet of one order from those of another: ((finer+1)^2, (order+1)^2) float64."""
+def face_interpolation(order, finer):
+    """Values at the nodes of a facet of one order from those of another.
+
+    Local.
+
+    Args:
+        order: of the nodes where values are known.
+        finer: order of the nodes where they are wanted.
+
+    Returns:
+        ((finer+1)^2, (order+1)^2) float64.
+    """
     along = hexahedron.lagrange(order, np.linspace(0, 1, finer + 1))
     return np.kron(along, along)
 
 
-def _nodal_values(step):
-    """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact: (m, 6)."""
+def nodal_values(step):
+    """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact.
+
+    Collective on the step's communicator.
+
+    Args:
+        step: Step with contact.
+
+    Returns:
+        (m, 6) float64: displacement [m], pressure [Pa], 1 where a pair is closed, open gap [m].
+    """
     pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
     rows = pairs.area[:, None] * np.stack(
         [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1

@@ -1,0 +1,100 @@
+"""The pictures of contact in the README, on the home page and in the gallery.
+
+python3 -m studies.pictures.run                              # all of them, into results/pictures: 40 seconds
+python3 -m studies.pictures.run --output docs/figures        # those that are kept
+python3 -m studies.pictures.run --only contact               # one: contact, loop, or a scene of the gallery
+"""
+
+import argparse
+import runpy
+import sys
+from functools import partial
+from pathlib import Path
+
+from PIL import Image
+
+from fx_contact import Material, adapt, solve
+from fx_contact.plot import draw_bodies
+from fx_contact.plot.canvas import plotter_for
+from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
+
+DEMOS = Path(__file__).parents[2] / "demos"
+
+
+def demo(name):
+    """The last step of a demo's scene, at 10 %."""
+    sys.path.insert(0, str(DEMOS))
+    found = runpy.run_path(str(DEMOS / f"{name}.py"))
+    sys.path.remove(str(DEMOS))
+    return (
+        found["step"]
+        if "step" in found
+        else solve(found["scene"](found["options"].parse_args([]), Material(1.0, 0.3)), 0.1)
+    )
+
+
+#: Scenes of the gallery: what gives the step, and by what displacements are drawn larger.
+SCENES = {
+    "hertz": (lambda: solve(hertz(coarse=2, order=6), 0.05), 5),
+    "spheres": (lambda: solve(spheres((1.0, -2.0)), 0.05), 5),
+    "punch": (lambda: solve(punch(), 0.1), 5),
+    "cylinders": (lambda: solve(cylinders(length=0.5), 0.1), 5),
+    "indentation": (lambda: solve(indentation(), 0.1), 5),
+    "stack": (lambda: solve(stack((Material(1.0, 0.3), Material(5.0, 0.3), Material(1.0, 0.0))), 0.1), 10),
+    "shrink_fit": (lambda: solve(shrink_fit(), 0.05), 5),
+    "patch": (lambda: solve(patch(), 0.1), 10),
+    "own_gmsh_model": (partial(demo, "own_gmsh_model"), 20),
+    "crossed_cylinders": (partial(demo, "crossed_cylinders"), 5),
+    "shaft_in_bore": (partial(demo, "shaft_in_bore"), 20),
+}
+
+
+def contact(folder, quick):
+    """Contact pressure on two half-spheres that are pulled apart again."""
+    scene = hertz(displacement=0.05, symmetry="full", coarse=2, order=6)
+    step = solve(scene, 0.3 if quick else 0.02)
+    with plotter_for(folder / "contact.png", 1060, 600) as plotter:
+        draw_bodies(step, cut=True, apart=0.2, zoom=2.4, plotter=plotter)
+
+
+def gallery(name, folder, _quick):
+    """Von Mises stress on the deformed bodies of a scene."""
+    step, factor = SCENES[name][0](), SCENES[name][1]
+    with plotter_for(folder / f"scene_{name}.png", 640, 480) as plotter:
+        draw_bodies(step, field="stress", factor=factor, apart=0.1 * (name in ("stack", "patch")), plotter=plotter)
+
+
+def loop(folder, quick):
+    """Four steps of the adaptive loop, all with the same scales: side by side, and as a moving picture."""
+    frames = []
+    for step in adapt(hertz(displacement=0.05, coarse=2, order=6), 0.3 if quick else 0.01):
+        with plotter_for(folder / "loop.png", 340, 420) as plotter:
+            draw_bodies(step, field="stress", top=0.07, plotter=plotter)  # about the largest [Pa]
+            told = f"{step.record.dofs:,} unknowns, error {step.record.estimate:.1%}"
+            plotter.add_text(told, position=(100, 8), color="black", font_size=8)
+        frames.append(Image.open(folder / "loop.png").convert("RGB"))
+    strip = Image.new("RGB", (340 * len(frames), 420))
+    for place, one in enumerate(frames):
+        strip.paste(one, (340 * place, 0))
+    strip.save(folder / "loop.png", optimize=True)
+    first, *others = (one.quantize(256, Image.Quantize.MAXCOVERAGE) for one in frames)
+    first.save(folder / "loop.gif", save_all=True, append_images=others, duration=1500, loop=0)
+
+
+def main():
+    """Parse and draw."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    names = ["contact", "loop", *SCENES]
+    options.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
+    options.add_argument("--quick", action="store_true", help="coarse: do they still come out?")
+    options.add_argument("--output", type=Path, default=Path("results/pictures"), help="folder (%(default)s)")
+    arguments = options.parse_args()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    for name in arguments.only:
+        draw = {"contact": contact, "loop": loop}.get(name) or partial(gallery, name)
+        draw(arguments.output, arguments.quick)
+        print(f"{name}: done", flush=True)
+
+
+if __name__ == "__main__":
+    main()
