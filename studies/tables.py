@@ -72,6 +72,8 @@ PARTITION = {
     "neighbours": "{neighbours:.1f}",
     "halo a part": "{halo_KiB:.0f} KiB",
 }
+PARTITION2 = {name: text for name, text in PARTITION.items() if name not in ("curve only", "imbalance, equidistributed")}
+PARTITION2["imbalance of unknowns"] = "{imbalance_unknowns:.3f}"
 
 
 def markdown(rows, columns):
@@ -144,6 +146,7 @@ TABLES = {
         markdown, columns={"promise": "{promise}", "measured": "{measured}"}
     ),
     "studies/partition/table.csv": partial(markdown, columns=PARTITION),
+    "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
     "studies/stability/scores.csv": counts,
 }
 

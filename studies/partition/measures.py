@@ -25,10 +25,11 @@ class Quality:
         weight_imbalance: the same of the weights that were given [-].
         cut_facets: leaf facets between two parts; where one leaf meets four finer ones, those four.
         split_pairs: facing leaf facets whose leaves are in different parts.
-        interface_vertices: conforming vertices that several parts need.
-        neighbours_max, neighbours_mean: other parts with which a part shares such a vertex.
+        unknowns_imbalance: most conforming nodes that a part needs over the mean [-].
+        interface_nodes: conforming nodes that several parts need.
+        neighbours_max, neighbours_mean: other parts with which a part shares such a node.
         halo_bytes: moved by all parts together when each gets the displacements that it needs and does not own.
-        halo_bytes_max: received and sent by the part that moves most, each vertex owned by one part that needs it.
+        halo_bytes_max: received and sent by the part that moves most, each node owned by one part that needs it.
         pieces_max, pieces_mean: connected pieces of a part, connected through facets or facing facets.
     """
 
@@ -37,7 +38,8 @@ class Quality:
     weight_imbalance: float
     cut_facets: int
     split_pairs: int
-    interface_vertices: int
+    unknowns_imbalance: float
+    interface_nodes: int
     neighbours_max: int
     neighbours_mean: float
     halo_bytes: int
@@ -107,7 +109,7 @@ class Judge:
         return _total(self.comm, np.bincount(part[first], minlength=parts))
 
     def _interfaces(self, part, parts):
-        """What `Quality` has of interface vertices, neighbours and halos, by name: dict."""
+        """What `Quality` has of unknowns, interface nodes, neighbours and halos, by name: dict."""
         count = len(part)
         chosen = csr_matrix((np.ones(count, dtype=np.int32), (part, np.arange(count))), shape=(parts, count))
         who, where = (chosen @ self._needs).nonzero()
@@ -116,6 +118,7 @@ class Judge:
         exchange = Exchange(self.comm, vertex % self.comm.size)
         rows = np.unique(exchange.forward(np.stack([vertex, who], axis=1)), axis=0)
         vertex, who = rows.T
+        needed = _total(self.comm, np.bincount(who, minlength=parts))
         start = np.flatnonzero(np.diff(vertex, prepend=-1))
         several = np.diff(np.append(start, len(vertex)))
         meeting = np.repeat(several > 1, several)
@@ -134,7 +137,8 @@ class Judge:
         moved = _total(self.comm, received + sent)
         shared = self.comm.allreduce(len(start))
         return {
-            "interface_vertices": shared,
+            "unknowns_imbalance": float(needed.max() / needed.mean()),
+            "interface_nodes": shared,
             "neighbours_max": int(neighbours.max()),
             "neighbours_mean": float(neighbours.mean()),
             "halo_bytes": BYTES * int(moved.sum()) // 2,

@@ -1,12 +1,14 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
-The forests are those of adaptive runs of both benchmarks at degree 1, every leaf refined once more: over a million
-leaves. Each rank scores one benchmark by itself, so two ranks halve the time:
+The forests are those of adaptive runs of both benchmarks, every leaf refined once more, at degree 2 twice: over a
+million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
+    mpirun -n 2 python3 -m studies.partition.run --degree 2
 
-It leaves table.csv, quality.csv, targets.md, cost.md, prediction.md, prediction.csv and pictures in results/partition.
+The prediction is of degree 1, whose kernels are measured. It leaves table.csv
+(table_degree2.csv), quality.csv, targets.md, cost.md, prediction.md, prediction.csv and pictures in results/partition.
 """
 
 import argparse
@@ -38,11 +40,11 @@ from studies.partition.scaling_kernels import measure, migration
 from studies.partition.scaling_model import Network, predict
 from studies.partition.tables import prediction, quality, seconds_by_stage, table, targets
 
-#: Benchmarks: how to make the scene on one rank, the tolerance of the run and of the quick one, unknowns in the paper,
-#: half width of the picture [m].
+#: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the quick one at degree 1 and 2,
+#: unknowns in the paper, half width of the picture [m].
 BENCHMARKS = {
-    "hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.035, 0.07, 18.3e6, 0.25),
-    "indentation": (indentation, 0.051, 0.1, 295.9e6, 1.0),
+    "hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.035, 0.07), 2: (0.004, 0.01)}, 18.3e6, 0.25),
+    "indentation": (indentation, {1: (0.051, 0.1), 2: (0.03, 0.06)}, 295.9e6, 1.0),
 }
 #: Tolerance of the runs in which the kernels are measured, and of those of --quick.
 TOLERANCES = (0.05, 0.12)
@@ -84,11 +86,13 @@ def in_curve_order(forest):
     return forest.ordered(np.argsort(curve_keys(forest), kind="stable"))
 
 
-def history(make, tolerance):
-    """Forests of a run on one rank, then the last with every leaf refined once, all in curve order."""
-    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=1)]
-    finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
-    return [*forests, in_curve_order(finest)]
+def history(make, tolerance, degree):
+    """Forests of a run on one rank, then the last with every leaf refined as often as the degree, in curve order."""
+    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=degree)]
+    for _ in range(degree):
+        finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
+        forests.append(in_curve_order(finest))
+    return forests
 
 
 def parents(coarse, fine):
@@ -160,10 +164,10 @@ def draw_in_32(name, forests, lineage, folder):
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 
-def scored(name, quick, most, folder):
+def scored(name, degree, quick, most, folder):
     """All scores of one benchmark, and its cost in seconds.  Local."""
-    make, tolerance, easy, _, _ = BENCHMARKS[name]
-    forests = history(make, easy if quick else tolerance)
+    make, tolerances, _, _ = BENCHMARKS[name]
+    forests = history(make, tolerances[degree][quick], degree)
     lineage = [None, *(parents(a, b) for a, b in zip(forests, forests[1:]))]
     draw_in_32(name, forests, lineage, folder)
 
@@ -183,7 +187,7 @@ def scored(name, quick, most, folder):
         start = time.perf_counter()
         step()
         cost[title] = time.perf_counter() - start
-    prolongation = Prolongation(Space(forest, 1))
+    prolongation = Prolongation(Space(forest, degree))
     judge, dofs = Judge(forest, prolongation), 3 * prolongation.index_map.size_global
     rows = []
     for parts in 2 ** np.arange(1, int(np.log2(most)) + 1):
@@ -202,7 +206,7 @@ def predicted(rows, kernels):
     for row in rows:
         if row.quality.parts < 32:
             continue
-        dofs = BENCHMARKS[row.scene][3]
+        dofs = BENCHMARKS[row.scene][2]
         scale = dofs / row.dofs
         straightened = row.kind == "contact-sfc"
         seconds = predict(row.quality, scale * row.leaves, dofs, kernels, Network(), scale, straightened)
@@ -251,6 +255,7 @@ def main():
     """Parse and run."""
     options = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--quick", action="store_true", help="forests of some 100,000 leaves: two minutes")
+    options.add_argument("--degree", type=int, choices=(1, 2), default=1, help="of the displacements (%(default)s)")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
     options.add_argument("--output", type=Path, default=Path("results/partition"), help="folder (%(default)s)")
     arguments = options.parse_args()
@@ -278,26 +283,32 @@ def study(arguments):
     folder = folder_for(arguments.output)
     with together(COMM):
         mine = {
-            name: scored(name, arguments.quick, arguments.parts, folder)
+            name: scored(name, arguments.degree, arguments.quick, arguments.parts, folder)
             for name in list(BENCHMARKS)[COMM.rank :: COMM.size]
         }
     found = {name: result for part in COMM.allgather(mine) for name, result in part.items()}
     rows = [row for name in BENCHMARKS for row in found[name][0]]
+    made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
+    made_by += f" --degree {arguments.degree}" * (arguments.degree > 1) + " --quick" * arguments.quick
     if COMM.rank == 0:
-        made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
-        made_by += " --quick" * arguments.quick
-        short = table(rows)
+        short, name = table(rows), "table.csv" if arguments.degree == 1 else "table_degree2.csv"
         tables.write(folder / "quality.csv", list(quality(rows)), made_by)
-        tables.write(folder / "table.csv", short, made_by)
+        tables.write(folder / name, short, made_by)
         draw_cuts(rows, folder / "cut.png")
-        show(tables.TABLES["studies/partition/table.csv"](short))
+        show(tables.TABLES[f"studies/partition/{name}"](short))
     write(targets(rows), folder / "targets.md")
+    if arguments.degree == 1:
+        forecast(arguments.quick, rows, {name: found[name][1] for name in BENCHMARKS}, made_by, folder)
+    show(f"results in {folder}")
 
-    tolerance = TOLERANCES[arguments.quick]
+
+def forecast(quick, rows, costs, made_by, folder):
+    """Measure kernels, and predict the time of a step at degree 1; made_by is the command.  Collective."""
+    tolerance = TOLERANCES[quick]
     *_, last = adapt(hertz(), tolerance, degree=1)
     moved = (*migration(COMM, last.forest), last.forest.size_global)
     del last
-    write(cost_table({name: found[name][1] for name in BENCHMARKS}, rows, moved), folder / "cost.md")
+    write(cost_table(costs, rows, moved), folder / "cost.md")
 
     kernels = [measure(COMM, tolerance)]
     if COMM.rank == 0 and COMM.size > 1:
@@ -309,14 +320,13 @@ def study(arguments):
     if COMM.size == 1:
         text.append("\nOn one rank no rows travel: exchanges by hashed keys are missing. Run on two ranks.")
     for name, kinds in seconds.items():
-        dofs = f"{name}, {BENCHMARKS[name][3] / 1e6:.1f} million dofs"
+        dofs = f"{name}, {BENCHMARKS[name][2] / 1e6:.1f} million dofs"
         text += ["", prediction(dofs, kinds)]
         if COMM.rank == 0:
             draw_prediction(kinds, dofs, folder / f"prediction_{name}.png")
     if COMM.rank == 0:
         tables.write(folder / "prediction.csv", list(seconds_by_stage(seconds)), made_by)
     write("\n".join(text), folder / "prediction.md")
-    show(f"results in {folder}: table.csv, quality.csv, targets.md, cost.md, prediction.md, prediction.csv, pictures")
 
 
 def write(text, path):

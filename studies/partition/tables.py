@@ -51,6 +51,7 @@ def table(rows):
                     "imbalance_contact_sfc": ours.weight_imbalance,
                     "imbalance_graph": graph.weight_imbalance,
                     "imbalance_equidistributed": dealt.weight_imbalance,
+                    "imbalance_unknowns": ours.unknowns_imbalance,
                     "neighbours": ours.neighbours_mean,
                     "halo_KiB": ours.halo_bytes_max / 1024,
                 }

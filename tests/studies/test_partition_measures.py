@@ -55,7 +55,9 @@ def test_quality_by_definition(make, parts):
             for key in keys:
                 users.setdefault(key, set()).add(everyone[leaf])
         several = [sorted(who) for who in users.values() if len(who) > 1]
-        assert found.interface_vertices == len(several) > 0
+        assert found.interface_nodes == len(several) > 0
+        needed = np.bincount([one for who in users.values() for one in who], minlength=parts)
+        assert found.unknowns_imbalance == needed.max() / needed.mean()
         assert found.halo_bytes == BYTES * sum(len(who) - 1 for who in several)
         assert found.halo_bytes / parts <= found.halo_bytes_max <= found.halo_bytes
         pairs = {(a, b) for who in several for a in who for b in who if a != b}
@@ -67,11 +69,12 @@ def test_quality_by_definition(make, parts):
         assert (found.pieces_max, found.pieces_mean) == (pieces.max(), pieces.mean())
 
 
-def test_quality_of_the_ranks():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_quality_of_the_ranks(degree):
     """For the parts that the ranks are, the halo is that of the prolongation's index map, and the record agrees."""
     for kind in KINDS:
         forest, _ = repartition(grown(roots(pressed(two_boxes(margin=1))), 3), None, kind)
-        prolongation = Prolongation(Space(forest, 1))
+        prolongation = Prolongation(Space(forest, degree))
         found = Judge(forest, prolongation).score(np.full(len(forest), WORLD.rank), WORLD.size)
         assert found.halo_bytes == BYTES * WORLD.allreduce(prolongation.index_map.num_ghosts)
         short = PartitionSummary.of(forest, kind)

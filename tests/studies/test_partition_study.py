@@ -19,7 +19,7 @@ def study(monkeypatch):
     """The module of the demo, with one small benchmark."""
     from studies.partition import run as partition_study
 
-    small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), 0.3, 0.3, 18.3e6, 0.25)}
+    small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.3, 0.3), 2: (0.3, 0.3)}, 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
     monkeypatch.setattr(partition_study, "TOLERANCES", (0.3, 0.3))
     return partition_study
