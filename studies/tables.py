@@ -72,7 +72,9 @@ PARTITION = {
     "neighbours": "{neighbours:.1f}",
     "halo a part": "{halo_KiB:.0f} KiB",
 }
-PARTITION2 = {name: text for name, text in PARTITION.items() if name not in ("curve only", "imbalance, equidistributed")}
+PARTITION2 = {
+    name: text for name, text in PARTITION.items() if name not in ("curve only", "imbalance, equidistributed")
+}
 PARTITION2["imbalance of unknowns"] = "{imbalance_unknowns:.3f}"
 
 
