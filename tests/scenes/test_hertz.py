@@ -215,7 +215,7 @@ def test_fallback(monkeypatch, name, most, solver):
 
 
 @pytest.mark.parametrize(
-    "free, shown, what", [(2e6, "2.0 MB", "the system of .* unknowns"), (2e5, "200.0 kB", "a forest of .* leaves")]
+    "free, shown, what", [(8e6, "8.0 MB", "the system of .* unknowns"), (2e5, "200.0 kB", "a forest of .* leaves")]
 )
 def test_memory_is_not_overdrawn(monkeypatch, free, shown, what):
     """What would not fit is refused before it is allocated, with what it needs and what there is; no step is lost."""
