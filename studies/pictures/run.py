@@ -1,8 +1,8 @@
-"""The pictures of contact in the README, on the home page and in the gallery.
+"""The pictures of contact in the README, on the home page, in the gallery and in the verification.
 
-python3 -m studies.pictures.run                              # all of them, into results/pictures: 40 seconds
+python3 -m studies.pictures.run                              # all of them, into results/pictures: 2 minutes
 python3 -m studies.pictures.run --output docs/figures        # those that are kept
-python3 -m studies.pictures.run --only contact               # one: contact, loop, or a scene of the gallery
+python3 -m studies.pictures.run --only contact               # one; --help lists them
 """
 
 import argparse
@@ -11,11 +11,17 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.image import imread
 from PIL import Image
 
 from fx_contact import Material, adapt, solve
-from fx_contact.plot import draw_bodies
+from fx_contact.plot import draw_bodies, draw_mesh, draw_pressure
 from fx_contact.plot.canvas import plotter_for
+from fx_contact.plot.cells import contact_size
+from fx_contact.results import true_error
+from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -81,17 +87,47 @@ def loop(folder, quick):
     first.save(folder / "loop.gif", save_all=True, append_images=others, duration=1500, loop=0)
 
 
+def pressure(folder, quick):
+    """Contact pressure of half-spheres over the radius, against the axisymmetric computation."""
+    step = solve(hertz(coarse=2, order=6), 0.3 if quick else 0.01)
+    draw_pressure(step, folder / "pressure.png", hertz_a())
+
+
+def geometry(folder, quick):
+    """Half-spheres of straight and of curved root cells at the same estimated error, on the same scales."""
+    figure, known = Figure(figsize=(9, 7), layout="constrained"), hertz_a()
+    coarse = 2 if quick else 4
+    panels = figure.subplots(2, 2, sharey="row", height_ratios=(1.2, 1))
+    for order, name, (upper, lower) in zip((1, 3), ("straight cells", "order 3"), panels.T):
+        step = solve(hertz(order=order, coarse=coarse), 0.6 if quick else 0.08, degree=1)
+        with plotter_for(folder / "geometry.png", 600, 420) as plotter:
+            draw_mesh(step, zoom=0.25 / contact_size(step), colour="level", plotter=plotter)
+        true = true_error(step, 0.9 if quick else 0.04, hertz(order=6, coarse=coarse)).relative
+        force = step.record.force / known.force - 1
+        upper.imshow(imread(folder / "geometry.png"))
+        told = f"{name}, {step.record.dofs:,} unknowns, estimated error {step.record.estimate:.0%}\n"
+        upper.set_title(f"{told}true errors: energy {true:.0%}, force {force:+.1%}", fontsize=10)
+        upper.axis("off")
+        draw_pressure(step, ax=lower)
+        r = np.linspace(0, 0.12, 300)
+        lower.plot(r, known.pressure(r), color="#D55E00", label=known.name)
+        lower.set(xlim=(0, 0.12), title="")
+        lower.legend(frameon=False)
+    figure.savefig(folder / "geometry.png", dpi=100)
+
+
 def main():
     """Parse and draw."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    names = ["contact", "loop", *SCENES]
+    others = {draw.__name__: draw for draw in (contact, loop, pressure, geometry)}
+    names = [*others, *SCENES]
     options.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
     options.add_argument("--quick", action="store_true", help="coarse: do they still come out?")
     options.add_argument("--output", type=Path, default=Path("results/pictures"), help="folder (%(default)s)")
     arguments = options.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     for name in arguments.only:
-        draw = {"contact": contact, "loop": loop}.get(name) or partial(gallery, name)
+        draw = others.get(name) or partial(gallery, name)
         draw(arguments.output, arguments.quick)
         print(f"{name}: done", flush=True)
 

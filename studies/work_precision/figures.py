@@ -1,7 +1,5 @@
 """Plots of the work-precision study: logarithmic, and readable without colour by markers and line styles."""
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -22,6 +20,18 @@ _STYLES = {
 }
 
 
+#: What is to be known of all panels.
+_ABOUT = """Triangles: rates of theory for the energy error,
+N$^{-2/3}$ at degree 2 and N$^{-1/3}$ at degree 1;
+at degree 2 N$^{-1/2}$, where the cube's edges are
+singular: cells there are not stretched.
+
+Numbers at the lines: slopes fitted to the points.
+
+A white dot: the estimate, where the true error
+would cost too much."""
+
+
 def draw_all(found, folder, told):
     """Draw what there are results for.
 
@@ -33,52 +43,48 @@ def draw_all(found, folder, told):
     Returns:
         names of the pictures.
     """
-    names = []
-    for name, draw in (("work_precision", _main), ("geometry", _geometry)):
-        figure = draw(found, folder)
-        if figure is None:
-            continue
-        figure.text(0.005, 0.005, told, fontsize=6.5, color="#555555", ha="left", va="bottom")
-        for kind in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{kind}", dpi=140)
-        plt.close(figure)
-        names.append(f"{name}.png")
-    return names
+    figure = _main(found)
+    if figure is None:
+        return []
+    figure.text(0.005, 0.005, told, fontsize=6.5, color="#555555", ha="left", va="bottom")
+    for kind in ("png", "svg"):
+        figure.savefig(folder / f"work_precision.{kind}", dpi=110)
+    plt.close(figure)
+    return ["work_precision.png"]
 
 
-def _main(found, _folder):
-    """Energy and force error against CPU seconds, and energy error of the indentation against seconds and unknowns."""
+def _main(found):
+    """Energy error against unknowns, with the slopes of theory, and against CPU seconds; force error of HERTZ-A."""
     hertz, indentation = (_lines(found, group) for group in ("HERTZ-A", "INDENT-A"))
     if not any(hertz.values()) or not any(indentation.values()):
         return None
-    figure, panels = plt.subplots(2, 2, figsize=(10, 8.6), layout="constrained")
+    figure, panels = plt.subplots(2, 3, figsize=(13.5, 8.2), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0.025, 1, 0.975))
-    for axes, lines, x, y, title in (
-        (panels[0, 0], hertz, _cpu, _energy, "HERTZ-A: energy error (theory: slopes -2/3 and -1/3)"),
-        (panels[0, 1], hertz, _cpu, _force, "HERTZ-A: force error"),
-        (panels[1, 0], indentation, _cpu, _energy, "INDENT-A: energy error (theory: slopes -1/2 and -1/3)"),
-        (panels[1, 1], indentation, _dofs, _energy, "INDENT-A: energy error"),
-    ):
-        _draw(axes, lines, x, y)
-        axes.set_title(title, fontsize=11)
+    for row, lines, name in ((panels[0], hertz, "HERTZ-A"), (panels[1], indentation, "INDENT-A")):
+        for axes, x in zip(row, (_dofs, _cpu)):
+            _draw(axes, lines, x, _energy)
+            axes.set_title(f"{name}: energy error", fontsize=11)
+    _triangle(panels[0, 0], 3e4, 0.6, "-2/3")
+    _triangle(panels[0, 0], 4.5e4, 8, "-1/3", above=True)
+    _triangle(panels[1, 0], 6e4, 4.2, "-1/2")
+    _triangle(panels[1, 0], 3e5, 6.5, "-1/3", above=True)
+    _draw(panels[0, 2], hertz, _cpu, _force)
+    panels[0, 2].set_title("HERTZ-A: force error", fontsize=11)
+    panels[1, 2].axis("off")
+    shown = {label: line for axes in panels.flat for line, label in zip(*axes.get_legend_handles_labels())}
+    panels[1, 2].legend(shown.values(), shown.keys(), loc="upper left", frameon=False)
+    panels[1, 2].text(0.04, 0.58, _ABOUT, va="top", linespacing=1.5, fontsize=9.5)
     return figure
 
 
-def _geometry(found, folder):
-    """The paper's figure 1: meshes and pressures of straight and of curved cells side by side."""
-    rows = [r for r in found if r.point.group == "picture" and not r.failed]
-    places = [folder / "runs" / r.point.case.name for r in rows]
-    if len(rows) < 2 or not all((place / "mesh.png").exists() for place in places):
-        return None
-    figure, panels = plt.subplots(2, 2, figsize=(10, 7.6), layout="constrained")
-    figure.get_layout_engine().set(rect=(0, 0.03, 1, 0.97))
-    for column, (r, place) in enumerate(zip(rows, places)):
-        title = f"{r.point.line}: {r.last['dofs']:,} dofs, estimated error {r.last['estimate']:.1%}"
-        panels[0][column].set_title(title, fontsize=11)
-        for axes, name in zip(panels[:, column], ("mesh.png", "pressure.png")):
-            axes.imshow(plt.imread(Path(place) / name), interpolation="antialiased")
-            axes.axis("off")
-    return figure
+def _triangle(axes, x, y, fraction, above=False):
+    """A right-angled triangle over a third of a decade from (x, y), whose longest side has a slope, a fraction."""
+    over, under = map(float, fraction.split("/"))
+    far, low = 2.5 * x, y * 2.5 ** (over / under)
+    corner = (far, y) if above else (x, low)
+    axes.fill(*zip((x, y), (far, low), corner), facecolor="#eeeeee", edgecolor="#555555", lw=0.8, zorder=0)
+    middle = ((x * far) ** 0.5, (y * 1.08 if above else low / 1.08))
+    axes.text(*middle, fraction, ha="center", va="bottom" if above else "top", fontsize=9, color="#333333")
 
 
 def _lines(found, group):
@@ -91,16 +97,16 @@ def _lines(found, group):
 
 
 def _draw(axes, lines, x, y):
-    """One panel, slopes over a decade in its legend; hollow: the estimate stands for a true error that is not known."""
+    """One panel, slopes over a decade at the ends of its lines; hollow: the estimate stands for a true error that is not known."""
     for name, rows in lines.items():
         good = sorted((r for r in rows if not r.failed and y(r) is not None), key=x)
         at, values = [x(r) for r in good], [y(r) for r in good]
-        label = name
-        if y is _energy and len(good) > 2 and at[-1] > 10 * at[0] and "straight" not in name:
-            label += f": slope {slope(at[1:], values[1:]):.2f}"
-        if len(good) < len(rows):
-            label += f", {len(rows) - len(good)} failed"
+        label = name + (f", {len(rows) - len(good)} failed" if len(good) < len(rows) else "")
         axes.loglog(at, values, label=label, ms=6, lw=1.4, **_STYLES[name])
+        if y is _energy and len(good) > 2 and at[-1] > 10 * at[0] and "straight" not in name:
+            told, colour = f"{slope(at[1:], values[1:]):.2f}", _STYLES[name]["color"]
+            place = {"xytext": (8, 0), "textcoords": "offset points", "va": "center"}
+            axes.annotate(told, (at[-1], values[-1]), color=colour, fontsize=9, annotation_clip=False, **place)
         if y is _energy:
             hollow = [r for r in good if not r.true]
             axes.plot([x(r) for r in hollow], [y(r) for r in hollow], "o", ms=3, mfc="white", mec="white", zorder=5)
@@ -110,7 +116,6 @@ def _draw(axes, lines, x, y):
     axes.grid(which="major", color="#e4e4e4", lw=0.7)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8.5)
 
 
 def _plain(axis):

@@ -75,8 +75,6 @@ def _all():
     for order in (2, 3, 6):
         case = reference(0.01, f"--degree 2 --coarse 4 --order {order}", true=0, ranks=1)
         yield Point("orders", f"order {order}, 1 rank", case)
-    for order, line in ((1, "straight cells"), (3, "order 3")):
-        yield Point("picture", line, Case("hertz", f"--degree 1 --order {order} --tolerance 0.04"))
 
 
 def _hertz():

@@ -6,7 +6,7 @@ from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import von_mises
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import draw_on_first, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
 from fx_contact.problem import hexahedron
 from fx_contact.results.contact_surface import face_interpolation, nodal_values
@@ -131,9 +131,8 @@ def _directions(eye):
 
 
 def _look(plotter, low, high, zoom, axes):
-    """Turn the camera to a box, given in coordinates of the picture, and lay a scale of length below it."""
-    x0, y0, x1, y1 = plotter.renderer.GetViewport()
-    width, height = np.array(plotter.window_size) * [x1 - x0, y1 - y0]
+    """Turn the camera to a box, given in coordinates of the picture."""
+    width, height = picture_size(plotter)
     size, centre = high - low, (low + high) / 2
     scale = 0.5 * max(1.2 * size[1], 1.4 * size[0] * height / width) / zoom
     centre[0] += 0.12 * scale * width / height  # room for the colour bar
@@ -141,25 +140,4 @@ def _look(plotter, low, high, zoom, axes):
     plotter.enable_parallel_projection()
     plotter.camera_position = [eye @ axes, centre @ axes, axes[1]]
     plotter.camera.parallel_scale = scale
-    length = _round_length(0.4 * scale)
-    start = [centre[0] - 0.92 * scale * width / height, centre[1] - 0.92 * scale, high[2]]
-    ends = np.array([start, start]) + [[0, 0, 0], [length, 0, 0]]
-    plotter.add_lines(ends @ axes, color="black", width=4)
-    where = ends.mean(axis=0) + [0, 0.03 * scale, 0]
-    plotter.add_point_labels(
-        (where @ axes)[None],
-        [f"{length:g}"],
-        shape=None,
-        show_points=False,
-        always_visible=True,
-        text_color="black",
-        font_size=18,
-        justification_horizontal="center",
-        justification_vertical="bottom",
-    )
-
-
-def _round_length(length):
-    """The largest of 1, 2 and 5 times a power of ten that is no longer."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return max(digit for digit in (1, 2, 5) if digit * power <= length) * power
+    add_length(plotter)

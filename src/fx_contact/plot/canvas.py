@@ -5,6 +5,8 @@ import shutil
 import subprocess
 from contextlib import contextmanager
 
+import numpy as np
+
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError
@@ -90,6 +92,42 @@ def plotter_for(path, width=1200, height=840):
             plotter.screenshot(path)
         finally:
             plotter.close()  # before its display ends, or X ends the process
+
+
+def picture_size(plotter):
+    """Width and height of the picture, or of the present one of several, of a pyvista Plotter [pixels].  Local."""
+    x0, y0, x1, y1 = plotter.renderer.GetViewport()
+    return np.array(plotter.window_size) * [x1 - x0, y1 - y0]
+
+
+def add_length(plotter):
+    """Lay a scale of length into the lower left corner, for a camera that looks in parallel.  Local.
+
+    Args:
+        plotter: pyvista Plotter with its camera in place.
+    """
+    camera, (width, height) = plotter.camera, picture_size(plotter)
+    scale, focus = camera.parallel_scale, np.array(camera.focal_point)
+    towards = camera.position - focus
+    right = np.cross(camera.up, towards)
+    right /= np.linalg.norm(right)
+    up = np.cross(towards, right) / np.linalg.norm(towards)
+    power = 10.0 ** np.floor(np.log10(0.4 * scale))
+    length = max(digit for digit in (1, 2, 5) if digit * power <= 0.4 * scale) * power
+    start = focus + towards / 2 - 0.92 * scale * (width / height * right + up)  # before all bodies
+    plotter.add_lines(np.array([start, start + length * right]), color="black", width=4)
+    middle = start + length / 2 * right + 0.03 * scale * up
+    centred = {"justification_horizontal": "center", "justification_vertical": "bottom"}
+    text = {
+        "shape": "rect",
+        "shape_color": "white",
+        "show_points": False,
+        "always_visible": True,
+        "text_color": "black",
+        "font_size": 18,
+    }
+    plotter.add_point_labels(middle[None], [f"{length:g}"], **text, **centred)
+    plotter.reset_camera_clipping_range()
 
 
 @contextmanager

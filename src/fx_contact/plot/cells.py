@@ -8,7 +8,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.step import check_step
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import draw_on_first, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 
 
@@ -138,12 +138,13 @@ def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given
             surface, edges = surface_and_edges(faces[group == number])
             plotter.add_mesh(surface, color=colour(number), label=f"{word} {number}", ambient=0.65, diffuse=0.4)
             nearer = edges.translate(1e-3 * reach * EYE)  # lest they lie in the surface
-            plotter.add_mesh(nearer, color="#202020", line_width=1, lighting=False)
+            plotter.add_mesh(nearer, color="#202020", line_width=2, lighting=False)
         if word and np.ptp(group):
             size = (0.16, 0.045 * len(np.unique(group)))
             plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
         plotter.enable_parallel_projection()
         plotter.camera_position = [centre + reach * EYE, centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach
+        add_length(plotter)
 
     return draw_on_first(forest.comm, path, draw, plotter_for, given)

@@ -14,14 +14,14 @@ from fx_contact.plot.canvas import axes_for, draw_on_first
 
 @collective("step.forest.comm")
 def draw_pressure(step, path=None, exact=None, *, ax=None):
-    """Contact pressure of every node pair over the radius, against Hertz's.
+    """Contact pressure of every node pair over the radius; against a solution, with the differences in a strip below.
 
     Collective on the step's communicator; rank 0 draws.
 
     Args:
         step: Step with contact.
         path: of the PNG, if there is no ax.
-        exact: Hertz, or None for no curve.
+        exact: Hertz, ContactReference, or None for no curve.
         ax: matplotlib Axes to draw on, that of rank 0; None: a file.
 
     Returns:
@@ -47,14 +47,30 @@ def _draw_pressure(axes, table, record, exact):
     scale = exact.contact_radius if exact else 1.0
     axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
     if exact:
-        r = np.linspace(0, reach, 400)
-        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"Hertz, F = {exact.force:.4g}")
-    axes.set_xlabel("radius / Hertz's contact radius" if exact else "radius")
+        r, name = np.linspace(0, reach, 400), getattr(exact, "name", "Hertz")
+        axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"{name}, F = {exact.force:.4g}")
+    below = _strip(axes) if exact and axes.get_subplotspec() else axes  # no room where the user placed the axes
+    if below is not axes:
+        off = table.pressure[near] - exact.pressure(radius[near])
+        below.axhline(0, color="#D55E00", lw=1.2)
+        below.plot(radius[near] / scale, 100 * off / exact.max_pressure, "o", ms=3, mfc="none", color="#0072B2")
+        below.set_ylabel("difference\n[% of largest]", fontsize=8)
+    below.set_xlabel(f"radius / contact radius of {name}" if exact else "radius")
     axes.set_ylabel("contact pressure")
     axes.set_ylim(bottom=0)
     axes.set_xlim(left=0)
     axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)
     axes.legend(frameon=False)
+
+
+def _strip(axes):
+    """Axes below others, in a quarter of their place."""
+    places = axes.get_subplotspec().subgridspec(2, 1, height_ratios=(3, 1))
+    axes.set_subplotspec(places[0])
+    axes.tick_params(labelbottom=False)
+    below = axes.figure.add_subplot(places[1], sharex=axes)
+    below.spines[["top", "right"]].set_visible(False)
+    return below
 
 
 @collective("comm")

@@ -11,7 +11,7 @@ from fx_contact.estimate.recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import draw_on_first, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
@@ -112,7 +112,7 @@ def _draw_cut(plotter, points, values, body, *, centre, reach, y):
             "fmt": "%.2g",
         },
     )
-    plotter.add_mesh(_outlines(points, y), color="#202020", line_width=1, lighting=False)
+    plotter.add_mesh(_outlines(points, y), color="#202020", line_width=2, lighting=False)
     plotter.enable_parallel_projection()
     plotter.view_xz()
     if reach is None:
@@ -127,6 +127,7 @@ def _draw_cut(plotter, points, values, body, *, centre, reach, y):
     plotter.camera.focal_point, plotter.camera.position = (
         np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
     )
+    add_length(plotter)
 
 
 def _outlines(points, y):
