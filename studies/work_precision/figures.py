@@ -97,7 +97,7 @@ def _lines(found, group):
 
 
 def _draw(axes, lines, x, y):
-    """One panel, slopes over a decade at the ends of lines; hollow: the estimate, for a true error that is not known."""
+    """One panel, slopes over a decade at the ends of lines; hollow: the estimate, not the true error."""
     for name, rows in lines.items():
         good = sorted((r for r in rows if not r.failed and y(r) is not None), key=x)
         at, values = [x(r) for r in good], [y(r) for r in good]
