@@ -20,6 +20,7 @@ import fx_contact
 TOP = Path(__file__).parents[2]
 PAGES = ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "demos/README.md", "studies/README.md")
 PAGES += tuple(sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
+PAGES += tuple(sorted(str(page.relative_to(TOP)) for page in (TOP / "studies").glob("*/README.md")))
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="each command starts its own processes")
 
@@ -31,7 +32,7 @@ RUN = (
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
     r"|(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*"
-    r"|python3 tests/mutations/run\.py .*"
+    r"|(mpirun -n \d )?python3 (tests/mutations/run|studies/equivalence/(records|compare))\.py .*"
 )
 #: What is not.
 SKIPPED = {
@@ -45,7 +46,8 @@ SKIPPED = {
     rf"(--suite|{ELSEWHERE}|python3 -m black) ?.*": "needs what is not here",
 }
 #: What is run instead: coarse meshes; fields and pictures of the plain command alone, several ranks of that and of what
-#: keeps checkpoints, one of what goes on from them; of studies the help.
+#: keeps checkpoints, one of what goes on from them; of studies the help,
+#: and results compared with themselves.
 SMALLER = (
     (r"--tolerance \S+", "--tolerance 0.3"),
     (r"--true-error \S+", "--true-error 0.4"),
@@ -57,9 +59,11 @@ SMALLER = (
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
-    (r"(mpirun -n \d )?(python3 -m studies\.\w+\.\w+)(?!.*--only).*", r"\2 --help"),
+    (r"(mpirun -n \d )?(python3 -m studies\.\w+\.(?!compare)\w+)(?!.*--only).*", r"\2 --help"),
+    (r"(studies.*compare(\.py)?) (\S+) .*", r"\1 \3 \3"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
+    (r"(mpirun -n \d )?python3 (studies/equivalence/records\.py) .*", r"python3 \2 --help"),
     (r"notebooks/\w+\.ipynb", "--help"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
