@@ -7,6 +7,8 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt  # noqa: E402
 
+from studies.pictures.files import with_few_colours  # noqa: E402
+
 STYLES = {
     "contact-sfc": dict(color="#0072B2", marker="o"),
     "contact-sfc, curve only": dict(color="#56B4E9", marker=".", ls=":"),
@@ -60,6 +62,7 @@ def side_by_side(pictures, title, path):
     figure.suptitle(title, fontsize=13)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+    with_few_colours(path)
 
 
 def draw_prediction(predictions, dofs, path):

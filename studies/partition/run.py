@@ -153,14 +153,14 @@ def draw_in_32(name, forests, lineage, folder):
     """Pictures of each kind in 32 parts, as the paper's figure 3, of the first forest of 20,000 leaves or more."""
     make, *_, reach = BENCHMARKS[name]
     chosen = next((i for i, forest in enumerate(forests) if len(forest) >= 20_000), len(forests) - 1)
-    forest = forests[chosen]
+    forest, pictures = forests[chosen], {}
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
+    judge = Judge(forest, Prolongation(Space(forest, 1)))
     for kind, part, _ in partitions(forests[: chosen + 1], lineage, 32, pieces):
         if kind in KINDS:
-            draw_parts(
-                forest, part, make().contact_centre or (0.0, 0.0, 0.0), reach, folder / f"{name}_{kind}_32.png"
-            )
-    pictures = {kind: folder / f"{name}_{kind}_32.png" for kind in KINDS}
+            found, path = judge.score(part, 32), folder / f"{name}_{kind}_32.png"
+            pictures[f"{kind}: {found.cut_facets:,} cut facets, {found.split_pairs:,} split pairs"] = path
+            draw_parts(forest, part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 

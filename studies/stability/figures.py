@@ -1,6 +1,8 @@
 """Matrix, table and CSV of the stress study."""
 
-#: Scores from best to worst: letter in the matrix, grey of its cell, colour of its edge, what it means.
+from studies.pictures.files import with_few_colours
+
+#: Scores from best to worst: letter in the matrix, colours of its cell and of its edge, what it means.
 SCORES = {
     "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
     "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
@@ -87,7 +89,7 @@ def draw_matrix(scores, path):
     import matplotlib.pyplot as plt
     from matplotlib.patches import Patch
 
-    rows, columns = {}, ([], [])
+    rows, columns, heat = {}, ([], []), _heat()
     for one in scores:
         rows.setdefault((one["axis"], one["row"]), []).append(one)
     for place, (axis, row) in enumerate(rows):
@@ -108,7 +110,7 @@ def draw_matrix(scores, path):
                 axes.text(-0.15, y - 0.06, axis, ha="right", va="bottom", fontsize=9.5, weight="bold")
             axes.text(-0.15, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
             for x, one in enumerate(rows[axis, row]):
-                _draw_cell(axes, x, y, one)
+                _draw_cell(axes, x, y, one, heat)
             y += 1
         axes.set(xlim=(-3.2, width - 3.2), ylim=(height + 0.1, 0))
         axes.axis("off")
@@ -120,23 +122,40 @@ def draw_matrix(scores, path):
         about = f"{letter or 'number'}: {meaning} ({count})"
         handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
-    title = f"{len(scores)} scenes; the number in a cell: iterations of PCG and contact, all steps"
-    figure.suptitle(title, fontsize=10)
+    scale = panels[0, -1].inset_axes((0.35, -0.03, 0.6, 0.012))
+    figure.colorbar(heat, cax=scale, orientation="horizontal", label="iterations of PCG and contact, all steps")
+    figure.suptitle(
+        f"{len(scores)} scenes: value, and below it iterations (colour) or the letter of what happened", fontsize=10
+    )
     figure.savefig(path, dpi=110)
     plt.close(figure)
+    with_few_colours(path)
 
 
-def _draw_cell(axes, x, y, one):
-    """A rectangle with the value of a scene, and the letter of its score or its iterations."""
+def _heat():
+    """Colours of iterations, from few, light, to many, dark: a matplotlib ScalarMappable."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm
+
+    return ScalarMappable(LogNorm(10, 2000, clip=True), "YlGnBu")
+
+
+def _draw_cell(axes, x, y, one, heat):
+    """A rectangle with the value of a scene; its iterations as number and colour, or the letter of its score."""
     from matplotlib.patches import Rectangle
 
-    letter, grey, edge, _ = SCORES[one["score"]]
-    line = 1.8 if letter else 0.6
-    axes.add_patch(Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=grey, edgecolor=edge, lw=line))
-    ink = "white" if grey in ("#000000", "#606060") else "black"
+    letter, face, edge, _ = SCORES[one["score"]]
+    counted = not letter
+    if counted:
+        face = heat.to_rgba(one["iterations"])
+    axes.add_patch(
+        Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=face, edgecolor=edge, lw=0.6 if counted else 1.8)
+    )
+    dark = heat.norm(one["iterations"]) > 0.6 if counted else face in ("#000000", "#606060")
+    ink = "white" if dark else "black"
     value, small = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz"), {"fontsize": 6.8}
     if len(value) > 9:
         value, small = value.replace(" ", "\n", 1), {"fontsize": 5, "linespacing": 0.85}
     axes.text(x + 0.5, y + 0.3, value, ha="center", va="center", color=ink, **small)
-    style = {"fontsize": 9, "weight": "bold", "color": ink} if letter else {"fontsize": 6.8, "color": "#555555"}
-    axes.text(x + 0.5, y + 0.69, letter or str(one["iterations"]), ha="center", va="center", **style)
+    style = {"fontsize": 6.8} if counted else {"fontsize": 9, "weight": "bold"}
+    axes.text(x + 0.5, y + 0.69, letter or str(one["iterations"]), ha="center", va="center", color=ink, **style)

@@ -116,17 +116,9 @@ def add_length(plotter):
     length = max(digit for digit in (1, 2, 5) if digit * power <= 0.4 * scale) * power
     start = focus + towards / 2 - 0.92 * scale * (width / height * right + up)  # before all bodies
     plotter.add_lines(np.array([start, start + length * right]), color="black", width=4)
-    middle = start + length / 2 * right + 0.03 * scale * up
-    centred = {"justification_horizontal": "center", "justification_vertical": "bottom"}
-    text = {
-        "shape": "rect",
-        "shape_color": "white",
-        "show_points": False,
-        "always_visible": True,
-        "text_color": "black",
-        "font_size": 18,
-    }
-    plotter.add_point_labels(middle[None], [f"{length:g}"], **text, **centred)
+    text = {"shape": "rect", "shape_color": "white", "shape_opacity": 0.7, "text_color": "black", "font_size": 18}
+    above = start + 0.03 * scale * up
+    plotter.add_point_labels(above[None], [f"{length:g}"], show_points=False, always_visible=True, **text)
     plotter.reset_camera_clipping_range()
 
 
