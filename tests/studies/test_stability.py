@@ -171,6 +171,6 @@ def test_processes(tmp_path, monkeypatch):
     scores = list(stability.read(path).values())
     draw_matrix(scores, tmp_path / "matrix.png")
     assert [row["score"] for row in rows(scores)] == [one["score"] for one in scores]
-    assert (tmp_path / "matrix.png").stat().st_size > 10_000
+    assert (tmp_path / "matrix.png").stat().st_size > 5_000  # with a palette; next to nothing on white has 2,000
     text = table(scores, stability.command)
     assert "--only gap/stack/1e-2" in text and {one["score"] for one in scores} <= set(SCORES)
