@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
+from mpi4py import MPI
 
 from fx_contact import ErrorControl, SweepRecord, adapt
 from fx_contact.parallel.errors import OutputError, SceneError
@@ -18,9 +19,11 @@ from fx_contact.plot import (
     draw_stress,
     draw_sweep,
 )
+from fx_contact.plot.bodies import _on_faces
 from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.cells import _level_colour
 from fx_contact.plot.cut import _outlines, cut_by_body
+from fx_contact.plot.faces import visible_faces
 from fx_contact.scenes import hertz
 
 
@@ -116,6 +119,8 @@ def test_grid_of_pyvista(degree):
     grid = step.to_pyvista()
     assert grid.n_cells == len(step.forest) and (grid["rank"] == WORLD.rank).all()
     assert (np.bincount(grid["level"]) == np.bincount(step.forest.level)).all()
+    upper = grid["body"] == step.scene.mesh.bodies.index("upper")
+    everywhere((upper == (grid.cell_centers().points[:, 2] > 0)).all(), "cells of the other body")
     volume = WORLD.allreduce(grid.compute_cell_sizes(length=False, area=False)["Volume"].sum())
     assert abs(volume / (2 * np.pi / 6) - 1) < (0.05 if degree == 1 else 0.02), "two quarters of half-balls"
     flat = np.abs(grid.points[:, 2]) > 1 - 1e-9
@@ -124,6 +129,19 @@ def test_grid_of_pyvista(degree):
     s = grid["stress"].reshape(-1, 3, 3)
     deviator = s - np.trace(s, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
     assert np.allclose(grid["von Mises stress"], np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_what_faces_show(degree):
+    """Displaced points and the pressure of the nodes, nowhere below zero between them, on all ranks together."""
+    step, _ = a_step(degree)
+    leaf, face = visible_faces(step.forest, np.zeros(3), 100.0, cut=False)
+    points, pressure = _on_faces(step, leaf, face, "pressure", 2.0)
+    top = WORLD.allreduce(points[..., 2].max(initial=-1.0), op=MPI.MAX)
+    assert abs(top - (1 - 2 * 0.005)) < 1e-9, "the upper flat face, at 1, comes down by twice 0.005"
+    largest = WORLD.allreduce(pressure.max(initial=0.0), op=MPI.MAX)
+    assert abs(largest / step.record.max_pressure - 1) < 1e-9
+    everywhere(pressure.min(initial=0.0) >= 0, "pressure that pulls")
 
 
 def test_levels_are_drawn_where_they_are():
