@@ -57,10 +57,10 @@ SCENES = {
 
 def contact(folder, quick):
     """Contact pressure on two half-spheres that are pulled apart again."""
-    scene = hertz(displacement=0.05, symmetry="full", coarse=2, order=6)
+    scene = hertz(displacement=0.05, symmetry="quarter" if quick else "full", coarse=2, order=6)
     step = solve(scene, 0.3 if quick else 0.02)
     with plotter_for(folder / "contact.png", 1060, 600) as plotter:
-        draw_bodies(step, cut=True, apart=0.2, zoom=2.4, plotter=plotter)
+        draw_bodies(step, cut=True, apart=0.18, zoom=2.1, plotter=plotter)
 
 
 def gallery(name, folder, _quick):

@@ -71,7 +71,6 @@ PICTURES = {
     "levels": lambda step, records, path: draw_mesh(step, path, zoom=4, colour="level"),
     "partition": lambda step, records, path: draw_partition(step, path),
     "bodies": lambda step, records, path: draw_bodies(step, path, cut=True, apart=0.1),
-    "bodies, stress": lambda step, records, path: draw_bodies(step, path, "stress", factor=2, zoom=2),
     "pressure": lambda step, records, path: draw_pressure(step, path),
     "stress": lambda step, records, path: draw_stress(step, path),
     "stress near": lambda step, records, path: draw_stress(step, path, zoom=3, across="z"),

@@ -60,7 +60,8 @@ def draw_bodies(
         """The picture, on the first rank."""
         points, values = (np.concatenate(column) for column in zip(*parts))
         _draw(plotter, points, values, field, zoom, top)
-        plotter.add_text(f"displacements x {factor:g}", position="upper_left", color="black", font_size=10)
+        told = f"{_FIELDS[field]}\ndisplacements x {factor:g}"
+        plotter.add_text(told, position="upper_right", color="black", font_size=10)
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)
 
@@ -104,7 +105,6 @@ def _draw(plotter, points, values, field, zoom, top):
     bar |= {"position_x": 0.83, "position_y": 0.25, "width": 0.06, "height": 0.5}
     scale, light = {"cmap": "viridis", "clim": (0, top)}, {"ambient": 0.65, "diffuse": 0.4}
     plotter.add_mesh(surface, scalars=title, scalar_bar_args=bar, **scale, **light)
-    plotter.add_text(title, position="upper_right", color="black", font_size=10)
     if pressure:
         plotter.mapper.lookup_table.below_range_color = "#e8e8e8"
     axes = np.stack(_directions(_EYE))
