@@ -135,6 +135,30 @@ def three(rows):
     return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.0025)]
 
 
+GOALS = {
+    "scene": "{scene}",
+    "goal": "{goal}",
+    "degree": "{degree:d}",
+    "true errors": "{true}",
+    "estimated over true": "{effectivities}",
+}
+
+
+def by_goal(rows):
+    """A row for each goal and degree: relative true errors and effectivities, mesh by mesh."""
+    groups = {}
+    for row in rows:
+        groups.setdefault((row["scene"], row["goal"], row["degree"]), []).append(row)
+    return [
+        {
+            **dict(zip(("scene", "goal", "degree"), names)),
+            "true": ", ".join(f"{row['true'] / abs(row['known']):.2%}" for row in group),
+            "effectivities": ", ".join(f"{row['effectivity']:.2g}" for row in group),
+        }
+        for names, group in groups.items()
+    ]
+
+
 #: The CSV files that pages show, and what makes a table of their rows.
 TABLES = {
     "studies/cost/standard.csv": partial(markdown, columns=COST),
@@ -150,6 +174,7 @@ TABLES = {
     "studies/partition/table.csv": partial(markdown, columns=PARTITION),
     "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
     "studies/stability/scores.csv": counts,
+    "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
 }
 
 

@@ -73,6 +73,7 @@ class Step:
                 f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g}, largest pressure "
                 f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
             )
+        lines += [f"  {goal}" for goal in r.goals or ()]
         if r.doubts:
             lines.append(f"  doubtful: {', '.join(doubt.kind for doubt in r.doubts)}")
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])

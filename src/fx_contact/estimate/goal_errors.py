@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact.estimate.marking import for_goal
+from fx_contact.parallel.validation import percent
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,12 @@ class GoalRecord:
     allowed: float
     tolerance: float
     reached: bool
+
+    def __str__(self):
+        size = self.allowed / self.tolerance
+        error = "" if self.error is None or not size else f", estimated error {percent(self.error / size)}"
+        reached = "reached" if self.reached else "not reached"
+        return f"{self.name}: {self.value:.6g}{error}, tolerance {percent(self.tolerance)} {reached}"
 
 
 def judge_goals(goals, duals, state, residual, theta, control):

@@ -1,0 +1,186 @@
+"""Goals against known values: estimated over true error of forces, reactions, pressures, displacements and gaps.
+
+Each scene is solved to several tolerances of the energy error, the goals are evaluated on the last mesh of each run.
+Known are the force and the largest pressure of Hertz's contact, and the displacement below a square under pressure
+(Boussinesq's solution, summed). Gaps, and the displacement inside Hertz's spheres, are compared with those of a finer
+solution of degree 2.
+
+    python3 -m studies.goals.run                           # a minute
+    python3 -m studies.goals.run --only hertz --degree 2
+
+It leaves table.csv in results/goals.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from fx_contact import (
+    ContactForce,
+    ContactPair,
+    Dirichlet,
+    Displacement,
+    Gap,
+    Material,
+    MaxPressure,
+    Pressure,
+    Reaction,
+    Scene,
+    SymmetryPlane,
+    solve,
+)
+from fx_contact.results.reference_values import REFERENCES
+from fx_contact.scenes import hertz
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.tables import write
+
+#: Tolerances of the energy error, and that of the finer solution.
+TOLERANCES, FINER = (0.2, 0.1, 0.05), 0.01
+#: Tolerance of a goal that says nothing: its error alone is wanted.
+ANY = 1e3
+PLAIN = Material(young=1.0, poisson=0.3)
+PLANES = SymmetryPlane("x = 0"), SymmetryPlane("y = 0")
+
+
+def spheres():
+    """A scene, and name -> goal and known value (None: of a finer solution) of a quarter of two half spheres."""
+    known, poles = REFERENCES["hertz-a"](), "lower pole on upper pole"
+    return hertz(order=6, coarse=2), {
+        "force": (ContactForce(poles, ANY), known.force),
+        "reaction": (Reaction("top", ANY), -known.force),
+        "largest pressure": (MaxPressure(poles, ANY), known.max_pressure),
+        "gap beside the contact": (Gap(poles, (0.2, 0.0, 0.0), ANY), None),
+        "displacement inside": (Displacement((0.0, 0.0, 0.5), (0, 0, -1), ANY), None),
+    }
+
+
+def below_a_square(points, count=16):
+    """Displacement of a half-space z < 0 under a pressure of 1e-3 on the square |x|, |y| < 1, away from it.
+
+    Boussinesq's solution of a point force, summed over the square by Gauss's rule.
+
+    Args:
+        points: (3, n) float64 [m].
+        count: points of the rule along a side.
+
+    Returns:
+        (3, n) float64 [m].
+    """
+    place, weight = np.polynomial.legendre.leggauss(count)
+    force = 1e-3 * np.outer(weight, weight).ravel()
+    at = np.stack(np.meshgrid(place, place)).reshape(2, -1)
+    across, depth = points[:2, :, None] - at[:, None], -points[2][:, None]
+    r = np.sqrt((across**2).sum(axis=0) + depth**2)
+    nu, factor = PLAIN.poisson, (1 + PLAIN.poisson) / (2 * np.pi * PLAIN.young)
+    sideways = across * (depth / r**3 - (1 - 2 * nu) / (r * (r + depth)))
+    down = 2 * (1 - nu) / r + depth**2 / r**3
+    return factor * np.stack([*(sideways @ force), -down @ force])
+
+
+def square():
+    """The same of a quarter of a half-space under a pressure on a square, moved as it is on the faces of a block."""
+    boxes, size = Boxes(1), 4
+    boxes.add("block", (0, 0, -size), (size, size, 0), (size, size, size))
+    surfaces = {"x = 0": boxes.facets(LEFT, 0.0), "y = 0": boxes.facets(FRONT, 0.0)}
+    surfaces["pressed"] = boxes.facets(UP, 0.0, within=1.0)
+    outside = {
+        "right": boxes.facets(RIGHT, size),
+        "back": boxes.facets(BACK, size),
+        "bottom": boxes.facets(DOWN, -size),
+    }
+    moved = [lambda points, k=k: below_a_square(points)[k] for k in range(3)]
+    scene = Scene(
+        name="square",
+        mesh=boxes.mesh(surfaces | outside),
+        materials={"block": PLAIN},
+        dirichlet=(*(Dirichlet(where, *moved) for where in outside), *PLANES),
+        tractions=(Pressure("pressed", 1e-3),),
+    )
+    aside = np.array([2.0, 1.0, -0.5])
+    middle = 8 / np.pi * np.log(1 + np.sqrt(2)) * 1e-3 * (1 - PLAIN.poisson**2) / PLAIN.young
+    return scene, {
+        "displacement in the middle": (Displacement((0, 0, 0), (0, 0, -1), ANY), middle),
+        "displacement aside": (Displacement(tuple(aside), (0, 0, -1), ANY), -below_a_square(aside[:, None])[2, 0]),
+    }
+
+
+def layers():
+    """The same of two layers in plane strain, pressed in the middle: the upper one recedes to there."""
+    boxes, pair = Boxes(1), "base on layer"
+    boxes.add("lower", (0, 0, -2), (6, 1, 0), (6, 1, 2))
+    boxes.add("upper", (0, 0, 0), (6, 1, 1), (6, 1, 1))
+    surfaces = {
+        "bottom": boxes.facets(DOWN, -2.0),
+        "base": boxes.facets(UP, 0.0, "lower"),
+        "layer": boxes.facets(DOWN, 0.0, "upper"),
+        "pressed": boxes.facets(UP, 1.0, within=1.0),
+        "x = 0": boxes.facets(LEFT, 0.0),
+        "y = 0": boxes.facets(FRONT, 0.0),
+        "y = 1": boxes.facets(BACK, 1.0),
+    }
+    scene = Scene(
+        name="receding layers",
+        mesh=boxes.mesh(surfaces),
+        materials={"lower": PLAIN, "upper": PLAIN},
+        dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("y = 1", y=0.0), *PLANES),
+        tractions=(Pressure("pressed", 1e-3),),
+        contact=(ContactPair("base", "layer", direction=(0, 0, 1)),),
+    )
+    return scene, {
+        "gap at the rim": (Gap(pair, (6, 0, 0), ANY), None),
+        "gap half way": (Gap(pair, (3, 0, 0), ANY), None),
+        "largest pressure": (MaxPressure(pair, ANY), None),
+    }
+
+
+SCENES = {"hertz": spheres, "square": square, "receding layers": layers}
+
+
+def figures(make, degree):
+    """Rows of a scene: each mesh, each goal."""
+    scene, goals = make()
+    asked = tuple(goal for goal, _ in goals.values())
+    known = [value for _, value in goals.values()]
+    if None in known:
+        finer = solve(scene, FINER, goals=asked).record.goals
+        known = [goal.value if value is None else value for goal, value in zip(finer, known)]
+    for tolerance in TOLERANCES:
+        record = solve(scene, tolerance, degree=degree, goals=asked).record
+        for name, goal, value in zip(goals, record.goals, known):
+            true = abs(goal.value - value)
+            yield {
+                "goal": name,
+                "degree": degree,
+                "cells": record.cells,
+                "dofs": record.dofs,
+                "closed": record.active_pairs,
+                "value": goal.value,
+                "known": value,
+                "estimated": goal.error,
+                "true": true,
+                "effectivity": None if goal.error is None else goal.error / true,
+            }
+
+
+def main():
+    """Run the scenes and write the table."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--only", default="", help="scenes with this word in their name")
+    options.add_argument("--degree", type=int, choices=(1, 2), help="of the displacements (both)")
+    options.add_argument("--output", type=Path, default=Path("results/goals"), help="folder (%(default)s)")
+    given = options.parse_args()
+    rows = []
+    for name, make in SCENES.items():
+        for degree in (2, 1) if given.degree is None else (given.degree,):
+            if given.only in name:
+                for row in figures(make, degree):
+                    rows.append({"scene": name} | row)
+                    print(
+                        *(f"{v:.5g}" if isinstance(v, float) else v for v in rows[-1].values()), sep="  ", flush=True
+                    )
+    write(given.output / "table.csv", rows, "python3 -m studies.goals.run")
+
+
+if __name__ == "__main__":
+    main()
