@@ -295,7 +295,7 @@ def test_contact_cut_in_two(stiffness, enforcement):
     scene = punch(order=2, displacement=0.1, punch=Material(stiffness, 0.3))
     halves = in_two(scene)
     (one,), (two,) = (
-        adapt(s, 0.3, max_steps=1, beginning=Beginning.uniform(s, 1), enforcement=enforcement)
+        adapt(s, 0.3, max_steps=1, degree=1, beginning=Beginning.uniform(s, 1), enforcement=enforcement)
         for s in (scene, halves)
     )
     assert one.record.cells == two.record.cells and min(two.record.pair_forces) > 0
