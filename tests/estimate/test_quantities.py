@@ -54,10 +54,10 @@ def test_effectivity_at_degree_2():
     force, pressure, reaction = ContactForce(POLES, 0.05), MaxPressure(POLES, 0.1), Reaction("top", 0.05)
     known, scene = REFERENCES["hertz-a"](), hertz(order=6, coarse=2)
     record = solve(scene, 0.1, goals=(force, reaction, pressure, beside, inside)).record
-    finer = solve(scene, 0.02, goals=(beside, inside)).record.goals
+    finer = 0.0297665, 0.00464596  # this program's at 1 % (`studies/goals/table.csv`)
     assert record.reached and all(goal.reached for goal in record.goals)
     assert abs(record.goals[0].value / record.force - 1) < 1e-12
-    values = known.force, -known.force, known.max_pressure, finer[0].value, finer[1].value
+    values = known.force, -known.force, known.max_pressure, *finer
     for goal, true in zip(record.goals, values):
         assert 0.5 < goal.error / abs(goal.value - true) < 2, goal
 
