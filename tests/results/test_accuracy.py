@@ -63,7 +63,7 @@ def test_true_error_sees_the_geometry():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degree, tolerance", [(1, 0.3), (2, 0.15)])
+@pytest.mark.parametrize("degree, tolerance", [(1, 0.3), (2, 0.25)])
 def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
     """On the same leaves the solution is found again; a finer one is about as far away as was estimated."""
     *_, step = adapt(indentation(coarse=2), tolerance, degree=degree)
