@@ -335,7 +335,7 @@ def other_loads():
         return Case("other loads", row, value, make, Twin(twin, **finer), tolerance=0.25)
 
     for ratio in (1.0, 5.0, 20.0, 1e3):
-        make = partial(on_a_base, heavy=1e-4 * ratio)
+        make = partial(on_a_base, light=1e-4 / ratio, heavy=1e-4)
         yield case("heavier plate beside", f"{ratio:g}", make, partial(make, cells=4))
     for pressure in (0.02, 0.5):
         make = partial(on_a_base, pressure=pressure)

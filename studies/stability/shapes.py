@@ -148,10 +148,11 @@ def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2):
     )
 
 
-def on_a_base(heavy=0.0, pressure=0.0, cells=2):
-    """A plate pressed by 1e-4 m on half of a base as thin, whose other half carries a heavier plate or a pressure.
+def on_a_base(light=1e-4, heavy=0.0, pressure=0.0, cells=2):
+    """A plate pressed on half of a base as thin, whose other half carries a heavier plate or a pressure.
 
     Args:
+        light: displacement of the plate [m].
         heavy: displacement of the other plate; 0: there is none [m].
         pressure: on the farther half of the other half [Pa].
         cells: root cells along a plate's width.
@@ -160,7 +161,7 @@ def on_a_base(heavy=0.0, pressure=0.0, cells=2):
     boxes.add("base", (0.0, 0.0, -thick), (2 * wide, wide, 0.0), (2 * cells, cells, 1))
     base, pairs, loads = boxes.facets(UP, 0.0, "base"), [], []
     column, surfaces, held = base[:, 0] // cells % 2, {"bottom": boxes.facets(DOWN, -thick)}, {"bottom": 0.0}
-    for half, (body, depth) in enumerate((("light", 1e-4), ("heavy", heavy))):
+    for half, (body, depth) in enumerate((("light", light), ("heavy", heavy))):
         if depth:
             bodies.append(body)
             boxes.add(body, (half * wide, 0.0, 0.0), ((half + 1) * wide, wide, thick), (cells, cells, 1))
