@@ -255,7 +255,8 @@ def _summary(arguments, record, compared):
     yield f"force {record.force:.6g}, largest pressure {record.max_pressure:.5g}"
     if compared:
         found = f"contact radius {record.contact_radius:.5g}; " if record.contact_radius is not None else ""
-        yield f"{found}Hertz: {compared.contact_radius:.5g}, {compared.max_pressure:.5g}"
+        known = f"contact radius {compared.contact_radius:.5g}, largest pressure {compared.max_pressure:.5g}"
+        yield f"{found}Hertz at this force: {known}"
     for name, value in (record.errors or {}).items():
         yield f"{name.replace('_', ' ')}: {value:.3%} from the reference"
     if arguments.true_error:

@@ -159,6 +159,25 @@ def by_goal(rows):
     ]
 
 
+ASKED = {
+    "asked for": "{asked:.1%}",
+    "steps": "{steps:d}",
+    "unknowns": "{dofs:,}",
+    "estimated error": "{estimated:.2%}",
+    "true error": "{true:.2%}",
+}
+SWEEPS = {
+    "tolerance": "{tolerance:.0%}",
+    "points": "{points:d}",
+    "solves": "{solves:d}",
+    "unknowns of all solves": "{dofs:,}",
+    "CPU": "{cpu_s:.1f} s",
+    "solves, last point alone": "{alone_solves:d}",
+    "unknowns": "{alone_dofs:,}",
+    "CPU, alone": "{alone_cpu_s:.1f} s",
+    "ratio (target 2)": "{ratio:.1f}",
+}
+
 #: The CSV files that pages show, and what makes a table of their rows.
 TABLES = {
     "studies/cost/standard.csv": partial(markdown, columns=COST),
@@ -175,6 +194,8 @@ TABLES = {
     "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
     "studies/stability/scores.csv": counts,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
+    "studies/goals/asked.csv": partial(markdown, columns=ASKED),
+    "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
 }
 
 

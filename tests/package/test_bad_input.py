@@ -403,7 +403,7 @@ CASES = {
     "bodies that share nodes": (
         lambda: RootMesh(*grid(2), ("a", "b"), np.array([0, 1], np.int32)),
         SceneError,
-        "shares nodes with another body",
+        "share the node at",
     ),
     "missing file": (
         lambda: root_mesh_from_file(COMM, "no/such.msh"),

@@ -1,5 +1,6 @@
 """Which facets face each other, and which do not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -40,8 +41,12 @@ def test_nodes_must_face_nodes(direction, amount):
         if fits:
             assert (replace(scene, mesh=moved).pairing.partner >= 0).any()
         else:
-            with pytest.raises(PairingError, match="have no partner"):
+            advice = "give the direction" if direction is None else "seen along the direction"
+            with pytest.raises(PairingError, match=f"have no partner, the first near .*{advice}") as raised:
                 replace(scene, mesh=moved).pairing
+            near = np.array(re.search(r"near \[(.*?)\]", str(raised.value))[1].split(), float)
+            facets = mesh.facet_points(mesh.surface(scene.contact[0].first)).mean(axis=1)
+            assert np.abs(facets - near).max(axis=1).min() < 0.01 + amount, "the centre of no facet"
 
 
 @pytest.mark.parametrize("direction, expected", [((1.0, 0.0, 2.0), (5**-0.5, 0.0, 2 * 5**-0.5)), (None, (0, 0, 1))])

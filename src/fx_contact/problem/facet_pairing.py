@@ -205,10 +205,14 @@ def _match(mesh, pair, first, second):
     astray |= far > (_MATCH if pair.direction is not None else _ASTRAY) * size
     if astray.any():
         cell, face = first[astray][0]
+        centre, alike = mesh.facet_points(first[astray][:1]).mean(axis=(0, 1)), "mesh both surfaces alike"
+        if pair.direction is None:
+            advice = f"{alike}, or give the direction in which they face each other"
+        else:
+            advice = f"{alike}: seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
         raise PairingError(
-            f"{label}: {astray.sum()} of {len(first)} facets have no partner, first face {face} of root cell {cell} "
-            f"near {mesh.points[mesh.cells[cell]].mean(axis=0)}; the nodes are up to {far.max():.3g} apart; mesh both "
-            "surfaces alike, or give the direction in which they face each other"
+            f"{label}: {astray.sum()} of {len(first)} facets have no partner, the first near {centre} (face {face} of "
+            f"root cell {cell}); nodes are up to {far.max():.3g} apart; {advice}"
         )
     _check_one_to_one(mesh, label, first, second[match], symmetry)
     return match, symmetry

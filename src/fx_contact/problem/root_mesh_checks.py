@@ -197,12 +197,14 @@ def _check_bodies(mesh):
         )
     owner = np.full(len(mesh.points), -1)
     owner[mesh.cells] = mesh.body[:, None]
-    common = (owner[mesh.cells] != mesh.body[:, None]).any(axis=1)
+    common = owner[mesh.cells] != mesh.body[:, None]
     if common.any():
-        cell = int(common.argmax())
+        cell, node = np.argwhere(common)[0]
+        node = mesh.cells[cell, node]
         raise SceneError(
-            f"body {mesh.bodies[mesh.body[cell]]!r} shares nodes with another body, near root cell {cell}: give each "
-            "body nodes of its own (bodies meet by contact only), or make them one body"
+            f"bodies {mesh.bodies[mesh.body[cell]]!r} and {mesh.bodies[owner[node]]!r} share the node at "
+            f"{mesh.points[node]}: give each body nodes of its own (bodies meet by contact only), or make them one "
+            "body"
         )
     rows, points = np.repeat(np.arange(len(mesh.cells)), 8), len(mesh.cells) + mesh.corners.ravel()
     size = len(mesh.cells) + len(mesh.points)
