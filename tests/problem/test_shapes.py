@@ -228,7 +228,7 @@ CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
         (lambda: CUBE.named("x", where=lambda x: x), GeometryError, "a truth value for each of 8 points"),
         (lambda: CUBE.placed(lambda x: x[0]), GeometryError, "gives finite x, y and z"),
         (lambda: CUBE.placed(lambda x: (x[0], x[1], np.nan)), GeometryError, "finite"),
-        (lambda: CUBE.shifted(z="up"), SceneError, "a shift must be a finite number"),
+        (lambda: CUBE.shifted(z="up"), SceneError, "the shift x, y or z must be a finite number"),
         (lambda: CUBE.turned("w", 90), SceneError, "unknown axis 'w'"),
         (lambda: CUBE.turned((0, 0, 0), 90), GeometryError, "got zero"),
         (lambda: CUBE.mirrored("xy"), SceneError, "unknown axis 'xy'"),

@@ -179,7 +179,8 @@ def _match(mesh, pair, first, second):
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
         raise PairingError(
-            f"{label}: {len(first)} facets face {len(second)}; node-to-node contact needs matching surface meshes"
+            f"{label}: {len(first)} facets face {len(second)}; mesh both surfaces alike, facet for facet, and name "
+            "those parts only that face each other"
         )
     _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]

@@ -95,7 +95,7 @@ class Shape:
 
     def shifted(self, x=0.0, y=0.0, z=0.0):
         """The shape moved by x, y, z, in the unit of the mesh.  Raises SceneError for what are no numbers."""
-        return replace(self, points=self.points + [check_number("a shift", value) for value in (x, y, z)])
+        return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
     def turned(self, axis, degrees):
         """The shape turned about an axis through the origin.
