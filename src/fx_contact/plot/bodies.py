@@ -6,7 +6,7 @@ from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import von_mises
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, picture_size, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, exceeded, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
 from fx_contact.problem import hexahedron
 from fx_contact.results.contact_surface import face_interpolation, nodal_values
@@ -73,7 +73,9 @@ def _on_faces(step, leaf, face, field, factor):
     on_face = leaf[:, None], hexahedron.face_nodes(degree)[face]
     if field == "pressure":
         nodal = nodal_values(step)[:, 3][step.elasticity.prolongation.space.on_faces(leaf, face)]
-        values = nodal @ _between_nodes(degree).T
+        on_contact = np.zeros((len(step.forest), 6))
+        on_contact[step.forest.contact_faces()] = 1  # other faces may have closed nodes at an edge
+        values = on_contact[leaf, face, None] * (nodal @ _between_nodes(degree).T)
     else:
         values = von_mises(step.elasticity.at_leaves(step.estimate.stress)[on_face]) @ finer.T
     return face_points(step.forest, leaf, face) + factor * (finer @ step.nodal_displacement[on_face]), values
@@ -98,7 +100,7 @@ def _draw(plotter, points, values, field, zoom, top):
     pressure, title, values = field == "pressure", _FIELDS[field], values.ravel()
     surface[title] = values
     if top is None:
-        top = values.max() if pressure else _exceeded(surface, title, _SATURATED)
+        top = values.max() if pressure else exceeded(surface, title, _SATURATED)
     if pressure:
         surface[title] = np.where(values > 0, values, -1e-9 * top)  # below the scale: no colour
     bar = {"title": "", "color": "black", "vertical": True, "n_labels": 3, "fmt": "%.3g", "label_font_size": 18}
@@ -112,14 +114,6 @@ def _draw(plotter, points, values, field, zoom, top):
     plotter.add_mesh(nearer, color="black" if pressure else "white", opacity=0.4, line_width=1.5, lighting=False)
     seen = surface.points @ axes.T
     _look(plotter, seen.min(axis=0), seen.max(axis=0), zoom, axes)
-
-
-def _exceeded(surface, name, share):
-    """The value that a share of a surface's area exceeds."""
-    cells = surface.point_data_to_cell_data().compute_cell_sizes(length=False, volume=False)
-    order = np.argsort(cells[name])[::-1]
-    area = cells["Area"][order].cumsum()
-    return cells[name][order][np.searchsorted(area, share * area[-1])]
 
 
 def _directions(eye):

@@ -122,6 +122,25 @@ def add_length(plotter):
     plotter.reset_camera_clipping_range()
 
 
+def exceeded(surface, name, share):
+    """The value that a share of a surface's area exceeds.
+
+    Local.
+
+    Args:
+        surface: pyvista PolyData with point values of a name.
+        name: of the values.
+        share: of the area, in [0, 1].
+
+    Returns:
+        float, in the unit of the values.
+    """
+    cells = surface.point_data_to_cell_data().compute_cell_sizes(length=False, volume=False)
+    order = np.argsort(cells[name])[::-1]
+    area = cells["Area"][order].cumsum()
+    return cells[name][order][np.searchsorted(area, share * area[-1])]
+
+
 @contextmanager
 def _display():
     """An X display for pyvista: the present one, or else a virtual one."""

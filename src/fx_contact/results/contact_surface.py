@@ -38,6 +38,7 @@ def contact_functions(step):
     on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
     points = face_interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
     nodal = face_interpolation(space.degree, order) @ nodal_values(step)[space.on_faces(leaf, face)]
+    nodal[:, :, 4] = nodal[:, :, 4] > 0.5  # a status, also between nodes
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     rank = np.full(len(leaf), forest.comm.rank)
