@@ -74,8 +74,7 @@ class Step:
                 f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
             )
         lines += [f"  {goal}" for goal in r.goals or ()]
-        if r.doubts:
-            lines.append(f"  doubtful: {', '.join(doubt.kind for doubt in r.doubts)}")
+        lines += [f"  {doubt.kind}: {doubt.message}" for doubt in r.doubts]
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
     def __del__(self):
