@@ -21,7 +21,7 @@ from fx_contact.plot import (
 )
 from fx_contact.plot.bodies import _on_faces
 from fx_contact.plot.canvas import plotter_for
-from fx_contact.plot.cells import _level_colour
+from fx_contact.plot.cells import _level_colour, _number_colour
 from fx_contact.plot.cut import _outlines, cut_by_body
 from fx_contact.plot.faces import visible_faces
 from fx_contact.scenes import hertz
@@ -147,6 +147,13 @@ def test_levels_are_drawn_where_they_are():
     """Between the coarsest and the finest shown leaf each level has a shade of its own, the same in all pictures."""
     shades = np.array([_level_colour(level) for level in range(8)])
     assert (np.abs(np.diff(shades, axis=0)).max(axis=1) > 0.01).all()
+
+
+def test_ranks_have_colours_of_their_own():
+    """Of 21 ranks no two have nearly the same colour, neighbours least of all."""
+    colours = np.array([_number_colour(number) for number in range(21)])
+    apart = np.linalg.norm(colours[:, None] - colours, axis=2) + 10 * np.eye(21)
+    assert apart.min() > 0.1 and np.diag(apart, 1).min() > 0.3
 
 
 def test_wrong_requests():

@@ -6,7 +6,7 @@ from fx_contact.adaptive.step import check_step
 from fx_contact.estimate.recovery import von_mises
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, exceeded, picture_size, plotter_for
+from fx_contact.plot.canvas import add_length, add_note, bar, draw_on_first, exceeded, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
 from fx_contact.problem import hexahedron
 from fx_contact.results.contact_surface import face_interpolation, nodal_values
@@ -60,8 +60,7 @@ def draw_bodies(
         """The picture, on the first rank."""
         points, values = (np.concatenate(column) for column in zip(*parts))
         _draw(plotter, points, values, field, zoom, top)
-        told = f"{_FIELDS[field]}\ndisplacements x {factor:g}"
-        plotter.add_text(told, position="upper_right", color="black", font_size=10)
+        add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)
 
@@ -103,10 +102,8 @@ def _draw(plotter, points, values, field, zoom, top):
         top = values.max() if pressure else exceeded(surface, title, _SATURATED)
     if pressure:
         surface[title] = np.where(values > 0, values, -1e-9 * top)  # below the scale: no colour
-    bar = {"title": "", "color": "black", "vertical": True, "n_labels": 3, "fmt": "%.3g", "label_font_size": 18}
-    bar |= {"position_x": 0.83, "position_y": 0.25, "width": 0.06, "height": 0.5}
     scale, light = {"cmap": "viridis", "clim": (0, top)}, {"ambient": 0.65, "diffuse": 0.4}
-    plotter.add_mesh(surface, scalars=title, scalar_bar_args=bar, **scale, **light)
+    plotter.add_mesh(surface, scalars=title, scalar_bar_args=bar(0.5, position_x=0.83, width=0.06), **scale, **light)
     if pressure:
         plotter.mapper.lookup_table.below_range_color = "#e8e8e8"
     axes = np.stack(_directions(_EYE))

@@ -122,6 +122,33 @@ def add_length(plotter):
     plotter.reset_camera_clipping_range()
 
 
+def bar(height, **more):
+    """What pyvista is told of a colour bar at the right, black numbers beside it: dict, `scalar_bar_args`.  Local.
+
+    Args:
+        height: share of the picture's.
+        more: further entries.
+    """
+    place = {"position_x": 0.85, "position_y": 0.5 - height / 2, "width": 0.13, "height": height}
+    text = {"title": "", "color": "black", "n_labels": 3, "fmt": "%.3g", "label_font_size": 18}
+    return {"vertical": True, "background_color": "white", **place, **text} | more
+
+
+def add_note(plotter, text):
+    """Write black on white into the upper right corner.  Local.
+
+    Args:
+        plotter: pyvista Plotter.
+        text: str, of some lines.
+    """
+    width, height = picture_size(plotter)
+    size = max(9, int(height / 84))
+    place = (0.98 * width, 0.97 * height - 2.6 * size * len(text.splitlines()))
+    note = plotter.add_text(text, place, font_size=size, color="black")
+    note.prop.justification_horizontal = "right"
+    note.prop.background_color, note.prop.background_opacity = "white", 0.8
+
+
 def exceeded(surface, name, share):
     """The value that a share of a surface's area exceeds.
 

@@ -1,20 +1,29 @@
 """Leaves in three dimensions: around the contact or all of them, coloured by rank, level or part."""
 
-import colorsys
-
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 
 
+#: Colours that the colour-blind tell apart (Okabe and Ito, without black).
+_PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
+#: Of a further round through them: how far they are mixed with white, or with black.
+_MIXED = ((1.0, 0.0), (1.0, 0.5), (0.0, 0.4))
+#: Most groups that a legend lists.
+_LISTED = 16
+
+
 def _number_colour(number):
-    """Hues in golden-section steps around the circle, so that near numbers differ."""
-    return colorsys.hsv_to_rgb(number * 0.618034 % 1.0, 0.45 + 0.4 * (number % 2), 0.95 - 0.25 * (number // 2 % 2))
+    """Colours of the palette in turn, then lighter and darker ones."""
+    from matplotlib.colors import to_rgb
+
+    towards, share = _MIXED[number // len(_PALETTE) % len(_MIXED)]
+    return tuple((1 - share) * part + share * towards for part in to_rgb(_PALETTE[number % len(_PALETTE)]))
 
 
 def _level_colour(level):
@@ -134,17 +143,29 @@ def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given
     def draw(plotter):
         """The picture, on the first rank."""
         faces, group = (np.concatenate(column) for column in zip(*parts))
-        for number in np.unique(group):
+        numbers = np.unique(group).tolist()
+        for number in numbers:
             surface, edges = surface_and_edges(faces[group == number])
-            plotter.add_mesh(surface, color=colour(number), label=f"{word} {number}", ambient=0.65, diffuse=0.4)
+            plotter.add_mesh(surface, color=colour(number), ambient=0.65, diffuse=0.4)
             nearer = edges.translate(1e-3 * reach * EYE)  # lest they lie in the surface
             plotter.add_mesh(nearer, color="#202020", line_width=2, lighting=False)
-        if word and np.ptp(group):
-            size = (0.16, 0.045 * len(np.unique(group)))
-            plotter.add_legend(bcolor="white", border=True, face="rectangle", size=size, loc="upper right")
+        if word and 1 < len(numbers) <= _LISTED:
+            _list_groups(plotter, {f"{word} {number}": colour(number) for number in numbers})
         plotter.enable_parallel_projection()
         plotter.camera_position = [centre + reach * EYE, centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach
         add_length(plotter)
 
     return draw_on_first(forest.comm, path, draw, plotter_for, given)
+
+
+def _list_groups(plotter, colours):
+    """Names on their colours, below each other at the right; the ink is black or white, whichever is read."""
+    width, height = picture_size(plotter)
+    line = max(26, height / 28)
+    for row, (name, colour) in enumerate(colours.items()):
+        light = np.dot(colour, (0.299, 0.587, 0.114)) > 0.5
+        place = (width - line / 2, height - line * (row + 1.5))
+        label = plotter.add_text(f" {name} ", place, font_size=int(line / 3), color="black" if light else "white")
+        label.prop.justification_horizontal = "right"
+        label.prop.background_color, label.prop.background_opacity = colour, 1.0

@@ -11,7 +11,7 @@ from fx_contact.estimate.recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, exceeded, plotter_for
+from fx_contact.plot.canvas import add_length, add_note, bar, draw_on_first, exceeded, picture_size, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
@@ -94,42 +94,30 @@ def cut_by_body(points, values, body, y):
 
 
 def _draw_cut(plotter, points, values, body, *, centre, reach, y):
-    pyvista = import_pyvista()
-    section = pyvista.merge(cut_by_body(points, values, body, y), merge_points=False)
-    plotter.add_mesh(
-        section,
-        scalars="stress",
-        cmap="viridis",
-        clim=(0, exceeded(section, "stress", _SATURATED)),
-        lighting=False,
-        scalar_bar_args={
-            "title": "von Mises stress; 1 % of the area is above the scale",
-            "color": "black",
-            "fill": reach is not None,
-            "background_color": "white",
-            "vertical": False,
-            "n_labels": 2,
-            "position_x": 0.2,
-            "title_font_size": 22,
-            "fmt": "%.2g",
-        },
-    )
+    section = import_pyvista().merge(cut_by_body(points, values, body, y), merge_points=False)
+    focus, scale = _window(points, centre, reach)
+    width, height = picture_size(plotter)
+    shown = np.abs(section.cell_centers().points - focus) <= scale * np.array([width / height, np.inf, 1])
+    top = exceeded(section.extract_cells(shown.all(axis=1)), "stress", _SATURATED)
+    colours = {"scalars": "stress", "cmap": "viridis", "clim": (0, top), "scalar_bar_args": bar(0.5, fill=True)}
+    plotter.add_mesh(section, lighting=False, **colours)
     plotter.add_mesh(_outlines(points, y), color="#202020", line_width=2, lighting=False)
+    add_note(plotter, f"von Mises stress\n{_SATURATED:.0%} of the area is above the scale")
     plotter.enable_parallel_projection()
     plotter.view_xz()
-    if reach is None:
-        x, z = np.ptp(points[:, :, [0, 2]], axis=(0, 1))
-        plotter.camera.parallel_scale = 0.6 * max(z, x / 1.5)
-    else:
-        quarter = points[:, :, 0].min() >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
-        plotter.camera.focal_point = centre + [reach * quarter, 0, 0]
-        plotter.camera.position = np.array(plotter.camera.focal_point) - [0, 10 * reach, 0]
-        plotter.camera.parallel_scale = 0.7 * reach
-    lower = np.array([0, 0, 0.08 * plotter.camera.parallel_scale])  # room for the scale
-    plotter.camera.focal_point, plotter.camera.position = (
-        np.array(place) - lower for place in (plotter.camera.focal_point, plotter.camera.position)
-    )
+    plotter.camera.focal_point, plotter.camera.position = focus, focus - [0, 10 * scale, 0]
+    plotter.camera.parallel_scale = scale
     add_length(plotter)
+
+
+def _window(points, centre, reach):
+    """The middle of a picture and half of its height: all leaves, or those near a centre, and room for the scales."""
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    if reach is None:
+        scale = 0.6 * max(high[2] - low[2], high[0] - low[0])
+        return (low + high) / 2 + [0.2 * scale, 0, -0.1 * scale], scale
+    quarter = low[0] >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
+    return centre + [reach * quarter, 0, 0], 0.7 * reach
 
 
 def _outlines(points, y):
