@@ -60,7 +60,7 @@ def contact(folder, quick):
     scene = hertz(displacement=0.05, symmetry="quarter" if quick else "full", coarse=2, order=6)
     step = solve(scene, 0.3 if quick else 0.02)
     with plotter_for(folder / "contact.png", 1060, 600) as plotter:
-        draw_bodies(step, cut=True, apart=0.18, zoom=2.1, plotter=plotter)
+        draw_bodies(step, cut=True, apart=0.13, zoom=4.3, plotter=plotter)
 
 
 def gallery(name, folder, _quick):
