@@ -77,59 +77,50 @@ def _worst(one):
 
 
 def draw_matrix(scores, path):
-    """A row for each family of each axis, a cell a scene: its value, below it the letter of its score or iterations.
+    """A row for each family of each axis, a cell a scene: its value, and iterations as colour or the letter of a score.
 
     Args:
         scores: dicts.
-        path: of the PNG.
+        path: of the PNG, 960 pixels wide: text of a page's size.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    rows, columns, heat = {}, ([], []), _heat()
+    rows, heat = {}, _heat()
     for one in scores:
         rows.setdefault((one["axis"], one["row"]), []).append(one)
-    for place, (axis, row) in enumerate(rows):
-        split = columns[1] or (place > 0.45 * len(rows) and columns[0][-1][0] != axis)
-        columns[bool(split)].append((axis, row))
-    columns = [keys for keys in columns if keys]
-    wide = [3.2 + max(len(rows[key]) for key in keys) for keys in columns]
-    height = max(len(keys) + 0.7 * len({axis for axis, _ in keys}) for keys in columns)
-    size = (0.62 * sum(wide) + 0.4, 1.5 + 0.36 * height)
-    figure, panels = plt.subplots(
-        1, len(columns), figsize=size, layout="constrained", squeeze=False, width_ratios=wide
-    )
-    for axes, keys, width in zip(panels[0], columns, wide):
-        y, last = 0.0, None
-        for axis, row in keys:
-            if axis != last:
-                y, last = y + 0.7, axis
-                axes.text(-0.15, y - 0.06, axis, ha="right", va="bottom", fontsize=9.5, weight="bold")
-            axes.text(-0.15, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
-            for x, one in enumerate(rows[axis, row]):
-                _draw_cell(axes, x, y, one, heat)
-            y += 1
-        axes.set(xlim=(-3.2, width - 3.2), ylim=(height + 0.1, 0))
-        axes.axis("off")
-    present = [kind for kind in SCORES if any(one["score"] == kind for one in scores)]
+    height = len(rows) + 0.9 * len({axis for axis, _ in rows})
+    figure = Figure(figsize=(9.6, 1.6 + 0.205 * height), layout="constrained")
+    axes, y, last = figure.add_subplot(), 0.0, None
+    for (axis, row), here in rows.items():
+        if axis != last:
+            y, last = y + 0.9, axis
+            axes.text(-0.1, y - 0.05, axis, ha="right", va="bottom", fontsize=9, weight="bold")
+        axes.text(-0.1, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
+        width = -(-max(len(_told(one)) for one in here) // 8)
+        for x, one in enumerate(here):
+            _draw_cell(axes, width * x, y, width, one, heat)
+        y += 1
+    axes.set(xlim=(-6.2, 15), ylim=(height + 0.1, 0))
+    axes.axis("off")
     handles = []
-    for kind in present:
+    for kind in (kind for kind in SCORES if any(one["score"] == kind for one in scores)):
         letter, grey, edge, meaning = SCORES[kind]
         count = sum(one["score"] == kind for one in scores)
-        about = f"{letter or 'number'}: {meaning} ({count})"
+        about = f"{letter or 'coloured'}: {meaning} ({count})"
         handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
-    scale = panels[0, -1].inset_axes((0.35, -0.03, 0.6, 0.012))
+    scale = axes.inset_axes((0.62, 0.02, 0.36, 0.006))
     figure.colorbar(heat, cax=scale, orientation="horizontal", label="iterations of PCG and contact, all steps")
-    figure.suptitle(
-        f"{len(scores)} scenes: value, and below it iterations (colour) or the letter of what happened", fontsize=10
-    )
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    figure.suptitle(f"{len(scores)} scenes by the value that varies", fontsize=10)
+    figure.savefig(path, dpi=100)
     with_few_colours(path)
+
+
+def _told(one):
+    """What a cell says: the value that varies along its row, and the letter of its score."""
+    value = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz")
+    return f"{value} {SCORES[one['score']][0]}".rstrip()
 
 
 def _heat():
@@ -140,22 +131,16 @@ def _heat():
     return ScalarMappable(LogNorm(10, 2000, clip=True), "YlGnBu")
 
 
-def _draw_cell(axes, x, y, one, heat):
-    """A rectangle with the value of a scene; its iterations as number and colour, or the letter of its score."""
+def _draw_cell(axes, x, y, width, one, heat):
+    """A rectangle with the value of a scene, coloured by its iterations; or with the letter of its score."""
     from matplotlib.patches import Rectangle
 
     letter, face, edge, _ = SCORES[one["score"]]
-    counted = not letter
-    if counted:
-        face = heat.to_rgba(one["iterations"])
-    axes.add_patch(
-        Rectangle((x + 0.03, y + 0.05), 0.94, 0.9, facecolor=face, edgecolor=edge, lw=0.6 if counted else 1.8)
-    )
-    dark = heat.norm(one["iterations"]) > 0.6 if counted else face in ("#000000", "#606060")
+    style = {"lw": 1.8}
+    if not letter:
+        face, style = heat.to_rgba(one["iterations"]), {"lw": 0.6}
+    place = x + 0.03, y + 0.06
+    axes.add_patch(Rectangle(place, width - 0.06, 0.88, facecolor=face, edgecolor=edge, **style))
+    dark = face in ("#000000", "#606060") if letter else heat.norm(one["iterations"]) > 0.6
     ink = "white" if dark else "black"
-    value, small = one["value"].replace(" about ", " ").replace("(1,2,3)", "xyz"), {"fontsize": 6.8}
-    if len(value) > 9:
-        value, small = value.replace(" ", "\n", 1), {"fontsize": 5, "linespacing": 0.85}
-    axes.text(x + 0.5, y + 0.3, value, ha="center", va="center", color=ink, **small)
-    style = {"fontsize": 6.8} if counted else {"fontsize": 9, "weight": "bold"}
-    axes.text(x + 0.5, y + 0.69, letter or str(one["iterations"]), ha="center", va="center", color=ink, **style)
+    axes.text(x + width / 2, y + 0.5, _told(one), ha="center", va="center", fontsize=7.5, color=ink)
