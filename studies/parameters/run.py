@@ -1,6 +1,6 @@
 """What the parameters of `ErrorControl` do: each halved and doubled, as far as it may be, the others as they are.
 
-    python3 -m studies.parameters.run [--only PARAMETER ...]
+    python3 -m studies.parameters.run [--only PARAMETER ...] [--scene NAME ...]
 
 Displacements have degree 2, on one rank.  A parameter that a run never reads is not varied there.  `true_error` is that
 of the last step in the energy norm, by a solution with half of the tolerance; `error_force` is against the reference of
@@ -120,9 +120,10 @@ def figures(scene, tolerance, force, known, **parameters):
     return known[alike], read
 
 
-def measured(only):
+def measured(only, names):
     """Rows of the table."""
-    for name, (make, tolerance, force) in SCENES.items():
+    for name in names:
+        make, tolerance, force = SCENES[name]
         scene, known = make(), {}
         base, read = figures(scene, tolerance, force, known)
         yield {"scene": name, "tolerance": tolerance, "parameter": "", "value": "", "same": "", **base}
@@ -160,9 +161,10 @@ def main():
     """Measure; print the summary and keep both tables."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--only", nargs="+", choices=VALUES, help="parameters (all)")
+    options.add_argument("--scene", nargs="+", choices=SCENES, default=SCENES, metavar="NAME", help=", ".join(SCENES))
     options.add_argument("--output", type=Path, default=Path("results/parameters"), help="folder (%(default)s)")
     given, rows = options.parse_args(), []
-    for row in measured(given.only):
+    for row in measured(given.only, given.scene):
         rows.append(row)
         print(plain([row]).splitlines()[-1], flush=True)
     write(given.output / "table.csv", rows, "python3 -m studies.parameters.run")

@@ -1,7 +1,8 @@
 """Every command and every block of code in the README and the documentation runs, in the order of the pages.
 
-What takes minutes is run in the smaller form that `SMALLER` tells: demos on coarse meshes; of studies, notebooks and
-tests their options and names alone (`--help`, `--co`).  As it is printed, which takes hours:
+What takes minutes is run in the smaller form that `SMALLER` tells: demos on coarse meshes, studies on a scene or two.
+Of tests names alone are collected (`--co`); of the studies in `LONG` the command line alone is read, by their own
+parsers, as are the command lines of all other studies as they are printed.  As it is printed, which takes hours:
 
     ./with-dolfinx python3 -m pytest tests/demos/test_readme.py --as-printed
 """
@@ -46,12 +47,10 @@ SKIPPED = {
     rf"(--suite|{ELSEWHERE}|python3 -m black) ?.*": "needs what is not here",
 }
 #: What is run instead: coarse meshes; fields and pictures of the plain command alone, several ranks of that and of what
-#: keeps checkpoints, one of what goes on from them; of studies the help,
-#: and results compared with themselves.
+#: keeps checkpoints, one of what goes on from them; studies of a scene or two, and results compared with themselves.
 SMALLER = (
     (r"--tolerance \S+", "--tolerance 0.3"),
     (r"--true-error \S+", "--true-error 0.4"),
-    (r"--only approach/punch/1e-6", "--only gap/stack/1e-2"),
     (r"--coarse \d --uniform \d", "--uniform 1"),
     (r"(demos/(hertz|indentation)\.py)", r"\1 --coarse 2"),
     (r"--order [126]", "--order 2"),
@@ -59,14 +58,47 @@ SMALLER = (
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
-    (r"(mpirun -n \d )?(python3 -m studies\.\w+\.(?!compare)\w+)(?!.*--only).*", r"\2 --help"),
+    (r"(studies\.pictures\.run)$", r"\1 --quick --only stack"),
+    (r"(studies\.goals\.run).*", r"\1 --only square --degree 1"),
+    (r"(studies\.effectivity\.run).*", r"\1 --only indentation --degree 1 --most 5000"),
+    (r"(studies\.parameters\.run).*", r"\1 --only target --scene 'film, whose weight is the load'"),
+    (r"(studies\.stability\.run).*", r"\1 --only gap/stack/1e-2"),
+    (r"(mpirun -n \d )?(python3 -m studies\.cost\.glued).*", r"\2 --tolerance 0.3 --repeats 1"),
+    (r"(mpirun -n \d )?(python3 studies/equivalence/records\.py) .*", r"\2 --quick --only patch after.json"),
     (r"(studies.*compare(\.py)?) (\S+) .*", r"\1 \3 \3"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
-    (r"(mpirun -n \d )?python3 (studies/equivalence/records\.py) .*", r"python3 \2 --help"),
-    (r"notebooks/\w+\.ipynb", "--help"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
+#: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
+LONG = r"studies\.(partition|work_precision)\.run|studies\.cost\.(?!glued)|notebooks/execute\.py"
+#: Programs that read their command line with argparse, and a module or file and the words after it.
+PARSED = r"(?:env \S+ )?(?:mpirun -n \d )?python3 (?:-m )?((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"
+#: Reads the command lines, one on each line of standard input, and says which ones their programs do not take.
+READER = """
+import argparse, runpy, shlex, sys
+from pathlib import Path
+
+class Taken(Exception):
+    pass
+
+def taken(*words, reads=argparse.ArgumentParser.parse_args):
+    reads(*words)
+    raise Taken
+
+argparse.ArgumentParser.parse_args = taken
+for line in sys.stdin:
+    sys.argv = shlex.split(line)
+    start = runpy.run_path if sys.argv[0].endswith(".py") else runpy.run_module
+    sys.path.insert(0, str(Path(sys.argv[0]).parent))  # as of a script
+    try:
+        start(sys.argv[0], run_name="__main__")
+        sys.exit(f"it reads no arguments: {line}")
+    except Taken:
+        pass
+    except SystemExit as end:
+        sys.exit(f"{line}{end}")
+"""
 
 
 def commands(text):
@@ -100,11 +132,19 @@ def reason(command):
 
 
 def smaller(command):
-    """What is run instead of a command."""
+    """What is run instead of a command; None: nothing, for that takes minutes too."""
     text = bare(command)
+    if re.search(LONG, text):
+        return None
     for pattern, replacement in SMALLER:
         text = re.sub(pattern, replacement, text)
     return text
+
+
+def parsed(commands):
+    """Command lines of studies and other programs, as `READER` takes them: module or file, and its words."""
+    found = (re.fullmatch(PARSED, bare(command)) for command in commands)
+    return [one[1] + one[2] for one in found if one]
 
 
 def python_blocks(text):
@@ -161,6 +201,8 @@ def ends_well(command, clone, request):
     if "--restart" in command:
         ends_well(kept, clone, request)
     text = bare(command) if request.config.getoption("--as-printed") else smaller(command)
+    if text is None:
+        pytest.skip("minutes: test_arguments has its command line read")
     code, said = run(("./with-dolfinx", "sh", "-c", text), clone)
     assert code == 0, f"{text}\n{said[-3000:]}"
 
@@ -172,6 +214,37 @@ def test_command(command, clone, request):
     if why := reason(command):
         pytest.skip(why)
     ends_well(command, clone, request)
+
+
+def refused(lines):
+    """What the programs say of command lines that they do not take; "" if they take all."""
+    done = subprocess.run(
+        (sys.executable, "-c", READER), input="\n".join(lines), capture_output=True, text=True, env=outside(), cwd=TOP
+    )
+    return done.stderr if done.returncode else ""
+
+
+def test_arguments():
+    """Studies and other programs take the options and values that the pages give them."""
+    lines = parsed(dict.fromkeys(COMMANDS))
+    assert len(lines) > 30 and len({line.split()[0] for line in lines}) > 12
+    assert not refused(dict.fromkeys(lines))
+
+
+@pytest.mark.parametrize("words", ["--onyl hertz", "--degree 3", "hertz"])
+def test_wrong_arguments_are_noticed(words):
+    """Another option, value or word than the program takes."""
+    (line,) = parsed([f"./with-dolfinx mpirun -n 2 python3 -m studies.goals.run {words}"])
+    assert "unrecognized arguments" in refused([line]) or "invalid choice" in refused([line])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["-k no_such_test", "--kils 20"])
+def test_wrong_arguments_of_tests_are_noticed(words, clone):
+    """Tests that are not there, an option that pytest does not know."""
+    text = smaller(f"./with-dolfinx mpirun -n 2 python3 -m pytest tests/adaptive/test_checkpoint.py {words}")
+    code, _ = run(("./with-dolfinx", "sh", "-c", text), clone)
+    assert code in (4, 5), "pytest: usage error, nothing collected"
 
 
 @pytest.mark.slow
