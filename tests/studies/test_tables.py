@@ -17,9 +17,11 @@ def test_pages_agree_with_the_files():
 
 @pytest.mark.parametrize("name", TABLES)
 def test_files_name_their_origin(name):
-    """Revision, machine and command, and rows."""
-    about, rows = read(TOP / name.partition("#")[0])
+    """One revision, machine and command, and rows."""
+    path = TOP / name.partition("#")[0]
+    about, rows = read(path)
     assert {"revision", "machine", "command"} <= set(about) and rows
+    assert path.read_text().count("# revision: ") == 1
 
 
 def test_a_number_typed_into_a_page_is_noticed():
