@@ -17,8 +17,7 @@ from matplotlib.image import imread
 from PIL import Image
 
 from fx_contact import Material, adapt, solve
-from fx_contact.plot import draw_bodies, draw_mesh, draw_pressure
-from fx_contact.plot.canvas import plotter_for
+from fx_contact.plot import draw_bodies, draw_mesh, draw_pressure, plotter_for
 from fx_contact.plot.cells import contact_size
 from fx_contact.results import true_error
 from fx_contact.results.reference_values import hertz_a

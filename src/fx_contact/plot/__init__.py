@@ -1,6 +1,7 @@
 """Pictures of a step or a run, as PNG files; plotting libraries are imported only when one is drawn."""
 
 from fx_contact.plot.bodies import draw_bodies
+from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.cells import draw_mesh, draw_partition, draw_parts
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
@@ -14,4 +15,5 @@ __all__ = [
     "draw_pressure",
     "draw_stress",
     "draw_sweep",
+    "plotter_for",
 ]

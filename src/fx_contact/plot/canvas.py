@@ -75,12 +75,15 @@ def axes_for(path, width=6.4, height=4.4):
 
 @contextmanager
 def plotter_for(path, width=1200, height=840):
-    """A pyvista Plotter whose picture is saved in the end.
+    """A pyvista Plotter whose picture is saved in the end; without a display it starts a virtual one, Xvfb.
 
-    Local.
+    Local.  For a `with` block, of one rank:
+
+        with plotter_for("x.png") as plotter:
+            plotter.add_mesh(step.to_pyvista(), scalars="von Mises stress")
 
     Args:
-        path: of the PNG.
+        path: of the PNG, in a folder that is there.
         width, height: of the picture [pixels].
     """
     with _display():
