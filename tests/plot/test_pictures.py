@@ -111,6 +111,18 @@ def test_on_what_the_user_gives(tmp_path):
         draw_mesh(step)
 
 
+def test_scale_of_a_cut(tmp_path):
+    """Nearer to the contact, where the stress is, the scale ends higher, for it is that of what is shown."""
+    step, _ = a_step()
+    tops = []
+    for zoom in (None, 6, 1):
+        with plotter_for(tmp_path / "a.png") if WORLD.rank == 0 else nullcontext() as plotter:
+            draw_stress(step, zoom=zoom, plotter=plotter)
+            bars = plotter.scalar_bars.values() if plotter else ()
+            tops += [bar.GetLookupTable().GetRange()[1] for bar in bars] or [len(tops)]
+    everywhere(tops[0] < tops[1] < tops[2], "the same scale")
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_grid_of_pyvista(degree):
     """Its cells are this rank's leaves, which fill the bodies; displacement and stress are of their points."""
