@@ -177,6 +177,22 @@ SWEEPS = {
     "CPU, alone": "{alone_cpu_s:.1f} s",
     "ratio (target 2)": "{ratio:.1f}",
 }
+ORDERS = {
+    "geometry order": "{geometry_order}",
+    "preconditioner": "{preconditioner}",
+    "dofs": "{dofs:,}",
+    "iterations, last step": "{krylov_iterations_last_step:d}",
+    "CPU": "{cpu_s:.1f} s",
+    "over order 1 (target 1.2)": "{cpu_over_order_1:.2f}",
+    "memory over order 1": "{memory_over_order_1:.2f}",
+}
+GLUED = {
+    "scene": "{scene}",
+    "CPU, contact": "{contact_s:.2f} s",
+    "CPU, glued": "{glued_s:.2f} s",
+    "ratio (target 1.15)": "{ratio:.2f} ({least:.2f} to {most:.2f})",
+}
+PYTHON = {"command": "`{command}`", "CPU": "{cpu_s:.1f} s", "Python at most (target 5 %)": "{share_at_most:.1%}"}
 
 #: The CSV files that pages show, and what makes a table of their rows.
 TABLES = {
@@ -196,6 +212,9 @@ TABLES = {
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),
     "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
+    "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
+    "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
+    "studies/cost/python.csv": partial(markdown, columns=PYTHON),
 }
 
 
