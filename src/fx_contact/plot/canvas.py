@@ -145,7 +145,7 @@ def add_note(plotter, text):
         text: str, of some lines.
     """
     width, height = picture_size(plotter)
-    size = max(9, int(height / 84))
+    size = max(9, int(height / 64))
     place = (0.98 * width, 0.97 * height - 2.6 * size * len(text.splitlines()))
     note = plotter.add_text(text, place, font_size=size, color="black")
     note.prop.justification_horizontal = "right"

@@ -95,18 +95,18 @@ def cut_by_body(points, values, body, y):
 
 def _draw_cut(plotter, points, values, body, *, centre, reach, y):
     section = import_pyvista().merge(cut_by_body(points, values, body, y), merge_points=False)
-    focus, scale = _window(points, centre, reach)
+    focus, half = _window(points, centre, reach)
     width, height = picture_size(plotter)
-    shown = np.abs(section.cell_centers().points - focus) <= scale * np.array([width / height, np.inf, 1])
+    shown = np.abs(section.cell_centers().points - focus) <= half * np.array([width / height, np.inf, 1])
     top = exceeded(section.extract_cells(shown.all(axis=1)), "stress", _SATURATED)
-    colours = {"scalars": "stress", "cmap": "viridis", "clim": (0, top), "scalar_bar_args": bar(0.5, fill=True)}
-    plotter.add_mesh(section, lighting=False, **colours)
+    scale = {"clim": (0, top), "cmap": "viridis", "scalar_bar_args": bar(0.5, fill=True, label_font_size=26)}
+    plotter.add_mesh(section, scalars="stress", lighting=False, **scale)
     plotter.add_mesh(_outlines(points, y), color="#202020", line_width=2, lighting=False)
     add_note(plotter, f"von Mises stress\n{_SATURATED:.0%} of the area is above the scale")
     plotter.enable_parallel_projection()
     plotter.view_xz()
-    plotter.camera.focal_point, plotter.camera.position = focus, focus - [0, 10 * scale, 0]
-    plotter.camera.parallel_scale = scale
+    plotter.camera.focal_point, plotter.camera.position = focus, focus - [0, 10 * half, 0]
+    plotter.camera.parallel_scale = half
     add_length(plotter)
 
 
@@ -114,8 +114,8 @@ def _window(points, centre, reach):
     """The middle of a picture and half of its height: all leaves, or those near a centre, and room for the scales."""
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     if reach is None:
-        scale = 0.6 * max(high[2] - low[2], high[0] - low[0])
-        return (low + high) / 2 + [0.2 * scale, 0, -0.1 * scale], scale
+        half = 0.6 * max(high[2] - low[2], high[0] - low[0])
+        return (low + high) / 2 + [0.2 * half, 0, -0.1 * half], half
     quarter = low[0] >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
     return centre + [reach * quarter, 0, 0], 0.7 * reach
 
