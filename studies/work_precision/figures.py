@@ -26,7 +26,8 @@ N$^{-2/3}$ at degree 2 and N$^{-1/3}$ at degree 1;
 at degree 2 N$^{-1/2}$, where the cube's edges are
 singular: cells there are not stretched.
 
-Numbers at the lines: slopes fitted to the points.
+Numbers at the lines: slopes fitted to all points
+but the first.
 
 A white dot: the estimate, where the true error
 would cost too much."""
