@@ -142,8 +142,9 @@ def _discretise(settings, start, stages):
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
-        matrix = elasticity.stiffness(pairs, copied=not settings.multigrid)
+        matrix = elasticity.stiffness(pairs, copied=not settings.multigrid, mixed=elasticity.mixed)
         coarse = create_coarse_level(elasticity, prescribed) if settings.multigrid else None
+        volume = elasticity.volume_term(np.isnan(prescribed)) if elasticity.mixed else None
     problem = ContactProblem(
         matrix=matrix,
         load=forces,
@@ -153,6 +154,7 @@ def _discretise(settings, start, stages):
         scene=scene,
         motions=motions,
         coarse=coarse,
+        volume=volume,
     )
     return _Discrete(mesh, elasticity, problem, totals)
 

@@ -8,7 +8,10 @@ import numpy as np
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidModes
+from fx_contact.fem.volume_term import VolumeTerm
+from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.linalg.matrix import BlockMatrix
+from fx_contact.linalg.mixed_solver import MixedSolver
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -21,7 +24,7 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
 
     Attributes:
-        matrix: BlockMatrix, K on the conforming unknowns, not yet assembled; the solver uses it up.
+        matrix: BlockMatrix, K on the conforming unknowns, or A with a `volume`, not yet assembled; the solver uses it up.
         load: (owned, 3) float64, L [N].
         prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
         energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.
@@ -29,6 +32,7 @@ class ContactProblem:
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
         motions: RigidModes of unloaded bodies, which are first moved as a whole; None: they stay.
         coarse: CoarseLevel below the matrix, for p-multigrid; None: there is none.
+        volume: VolumeTerm, what the matrix lacks of K in nearly incompressible bodies; None: nothing.
     """
 
     matrix: BlockMatrix
@@ -39,6 +43,21 @@ class ContactProblem:
     scene: Scene | None = None
     motions: RigidModes | None = None
     coarse: CoarseLevel | None = None
+    volume: VolumeTerm | None = None
+
+    def linear_solver(self, solver, objects):
+        """What solves with the matrix, which it uses up: ConjugateGradients, or MixedSolver.
+
+        Collective on matrix.comm.
+
+        Args:
+            solver: Solver.
+            objects: PetscObjects, with which it is freed.
+        """
+        arguments = solver, self.energy_norm, objects, self.coarse
+        if self.volume is None:
+            return ConjugateGradients(self.matrix, *arguments)
+        return MixedSolver(self.matrix, self.volume, *arguments)
 
 
 @dataclass(frozen=True)

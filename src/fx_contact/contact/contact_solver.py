@@ -11,7 +11,7 @@ from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.initial_guess import relax
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.linalg.conjugate_gradients import ROUNDING, ConjugateGradients
+from fx_contact.linalg.conjugate_gradients import ROUNDING
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 
@@ -118,9 +118,7 @@ def _solve_linear(problem, base, u, options, environment):
     """The displacement without contact, and the LinearSystem that found it."""
     stages = environment.stages
     with stages("system"):
-        cg = ConjugateGradients(
-            problem.matrix, options.solver, problem.energy_norm, environment.objects, problem.coarse
-        )
+        cg = problem.linear_solver(options.solver, environment.objects)
     with stages("setup"):
         cg.set_up()
     with stages("solve"):
@@ -141,7 +139,7 @@ def _first_guess(problem, base, jump, u, options, carried):
         stiffness = status.active * rows.bounded_stiffness
         u = problem.motions.move(matrix, base, jump, stiffness, u, np.isnan(problem.prescribed))
     bounded.change(matrix, np.zeros_like(status.active), status.active)
-    if carried:
+    if carried and problem.volume is None:  # the matrix alone is too soft
         u = relax(matrix, base, bounded, u, status)
         status.forget()
     return status, u

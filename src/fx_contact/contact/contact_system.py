@@ -5,7 +5,6 @@ from mpi4py import MPI
 
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.contact.projection import Projection
-from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.parallel.errors import SolveError
 
 #: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver: a hundred times
@@ -89,7 +88,7 @@ class ContactSystem:
         self._bounded, self._term, self._projection = self._enforced(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
         objects, self._coarse = environment.objects, problem.coarse
-        self._cg = ConjugateGradients(problem.matrix, self._solver, problem.energy_norm, objects, self._coarse)
+        self._cg = problem.linear_solver(self._solver, objects)
         if self._coarse is not None:
             self._coarse.couple(jump.matrix.distributed())
         # What changes: the closed rows, their forces in the augmented Lagrangian, and the set in the matrix.

@@ -24,6 +24,7 @@ class Projection:
 
     Attributes:
         closed: (n,) bool, the rows with B P = 0.
+        rigid: whether closed rows do not yield.
     """
 
     #: Most iterations and relative residual of the Gram system.  Node pairs that share nodes are small separate blocks
@@ -36,6 +37,7 @@ class Projection:
         rows, blocks = jump.rows, jump.blocks
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
+        self.rigid = stiffness is None
         weighted = blocks.values / rows.modulus[blocks.row, blocks.side][:, None]
         self._weighted = Products(rows, replace(blocks, values=weighted))
         self._diagonal = blocks.sums((blocks.values * weighted).sum(axis=1), len(rows))

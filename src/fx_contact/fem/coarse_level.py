@@ -33,7 +33,7 @@ def create_coarse_level(elasticity, prescribed):
     place = coarse.injected(fine.find(coarse.space.keys))
     free = fine.ghosted(np.isnan(prescribed).astype(float))[place] > 0
 
-    matrix = elasticity.on(coarse).stiffness().mat
+    matrix = elasticity.on(coarse).stiffness(mixed=elasticity.mixed).mat
     matrix.assemble()
     diagonal = matrix.getDiagonal()
     fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~free.ravel()).astype(PETSc.IntType)

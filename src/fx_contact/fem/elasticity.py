@@ -21,11 +21,15 @@ from scipy.sparse import csr_matrix
 from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.leaf_mesh import basix_order
+from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.matrix import create_matrix
 from fx_contact.parallel.memory import give_back
 
 #: Poisson's ratio from which on the volume strain of a body is projected.
 LOCKING_POISSON = 0.4
+#: Poisson's ratio of the matrix A of the mixed form in such bodies.  Iterations at nu = 0.49 with 0, 0.3, 0.4, 0.45: 33,
+#: 29, 37, 48 (`studies.cost.preconditioners --incompressible`).
+MATRIX_POISSON = 0.3
 #: Entries of the matrices of cells that are made at once: 32 MB, and as much three times more on hanging nodes.
 _CHUNK = 1 << 22
 
@@ -215,7 +219,12 @@ class Elasticity:
         forces = fem.assemble_vector(self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))))).array
         return self.prolongation.restrict(self.at_nodes(forces))
 
-    def stiffness(self, rows=None, copied=True):
+    @property
+    def mixed(self):
+        """Whether the pressure of nearly incompressible bodies is an unknown: at degree 2, where that is stable."""
+        return bool(self.projects and self.prolongation.space.degree > 1)
+
+    def stiffness(self, rows=None, copied=True, mixed=False):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
         Collective on mesh.comm.
@@ -223,6 +232,7 @@ class Elasticity:
         Args:
             rows: ConstraintRows, or None without contact.
             copied: as `create_matrix` has it.
+            mixed: whether the volume strain of nearly incompressible bodies has the weight that `volume_term` leaves.
 
         Returns:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
@@ -241,7 +251,7 @@ class Elasticity:
                 order, matrices = cell_matrices(self._form(part, space), unknowns, unknowns)
                 part = part[order]
                 if self.projects:
-                    self._add_projected(matrices, part, space, moments)
+                    self._add_projected(matrices, part, space, moments, mixed)
                 nodes = self.prolongation.conforming[self.cells[part][:, self._order]]
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
@@ -263,20 +273,61 @@ class Elasticity:
         stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.projects else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
-    def _add_projected(self, matrices, cells, space, moments):
+    def volume_term(self, free):
+        """What the matrix of the mixed form lacks of the stiffness.
+
+        Collective on mesh.comm.
+
+        Args:
+            free: (owned, 3) bool, components that no condition prescribes.
+
+        Returns:
+            VolumeTerm.
+        """
+        degree, parts, cells = self.prolongation.space.degree, [], []
+        element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
+        space = fem.functionspace(self.mesh, element)
+        moments = fem.functionspace(self.mesh, ("DPC", degree - 1, (3,)))
+        for part in self._chunks(np.flatnonzero(self._soft)):
+            part, d = self._moments(part, space, moments)
+            orthonormal = np.linalg.cholesky(self._inverse_mass[part]).transpose(0, 2, 1)
+            parts.append((self.cells[part][:, self._order], orthonormal @ d))
+            cells.append(np.repeat(part, d.shape[1]))
+        first, second = (np.concatenate([self._of_cells(lame, part) for part in cells]) for lame in self.lame)
+        held = _first_lame(second)
+        return VolumeTerm(self.prolongation, parts, first - held, 2 * second + held, free)
+
+    def _of_cells(self, lame, cells):
+        """A Lame coefficient of cells: (n,) float64."""
+        return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
+
+    def _moments(self, cells, space, moments):
+        """Cells in the order of their moments D of the divergence, and D: (n, q, 3 k) float64."""
+        trial, test = ufl.TrialFunction(space), ufl.TestFunction(moments)
+        form = self._compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells=cells)
+        order, d = cell_matrices(form, moments.dofmap.list[cells], space.dofmap.list[cells])
+        n, count, k, *_ = d.shape
+        return cells[order], d.sum(axis=3).reshape(n, count, 3 * k)
+
+    def _add_projected(self, matrices, cells, space, moments, mixed):
         """Add D^T (lambda M^-1) D to the matrices of cells whose volume strain is projected, with m = D u."""
         soft = np.flatnonzero(self._soft[cells])
-        trial, test = ufl.TrialFunction(space), ufl.TestFunction(moments)
-        form = self._compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells=cells[soft])
-        order, d = cell_matrices(form, moments.dofmap.list[cells[soft]], space.dofmap.list[cells[soft]])
-        soft, (n, count, k, *_) = soft[order], d.shape
-        d = d.sum(axis=3).reshape(n, count, 3 * k)
-        first = self.lame[0].x.array[self._pointwise.function_space.dofmap.list[cells[soft]]]
-        product = d.transpose(0, 2, 1) @ (first[:, :, None] * self._inverse_mass[cells[soft]] @ d)
-        matrices[soft] += product.reshape(n, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
+        place = np.full(len(self._soft), -1)
+        place[cells[soft]] = soft
+        some, d = self._moments(cells[soft], space, moments)
+        first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
+        if mixed:
+            first = _first_lame(self._of_cells(self.lame[1], some))
+        product = d.transpose(0, 2, 1) @ (first[:, None, None] * self._inverse_mass[some] @ d)
+        matrices[place[some]] += product.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
 
     def _chunks(self, cells):
         """Parts of this rank's cells, as many on all ranks."""
         size = _CHUNK // (3 * self.cells.shape[1]) ** 2
         parts = self.prolongation.comm.allreduce(-(-len(cells) // size), op=MPI.MAX)
         return (cells[part * size : (part + 1) * size] for part in range(parts))
+
+
+def _first_lame(second):
+    """The first Lame coefficient for `MATRIX_POISSON` and the second one."""
+    return 2 * MATRIX_POISSON / (1 - 2 * MATRIX_POISSON) * second

@@ -76,7 +76,7 @@ class ConjugateGradients:
         defaults = preconditioner_options(name, self._unknowns)
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
-        self._krylov = KrylovSolver(self._comm, self._options, objects)
+        self._krylov = self._create_krylov()
         self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:
             what = f"the preconditioner {kind!r} of {self._unknowns:,} unknowns"
@@ -89,6 +89,9 @@ class ConjugateGradients:
             matrix.mat.destroy()
         self._x, self._b = map(objects.add, self.matrix.createVecs())
         self._scale = objects.add(self._x.duplicate())
+
+    def _create_krylov(self):
+        return KrylovSolver(self._comm, self._options, self._objects)
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
@@ -217,7 +220,7 @@ class ConjugateGradients:
         options = {option: value for option, value in self._options.of_user.items() if option.startswith("ksp_")}
         self._options = PetscOptions(self._comm, _FALLBACK_PREFIX, options | PRECONDITIONERS[name], {})
         self._krylov.pc.reset()
-        self._krylov = KrylovSolver(self._comm, self._options, self._objects)
+        self._krylov = self._create_krylov()
         self.preconditioner = name
         if self.matrix.type != PETSc.Mat.Type.AIJ and (direct or self.matrix.type != PETSc.Mat.Type.HYPRE):
             before, correction = self.matrix, self._product.correction

@@ -9,8 +9,6 @@ from fx_contact.linalg.matrix import clear_hypre_errors
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.mpi import together
 
-#: Conjugate gradients that PETSc has in the natural norm, for `ksp_type`.
-METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
 #: PETSc options that would undo what the solver states of its error, and what to set instead.
 RESERVED = set(
     "ksp_rtol ksp_atol ksp_divtol ksp_max_it ksp_convergence_test ksp_converged_maxits ksp_error_if_not_converged "
@@ -46,20 +44,24 @@ class KrylovSolver:
             energy norm.
     """
 
+    #: For `ksp_type`, the first by default: conjugate gradients that PETSc has in the natural norm.
+    METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
+    _NORM = PETSc.KSP.NormType.NATURAL
+
     def __init__(self, comm, options, objects):
         self._comm, self._options, self._objects, self._holding = comm, options, objects, None
         self._ksp = ksp = objects.add(PETSc.KSP().create(comm))
         ksp.setOptionsPrefix(options.prefix)
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.setNormType(PETSc.KSP.NormType.NATURAL)
+        ksp.setType(self.METHODS[0])
+        ksp.setNormType(self._NORM)
         ksp.setConvergenceHistory(1, reset=True)
         with options.there(), self._errors_on_all_ranks():
             ksp.setFromOptions()
         self.pc = objects.add(ksp.getPC())
-        if ksp.getType() not in METHODS or self.pc.getType() in _UNFIT:
+        if ksp.getType() not in self.METHODS or self.pc.getType() in _UNFIT:
             raise SolveError(
                 f"-{options.prefix}ksp_type {ksp.getType()} -{options.prefix}pc_type {self.pc.getType()} cannot be "
-                f"used: the method must be one of {', '.join(METHODS)}, which stop by the energy norm, and the "
+                f"used: the method must be one of {', '.join(self.METHODS)}, which stop by the energy norm, and the "
                 f"preconditioner an inverse of the matrix alone, not {', '.join(_UNFIT)}: jacobi is as simple"
             )
 
@@ -104,15 +106,19 @@ class KrylovSolver:
             SolveError: PETSc cannot build it.
         """
         self.pc.setReusePreconditioner(False)
-        self._ksp.setPC(self.pc)
-        self._ksp.setOperators(operator, matrix)
+        self.pc.setOperators(operator, matrix)
         if self.pc.getType() == PETSc.PC.Type.MG and coarse is not None:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
         with self._options.there(), self._errors_on_all_ranks():
-            self._ksp.setUp()
+            self._set_up(operator, matrix)
         self._options.check_read()
         self.pc.setReusePreconditioner(True)
+
+    def _set_up(self, operator, matrix):
+        self._ksp.setPC(self.pc)
+        self._ksp.setOperators(operator, matrix)
+        self._ksp.setUp()
 
     def solve(self, b, x, rtol, atol, max_it, held=None):
         """Solve from zero until the natural norm of the residual is below atol, or rtol times its first one.
@@ -140,7 +146,7 @@ class KrylovSolver:
     def _holding_pc(self, held):
         """The preconditioner with the projector of held constraints."""
         if self._holding is None:
-            operator, matrix = self._ksp.getOperators()
+            operator, matrix = self.pc.getOperators()
             context = _Holding(self.pc, self._objects.add(matrix.createVecRight()))
             self._holding = self._objects.add(PETSc.PC().createPython(context, self._comm))
             self._holding.setOperators(operator, matrix)
