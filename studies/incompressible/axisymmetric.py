@@ -1,0 +1,136 @@
+"""The force between two half-spheres for any Poisson's ratio by another discretisation: HERTZ-A's reference.
+
+    python3 -m studies.incompressible.axisymmetric
+
+Taylor and Hood's pair P2/P1 of displacement and pressure on curved triangles in the half plane (r, z), nodes of one
+sphere against the plane of symmetry, an active set around a direct solver.  No part of it is the package's.
+"""
+
+import argparse
+from pathlib import Path
+
+import gmsh
+import numpy as np
+import ufl
+from basix.ufl import element, mixed_element
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from dolfinx.io import gmshio
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from studies.tables import write
+
+RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
+#: Radius, modulus, displacement of the flat face.
+RADIUS, YOUNG, MOVED = 1.0, 1.0, 0.005
+#: Contact radius, about; the mesh is finest up to its double.
+CONTACT = 0.0716
+
+
+def half_disc(cells):
+    """A quarter of a disc, the section of the half-sphere, in curved triangles: so many along the contact's radius."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        geo, fine = gmsh.model.geo, CONTACT / cells
+        pole, centre, rim = (geo.addPoint(r, z, 0) for r, z in ((0, 0), (0, RADIUS), (RADIUS, RADIUS)))
+        arc = geo.addCircleArc(pole, centre, rim)
+        loop = geo.addCurveLoop([arc, geo.addLine(rim, centre), geo.addLine(centre, pole)])
+        surface = geo.addPlaneSurface([loop])
+        geo.synchronize()
+        gmsh.model.addPhysicalGroup(2, [surface], 1)
+        distance, size = gmsh.model.mesh.field.add("Distance"), gmsh.model.mesh.field.add("Threshold")
+        gmsh.model.mesh.field.setNumbers(distance, "PointsList", [pole])
+        for name, value in {
+            "InField": distance,
+            "SizeMin": fine,
+            "SizeMax": 0.1,
+            "DistMin": 1.5 * CONTACT,
+            "DistMax": 1.0,
+        }.items():
+            gmsh.model.mesh.field.setNumber(size, name, value)
+        gmsh.model.mesh.field.setAsBackgroundMesh(size)
+        for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
+            gmsh.option.setNumber(f"Mesh.{option}", 0)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(2)
+        return gmshio.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)[0]
+    finally:
+        gmsh.finalize()
+
+
+def force(poisson, mesh):
+    """The force at which the flat face has moved by `MOVED`, and the radius of the last closed node."""
+    shear, first = YOUNG / (2 * (1 + poisson)), YOUNG * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    pair = mixed_element([element("Lagrange", "triangle", 2, shape=(2,)), element("Lagrange", "triangle", 1)])
+    space = fem.functionspace(mesh, pair)
+    (u, p), (v, q) = ufl.TrialFunctions(space), ufl.TestFunctions(space)
+    r = ufl.SpatialCoordinate(mesh)[0]
+    dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 6})
+
+    def strain(w):
+        """That of an axisymmetric displacement."""
+        g = ufl.grad(w)
+        shear_strain = (g[0, 1] + g[1, 0]) / 2
+        return ufl.as_matrix([[g[0, 0], shear_strain, 0], [shear_strain, g[1, 1], 0], [0, 0, w[0] / r]])
+
+    work = 2 * shear * ufl.inner(strain(u), strain(v)) - p * ufl.tr(strain(v)) - q * ufl.tr(strain(u)) - p * q / first
+    form = fem.form(2 * np.pi * r * work * dx)
+    matrix = assemble_matrix(form)
+    matrix.assemble()
+
+    vertical, of_vertical = space.sub(0).sub(1).collapse()
+    place, of_vertical = vertical.tabulate_dof_coordinates(), np.array(of_vertical)
+    radial, of_radial = space.sub(0).sub(0).collapse()
+    on_axis = np.array(of_radial)[np.abs(radial.tabulate_dof_coordinates()[:, 0]) < 1e-12]
+    top = of_vertical[place[:, 1] > RADIUS - 1e-12]
+    distance = np.hypot(place[:, 0], place[:, 1] - RADIUS)
+    arc = (np.abs(distance - RADIUS) < 1e-6) & (place[:, 0] < 3 * CONTACT)
+    dofs, height, radius = of_vertical[arc], place[arc, 1], place[arc, 0]
+    size = matrix.getSize()[0]
+    closed = radius < CONTACT
+    for _ in range(50):
+        held = np.concatenate([on_axis, top, dofs[closed]]).astype(np.int32)
+        values = np.concatenate([np.zeros(len(on_axis)), np.full(len(top), -MOVED), -height[closed]])
+        solution = _solved(matrix, held, values, size)
+        forces = (matrix * solution).array[dofs]
+        wanted = np.where(closed, forces > 0, solution.array[dofs] < -height)
+        if (wanted == closed).all():
+            return forces[closed].sum(), radius[closed].max()
+        closed = wanted
+    raise RuntimeError("the active set does not settle")
+
+
+def _solved(matrix, held, values, size):
+    """The solution with prescribed values, by a direct solver."""
+    system, (x, b) = matrix.copy(), matrix.createVecs()
+    x.array[held] = values
+    system.zeroRowsColumns(held, diag=1.0, x=x, b=b)
+    ksp = PETSc.KSP().create(MPI.COMM_SELF)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.setOperators(system)
+    ksp.solve(b, x)
+    return x
+
+
+def main():
+    """Forces on three meshes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cells", type=int, nargs="+", default=[20, 40, 80], help="along the contact's radius")
+    parser.add_argument("--output", type=Path, default=Path("results/incompressible"))
+    arguments = parser.parse_args()
+    rows = []
+    for cells in arguments.cells:
+        mesh = half_disc(cells)
+        for poisson in RATIOS:
+            found, radius = force(poisson, mesh)
+            print(f"nu = {poisson}, {cells} cells to the rim: force {found:.5e}, last node {radius:.5f}", flush=True)
+            rows.append({"nu": poisson, "cells": cells, "force": found})
+    write(arguments.output / "axisymmetric.csv", rows, "python3 -m studies.incompressible.axisymmetric")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""What nearly incompressible bodies cost: iterations, CPU seconds and memory of the last step, and Hertz's force.
+
+    python3 -m studies.incompressible.run                     # three scenes, six Poisson's ratios
+    python3 -m studies.incompressible.run --only "hertz 0.49"
+
+Each run is a process of its own, on one rank.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from fx_contact import Material, adapt
+from fx_contact.scenes import hertz, indentation, stack
+from studies.stability.shapes import clamped
+from studies.tables import plain, read, write
+
+RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
+HERE = Path(__file__).parent
+
+
+def of_hertz(poisson):
+    """HERTZ-A."""
+    return hertz(material=Material(1.0, poisson), order=6, coarse=2)
+
+
+def of_indentation(poisson):
+    """INDENT-A, a quarter: the cube is 100 times as stiff."""
+    return indentation(block=Material(1.0, poisson), cube=Material(100.0, poisson))
+
+
+def of_blocks(poisson):
+    """Two blocks on each other, one three times as stiff, clamped at both ends."""
+    return clamped(stack([Material(1.0, poisson), Material(3.0, poisson)], cells=(4, 4, 4)))
+
+
+#: Scenes and tolerances.
+SCENES = {"hertz": (of_hertz, 0.01), "indentation": (of_indentation, 0.03), "clamped blocks": (of_blocks, 0.015)}
+
+
+def measured(name, poisson):
+    """The row of one run."""
+    make, tolerance = SCENES[name]
+    *_, step = adapt(make(poisson), tolerance)
+    record = step.record
+    return {
+        "scene": name,
+        "nu": poisson,
+        "dofs": record.dofs,
+        "solves": len(record.krylov_iterations),
+        "iterations": record.krylov_iterations[-1],
+        "all_iterations": sum(record.krylov_iterations),
+        "preconditioner": record.preconditioner,
+        "solver_us": 1e6 * (record.cpu_seconds["setup"] + record.cpu_seconds["solve"]) / record.dofs,
+        "cpu_us": 1e6 * record.cpu_seconds["total"] / record.dofs,
+        "kB": record.peak_memory_bytes / 1e3 / record.dofs,
+        "force": record.force,
+    }
+
+
+def with_reference(row):
+    """The row with the error of Hertz's force, against the finest axisymmetric one."""
+    forces = {r["nu"]: r["force"] for r in read(HERE / "axisymmetric.csv")[1]}
+    return row | {"error_force": row["force"] / forces[row["nu"]] - 1 if row["scene"] == "hertz" else ""}
+
+
+def main():
+    """All runs, one after the other."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", help="one run: scene and Poisson's ratio; its row is printed")
+    parser.add_argument("--output", type=Path, default=Path("results/incompressible"))
+    arguments = parser.parse_args()
+    if arguments.only:
+        name, _, poisson = arguments.only.rpartition(" ")
+        print(json.dumps(measured(name, float(poisson))))
+        return
+    rows = []
+    for name in SCENES:
+        for poisson in RATIOS:
+            program = [sys.executable, "-m", "studies.incompressible.run", "--only", f"{name} {poisson}"]
+            said = subprocess.run(program, capture_output=True, text=True, check=True).stdout
+            rows.append(with_reference(json.loads(said.splitlines()[-1])))
+            print(plain(rows[-1:]).splitlines()[-1], flush=True)
+            write(arguments.output / "table.csv", rows, "python3 -m studies.incompressible.run")
+
+
+if __name__ == "__main__":
+    main()
