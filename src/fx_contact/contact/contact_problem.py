@@ -24,7 +24,7 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
 
     Attributes:
-        matrix: BlockMatrix, K on the conforming unknowns, or A with a `volume`, not yet assembled; the solver uses it up.
+        matrix: BlockMatrix, K on the conforming unknowns, or A with a `volume`, not yet assembled; it is used up.
         load: (owned, 3) float64, L [N].
         prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
         energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.

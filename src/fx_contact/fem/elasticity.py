@@ -27,8 +27,7 @@ from fx_contact.parallel.memory import give_back
 
 #: Poisson's ratio from which on the volume strain of a body is projected.
 LOCKING_POISSON = 0.4
-#: Poisson's ratio of the matrix A of the mixed form in such bodies.  Iterations at nu = 0.49 with 0, 0.3, 0.4, 0.45: 33,
-#: 29, 37, 48 (`studies.cost.preconditioners --incompressible`).
+#: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3
 #: Entries of the matrices of cells that are made at once: 32 MB, and as much three times more on hanging nodes.
 _CHUNK = 1 << 22

@@ -181,8 +181,7 @@ class Forest:
         deepest = self.comm.allreduce(int(self.level[marked].max(initial=-1)), op=MPI.MAX)
         if deepest >= MAX_LEVEL:
             raise GeometryError(
-                f"leaves of the finest level, {MAX_LEVEL}, are marked: start from a finer root mesh; where they are at a "
-                "sharp edge, stress and pressure are infinite: round it, or ask for a goal elsewhere"
+                f"leaves of the finest level, {MAX_LEVEL}, are marked: refine the root mesh, or round the sharp edge"
             )
         check_leaves(self.comm, len(self) + 7 * int(marked.sum()))
         parent = np.repeat(np.arange(len(self)), np.where(marked, 8, 1))

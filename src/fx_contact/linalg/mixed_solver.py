@@ -5,8 +5,8 @@ K = A + D^T C D is never assembled.  With a preconditioner M of the matrix A and
     [ A   D^T  ] [u]   [f]                          [ M  D^T ]^-1
     [ D  -C^-1 ] [s] = [0],     preconditioned by   [ 0  -S  ]
 
-takes iterations that hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6), 2000).
-With residuals r of the first row and q of the second one the error e of the displacement has
+takes iterations that hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6),
+2000).  With residuals r of the first row and q of the second one the error e of the displacement has
 
     (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|,
 
@@ -155,8 +155,8 @@ class FlexibleGmres(KrylovSolver):
             max_it: most iterations.
 
         Returns:
-            PETSc's reason for the end, negative for a failure; the number of iterations; displacement (owned, 3) [m] and
-            pressure (m,).
+            PETSc's reason for the end, negative for a failure; the number of iterations; displacement (owned, 3) [m];
+            pressure (m,) [Pa m^(3/2)].
         """
         context, reasons, next_look = self._prepared(system), PETSc.KSP.ConvergedReason, np.inf
 

@@ -1,0 +1,103 @@
+"""The mixed form of nearly incompressible bodies: the same solutions, an error that is what is said, few iterations."""
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import EXACT, STEEL, discrete, grown, pressed, roots, strewn, two_boxes
+
+from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
+from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.fem.coarse_level import create_coarse_level
+from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.timing import Stages
+from fx_contact.scenes import hertz
+
+
+class Problem:
+    """Two boxes in contact, the upper one of rubber, of degree 2 with hanging nodes, leaves strewn over the ranks."""
+
+    def __init__(self, poisson):
+        self.scene = pressed(two_boxes(), materials=(STEEL, Material(1.0, poisson)))
+        self.forest = strewn(grown(roots(self.scene), 2, share=0.15))
+        self.elasticity = discrete(self.scene, self.forest, degree=2)
+        self.prolongation = self.elasticity.prolongation
+        self.prescribed = prescribed_displacements(self.scene, self.forest, self.prolongation)
+
+    def solution(self, mixed, solver=EXACT, enforcement=Enforcement()):
+        """ContactSolution, by the mixed form or by PCG on the assembled stiffness."""
+        rows = create_node_pairs(self.scene, self.forest, self.prolongation, enforcement)
+        problem = ContactProblem(
+            matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed),
+            load=np.zeros_like(self.prescribed),
+            prescribed=self.prescribed,
+            energy_norm=self.elasticity.energy_norm,
+            rows=rows,
+            coarse=create_coarse_level(self.elasticity, self.prescribed),
+            volume=self.elasticity.volume_term(np.isnan(self.prescribed)) if mixed else None,
+        )
+        return solve_contact(problem, np.zeros_like(self.prescribed), SolveOptions(solver, enforcement), Stages())
+
+
+@pytest.mark.parametrize("enforcement", ["exact", ("penalty", 10.0), ("penalty", 1e8), "augmented-lagrangian"], ids=str)
+def test_same_solution_as_without_pressures(enforcement):
+    """Displacement and contact forces are those of PCG on the whole stiffness, however contact is enforced."""
+    how = Enforcement(enforcement) if isinstance(enforcement, str) else Enforcement(*enforcement)
+    problem = Problem(0.49)
+    one, other = (problem.solution(mixed, enforcement=how) for mixed in (True, False))
+    size = problem.elasticity.energy_norm(other.displacement)
+    assert size > 0 and WORLD.allreduce(int(other.active.sum())) > 3
+    everywhere((one.active == other.active).all(), "another active set")
+    assert problem.elasticity.energy_norm(one.displacement - other.displacement) < 1e-8 * size
+    most = WORLD.allreduce(float(other.force.sum()))
+    everywhere(np.abs(one.force - other.force).max(initial=0) < 1e-7 * most, "other contact forces")
+    assert max(one.krylov_iterations) < max(other.krylov_iterations)
+
+
+@pytest.mark.parametrize("poisson", [0.45, 0.49999])
+def test_error_is_what_is_said(poisson):
+    """The error in the energy norm is below the bound that ends the iteration, and of its size."""
+    problem = Problem(poisson)
+    exact = problem.solution(True).displacement
+    rough = problem.solution(True, Solver(tolerance=1e-4, loose_tolerance=1e-3))
+    error = problem.elasticity.energy_norm(rough.displacement - exact)
+    assert 0.02 * rough.energy_error < error < 1.5 * rough.energy_error  # M is A up to a factor of 2 or so
+    assert abs(rough.energy_error / (1e-4 * problem.elasticity.energy_norm(exact)) - 1) < 1e-3
+
+
+def test_iterations_hardly_depend_on_poisson():
+    """Twice as many as for steel at most, to the same relative error; forces tend to a limit."""
+    last, force = {}, {}
+    for poisson in (0.3, 0.45, 0.499, 0.49999, 0.4999999):
+        step = solve(hertz(material=Material(1.0, poisson), coarse=2), 0.2)
+        last[poisson], force[poisson] = step.record.krylov_iterations[-1], step.record.force
+        assert step.record.preconditioner == "p-multigrid"
+    assert max(last.values()) <= 2 * last[0.3], last
+    # F is linear in 1 - 2 nu near the limit.
+    slope = (force[0.499] - force[0.49999]) / (0.49999 - 0.499)
+    assert abs(force[0.4999999] - force[0.49999] + slope * (0.4999999 - 0.49999)) < 1e-5 * force[0.49999]
+
+
+def test_pressures_of_rubber_have_no_checkerboard():
+    """Contact pressures lie along Hertz's profile through the force, p0 (1 - r^2/a^2)^(1/2), at every node."""
+    step = solve(hertz(material=Material(1.0, 0.4999), order=6, coarse=2), 0.03)
+    table = step.contact.gathered()
+    if WORLD.rank == 0:
+        modulus = 0.5 / (1 - 0.4999**2)
+        a = (3 * step.record.force * 0.5 / (4 * modulus)) ** (1 / 3)
+        p0 = 1.5 * step.record.force / (np.pi * a**2)
+        r = np.hypot(*table.points[:, :2].T) / a
+        inside = r < 0.8
+        assert inside.sum() > 20
+        assert np.abs(table.pressure[inside] / p0 - np.sqrt(1 - r[inside] ** 2)).max() < 0.04
+
+
+def test_options_are_those_of_fgmres():
+    """Conjugate gradients cannot be asked for where the system is not definite."""
+    scene = hertz(material=Material(1.0, 0.49), order=2, coarse=2)
+    with pytest.raises(SolveError, match="must be one of fgmres"):
+        next(adapt(scene, 0.5, solver=Solver(options={"ksp_type": "cg"})))
+    with pytest.raises(SceneError, match="misspelt"):
+        next(adapt(scene, 0.5, solver=Solver(options={"ksp_gmres_modifiedgramschmitt": 1})))
