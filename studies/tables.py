@@ -118,6 +118,19 @@ PRECONDITIONERS = {
 }
 
 
+INCOMPRESSIBLE = {
+    "scene": "{scene}",
+    "nu": "{nu}",
+    "unknowns": "{dofs:,}",
+    "iterations of the last solve": "{iterations:d}",
+    "of all": "{all_iterations:d}",
+    "set-up and solves, us an unknown": "{solver_us:.0f}",
+    "whole step": "{cpu_us:.0f}",
+    "kB an unknown": "{kB:.1f}",
+    "force against the reference": ("{error_force:+.3%}", ""),
+}
+
+
 def plain(rows):
     """A table with all columns, floats to three digits."""
     columns = {name: f"{{{name}:.3g}}" if isinstance(rows[0][name], float) else f"{{{name}}}" for name in rows[0]}
@@ -215,6 +228,7 @@ TABLES = {
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
     "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
     "studies/cost/python.csv": partial(markdown, columns=PYTHON),
+    "studies/incompressible/table.csv": partial(markdown, columns=INCOMPRESSIBLE),
 }
 
 
