@@ -67,13 +67,15 @@ class ConjugateGradients:
         SolveError: options that PETSc cannot work with, or a solver that this one cannot be; no memory for factors.
     """
 
+    _CYCLES = 1  # of BoomerAMG below p-multigrid
+
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
         self.iterations, self._failures, self._best = [], [], None
         self._unknowns = matrix.mat.getSize()[0]
         name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
-        defaults = preconditioner_options(name, self._unknowns)
+        defaults = preconditioner_options(name, self._unknowns, self._CYCLES)
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         self._krylov = self._create_krylov()

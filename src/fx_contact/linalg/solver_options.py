@@ -54,7 +54,7 @@ _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_str
 _LOOSEST = 1e-3
 
 
-def preconditioner_options(name, unknowns):
+def preconditioner_options(name, unknowns, cycles=1):
     """PETSc options of a preconditioner for a system of some size, without prefix.
 
     Local.
@@ -62,13 +62,14 @@ def preconditioner_options(name, unknowns):
     Args:
         name: a key of `PRECONDITIONERS`.
         unknowns: int, on all ranks.
+        cycles: of BoomerAMG below p-multigrid.
 
     Returns:
         dict.
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
-        below = preconditioner_options("boomeramg", unknowns // 8)
+        below = preconditioner_options("boomeramg", unknowns // 8) | {"pc_hypre_boomeramg_max_iter": cycles}
         return options | {f"mg_coarse_{option}": value for option, value in below.items()}
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 
