@@ -81,7 +81,8 @@ class Solver:
     Attributes:
         preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.
             Where PCG fails with it, it goes on with Cholesky's factors if they fit into the memory, else with
-            "boomeramg-robust".
+            "boomeramg-robust".  For nearly incompressible bodies at degree 2 it is that of the mixed form's matrix
+            (`mixed_solver`), and FGMRES takes the place of PCG.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
             holds for any penalty; the default leaves an error below 1e-7 in the contact force; 1e-3, the largest that

@@ -63,6 +63,8 @@ def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
         """The picture, on the first rank."""
         points, values, body = (np.concatenate(column) for column in zip(*parts))
         _draw_cut(plotter, points, values, body, centre=centre, reach=reach, y=y)
+        plane = f"at {across} = {centre[1]:.3g}, undeformed"
+        add_note(plotter, f"von Mises stress\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")
 
     return draw_on_first(comm, path, draw, partial(plotter_for, width=1500, height=1000), plotter)
 
@@ -102,7 +104,6 @@ def _draw_cut(plotter, points, values, body, *, centre, reach, y):
     scale = {"clim": (0, top), "cmap": "viridis", "scalar_bar_args": bar(0.5, fill=True, label_font_size=26)}
     plotter.add_mesh(section, scalars="stress", lighting=False, **scale)
     plotter.add_mesh(_outlines(points, y), color="#202020", line_width=2, lighting=False)
-    add_note(plotter, f"von Mises stress\n{_SATURATED:.0%} of the area is above the scale")
     plotter.enable_parallel_projection()
     plotter.view_xz()
     plotter.camera.focal_point, plotter.camera.position = focus, focus - [0, 10 * half, 0]
