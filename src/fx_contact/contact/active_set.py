@@ -82,8 +82,8 @@ class ActiveSet:
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
-                "some of its rigid motions; prescribe displacements that stop them, or load it towards the contact, its "
-                "resultant through the contact surface"
+                "some of its rigid motions; prescribe displacements that stop them, or load it towards the contact, "
+                "with the resultant inside the contact surface"
             )
 
     def differs(self, other):
