@@ -32,7 +32,7 @@ RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
-    r"|(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*"
+    r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 (tests/mutations/run|studies/equivalence/(records|compare))\.py .*"
 )
 #: What is not.
@@ -61,6 +61,7 @@ SMALLER = (
     (r"(studies\.pictures\.run)$", r"\1 --quick --only stack"),
     (r"(studies\.goals\.run).*", r"\1 --only square --degree 1"),
     (r"(studies\.effectivity\.run).*", r"\1 --only indentation --degree 1 --most 5000"),
+    (r"(studies\.incompressible\.axisymmetric).*", r"\1 --cells 5"),
     (r"(studies\.parameters\.run).*", r"\1 --only target --scene 'film, whose weight is the load'"),
     (r"(studies\.stability\.run).*", r"\1 --only gap/stack/1e-2"),
     (r"(mpirun -n \d )?(python3 -m studies\.cost\.glued).*", r"\2 --tolerance 0.3 --repeats 1"),
@@ -71,9 +72,11 @@ SMALLER = (
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
 #: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
-LONG = r"studies\.(partition|work_precision)\.run|studies\.cost\.(?!glued)|notebooks/execute\.py"
+LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
+LONG += r"|notebooks/execute\.py"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
-PARSED = r"(?:env \S+ )?(?:mpirun -n \d )?python3 (?:-m )?((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"
+PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"
+PARSED += r"((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"
 #: Reads the command lines, one on each line of standard input, and says which ones their programs do not take.
 READER = """
 import argparse, runpy, shlex, sys
