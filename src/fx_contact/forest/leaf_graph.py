@@ -9,7 +9,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import coo_matrix, csr_matrix, vstack
 
-from fx_contact.parallel.mpi import Directory, Exchange
+from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 

@@ -104,6 +104,24 @@ def calling(comm, what):
         meetings.inside = False
 
 
+def private(comm):
+    """A duplicate of a communicator for messages from point to point, with tags other than those of the meetings.
+
+    Collective on comm.
+
+    Args:
+        comm: MPI communicator of several ranks.
+
+    Returns:
+        The duplicate, and how often it has been asked for, the same on all ranks.
+    """
+    meetings = _meetings(comm)
+    if not meetings.own:
+        meetings.duplicate()
+    meetings.turns += 1
+    return meetings.link, meetings.turns
+
+
 def expect_end():
     """From now on the others hear when the program of this rank ends; on one rank there are none.
 
@@ -186,10 +204,12 @@ class Meetings:
         inside: whether this rank is inside a call on which all have agreed.
         torn: whether it was interrupted there, or in a meeting: nobody can know then where the others are.
         over: whether there are no more meetings, as a rank has come to its end.
+        own: whether `link` is a duplicate, which stays when the user frees the other.
+        turns: how often `private` has given it.
     """
 
     def __init__(self, comm):
-        self.link, self._own = comm, False  # the duplicate belongs to it, and stays when the user frees the other
+        self.link, self.own, self.turns = comm, False, 0
         self._rank, self._size = comm.rank, comm.size
         self.inside, self.torn, self.over = False, False, False
         self._number, self._said, self._sent = 0, {}, []
@@ -215,12 +235,12 @@ class Meetings:
         if self._last:
             late = {} if what in self._last else {what: [self._rank]}
             raise CallError(_sentence(self._last | late))
-        if not self._own:
+        if not self.own:
             self.duplicate()
 
     def duplicate(self):
         """Take a communicator of its own.  Collective on comm."""
-        self.link, self._own = self.link.Dup(), True
+        self.link, self.own = self.link.Dup(), True
 
     def fail(self, what, error):
         """Say that a call has failed on this rank.  If it has on all, that is all; others inside it are aborted.
