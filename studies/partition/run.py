@@ -128,7 +128,7 @@ def dealt_out_again(forests, lineage, parts):
 def partitions(forests, lineage, parts, pieces):
     """Yield (kind, part of each leaf, seconds) of one number of parts; `pieces` are Units with and without pairs."""
     start = time.perf_counter()
-    curve = along_curve(pieces[True], parts, None)
+    curve, _ = along_curve(pieces[True], parts, None)
     yield CURVE, curve[pieces[True].of_leaf], time.perf_counter() - start
     for kind, about in KINDS.items():
         units, start = pieces[about.pairs], time.perf_counter()
@@ -137,14 +137,14 @@ def partitions(forests, lineage, parts, pieces):
         else:
             part = np.zeros(len(units), dtype=np.int32)
             for stage in about.stages:
-                part = stage(units, parts, part)
+                part, _ = stage(units, parts, part)
             part = part[units.of_leaf]
         yield kind, part, time.perf_counter() - start
 
 
 def of_middle_cut(units, parts, first):
     """The partition of the median cut among the first, of PT-SCOTCH, and more runs of it: part of each leaf."""
-    found = [first, *(by_graph(units, parts, None)[units.of_leaf] for _ in range(REPEATS - 1))]
+    found = [first, *(by_graph(units, parts, None)[0][units.of_leaf] for _ in range(REPEATS - 1))]
     representative = np.unique(units.of_leaf, return_index=True)[1]
     return found[np.argsort([units.graph.cut(part[representative]) for part in found])[REPEATS // 2]]
 

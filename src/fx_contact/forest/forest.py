@@ -11,9 +11,10 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.forest.homes import Homes
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.memory import check_leaves
-from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.exchange import Exchange, few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron, lattice
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
@@ -31,6 +32,8 @@ class Forest:
         cell: (n,) int32, root cell of each leaf.
         level: (n,) int8, 0 for a root cell.
         anchor: (n, 3) int32, low corner in lattice units of the root cell.
+        cuts: (ranks - 1,) int64, where the last partition along the space-filling curve has cut it, ascending; None
+            before the first. It decides where facts about keys are brought together, and nothing else.
     """
 
     comm: MPI.Comm
@@ -40,6 +43,7 @@ class Forest:
     cell: np.ndarray
     level: np.ndarray
     anchor: np.ndarray
+    cuts: np.ndarray | None = None
 
     @classmethod
     def of_roots(cls, comm, mesh, pairing):
@@ -103,6 +107,11 @@ class Forest:
     def representatives(self):
         """(n,) int64, code of the leaf that stands for each group of facing leaves.  Local."""
         return self.pairing.representatives(self.cell, self.level, self.anchor)
+
+    @cached_property
+    def homes(self):
+        """Where facts about keys are brought together (`Homes`): near the leaves, on few ranks by a hash.  Local."""
+        return Homes(self, None if few(self.comm) else self.cuts, self.comm.size)
 
     @cached_property
     def vertices(self):
@@ -243,7 +252,7 @@ class Forest:
         marked = np.array(marked, dtype=bool)
         paired = np.unique(self.contact_faces()[0])
         groups, group = np.unique(self.representatives[paired], return_inverse=True)
-        facing = Directory(self.comm, groups)
+        facing = Directory(self.comm, groups, self.homes.of_leaves)
         fresh = marked.copy()
         while True:
             new = np.zeros_like(marked)
@@ -327,7 +336,7 @@ class LatticePoints:
         self.keys = keys[order]
         self.cells = self._ascending[cells].reshape(-1, k).astype(np.int32)
         self.example = np.stack(np.divmod(index[order], k), axis=1)
-        self.directory = Directory(forest.comm, self.keys)
+        self.directory = Directory(forest.comm, self.keys, forest.homes.of_points)
 
     def __len__(self):
         return len(self.keys)
