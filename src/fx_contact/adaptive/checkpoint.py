@@ -243,7 +243,8 @@ class Checkpoint:
         forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0])))
         keys, rows = np.unique(keys[:, 0], return_index=True)
         space = Space(forest, content["degree"])
-        values, _ = Directory(comm, keys, forest.homes.of_points).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
+        directory = Directory(comm, keys, forest.homes.of_points)
+        values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
         estimate = Estimate(
             stress=None, error=error[:, 0], energy=None, **known, child_error=child_error(space.degree)

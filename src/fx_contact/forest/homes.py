@@ -12,9 +12,8 @@ import numpy as np
 
 from fx_contact.forest.root_curve import RootCurve
 from fx_contact.parallel.mpi import hashed
-from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import decode_leaf
-from fx_contact.problem.lattice import SIDE, part_faces
+from fx_contact.problem.lattice import part_faces
 
 
 class Homes:
@@ -59,11 +58,16 @@ class Homes:
         """
         if self._cuts is None:
             return hashed(codes, self._parts)
-        return self._along_curve(*decode_leaf(codes))
+        cell, anchor = decode_leaf(codes)
+        return self._along_curve(cell, anchor + 1)
 
     def _along_curve(self, cell, points):
-        """The part whose piece of the curve has the finest leaf at points."""
-        keys = self._curve.keys(cell, np.minimum(points, SIDE - 1))
+        """The part whose piece of the curve has the finest leaf that ends at points.
+
+        Of eight around a corner this one gives the fewest partners, up to 40 at 8192 parts; 44 the one that begins
+        there, 113 the corner of a leaf of twice the side (studies/partition, a million leaves).
+        """
+        keys = self._curve.keys(cell, np.maximum(points - 1, 0))
         return np.searchsorted(self._cuts, keys, side="right").astype(np.int32)
 
 

@@ -40,7 +40,7 @@ class RootCurve:
 
         Args:
             cell: (n,) int, root cells.
-            anchor: (n, 3) int, low corner of a leaf, or a point, in lattice units, below `SIDE`.
+            anchor: (n, 3) int, low corners of leaves, or points, in lattice units, below `lattice.SIDE`.
 
         Returns:
             (n,) int64.
