@@ -14,6 +14,7 @@ from mpi4py import MPI
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.partition import repartition
+from fx_contact.parallel import exchange
 from fx_contact.scenes import hertz
 from studies.partition.scaling_model import Kernels
 
@@ -60,13 +61,13 @@ def measure(comm, tolerance):
     Returns:
         Kernels.
     """
-    runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
+    with between_partners():
+        runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
     best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
-    # By hashed keys all ranks are reached; what the straightening adds goes to neighbours.
-    hashed = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc"))
+    by_keys = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc"))
     with as_for_many_parts():
         counted = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
-    counts = {"hashed": tuple(hashed.tolist()), "straightening": tuple((counted - hashed).tolist())}
+    counts = {"exchanges": tuple(by_keys.tolist()), "straightening": tuple((counted - by_keys).tolist())}
     return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance) if comm.size == 1 else None)
 
 
@@ -79,6 +80,16 @@ def as_for_many_parts():
         yield
     finally:
         interface_smoothing.FEW, interface_smoothing.MOST_BOXES = before
+
+
+@contextmanager
+def between_partners():
+    """Keys meet near their leaves, and rows go from point to point, however few ranks there are."""
+    before, exchange.FEW_RANKS = exchange.FEW_RANKS, 0
+    try:
+        yield
+    finally:
+        exchange.FEW_RANKS = before
 
 
 def _measured(comm, tolerance):
@@ -103,7 +114,7 @@ def _measured(comm, tolerance):
         product=product * dof,
         cycle=(seconds["solve"] / iterations - product) * dof,
         iterations=iterations,
-        hashed=None,
+        exchanges=None,
         straightening=None,
         levels=None,
     )
