@@ -123,10 +123,10 @@ class Lattice:
         first, second, third = (inside >> shift & SIDE - 1 for shift in (2 * BITS, BITS, 0))
         swap = self._swap[cell, part]
         local = np.stack([np.where(swap, second, first), np.where(swap, first, second), third], axis=1)
-        local = np.where(self._flip[cell, part], SIDE - local, local).astype(np.int32)
+        local += self._flip[cell, part] * (SIDE - 2 * local)
         points = np.append(SIDE * (np.array(_CODES) == _HIGH), np.zeros((27, 1), dtype=int), axis=1)
         points = points.astype(np.int32)[part]  # the fourth column takes what the part has no axis for
-        np.put_along_axis(points, self._axes[part], local, axis=1)
+        np.put_along_axis(points, self._axes[part], local.astype(np.int32), axis=1)
         return entity, points[:, :3]
 
 
