@@ -1,10 +1,11 @@
-"""Counts, on the ranks of a run, with how many others each exchanges rows in its last step, beside what the study counts.
+"""Counts on the ranks of a run with how many others each exchanges rows, beside what the study counts.
 
     mpirun --oversubscribe -n 64 python3 -m studies.partition.on_ranks
-    mpirun -n 2 python3 -m studies.partition.on_ranks --few 0      # rows from point to point however few ranks there are
+    mpirun -n 2 python3 -m studies.partition.on_ranks --few 0      # from point to point on two ranks, too
 
-Hertz at degree 1. Exchanges by keys are those after the leaves have come to their ranks, as the study counts them for the
-partition of the run; the others move leaves, straighten interfaces and make graphs. It fails where they differ.
+The last step of Hertz at degree 1. Exchanges by keys are those after the leaves have come to their ranks, as the study
+counts them for the partition of the run; the others move leaves, straighten interfaces and make graphs. It fails where
+the study counts something else.
 """
 
 import argparse

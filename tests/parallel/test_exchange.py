@@ -70,6 +70,14 @@ def test_no_deadlock_where_ranks_are_late():
         everywhere((back == turn + WORLD.rank).all(), f"rows of another exchange than {turn}")
 
 
+def test_one_rank_may_be_ahead():
+    """Numbers of rows are those of this exchange where others are in the next already, one after the other."""
+    others = np.setdiff1d(np.arange(WORLD.size), WORLD.rank)
+    made = [Exchange(WORLD, np.repeat(others, turn)) for turn in range(1, 101)]
+    found = all(np.array_equal(there.source, np.repeat(others, turn)) for turn, there in enumerate(made, 1))
+    everywhere(found, "rows of another exchange")
+
+
 def test_a_receive_of_the_user_gets_none_of_it():
     """One that takes any message of any rank waits for the user's own."""
     mine, given = np.zeros(1, dtype=np.int64), np.full(1, 77)
