@@ -21,6 +21,7 @@ from fx_contact.forest.interface_smoothing import smoothed
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel import compat
 from fx_contact.parallel.errors import PartitionError
+from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
 
@@ -143,7 +144,7 @@ def repartition(forest, values, kind="contact-sfc"):
 def with_cuts(forest):
     """The same forest with the curve cut through its leaves, so that homes are near them before a repartition.
 
-    Collective on forest.comm.
+    Collective on forest.comm; on few ranks homes need no cuts.
 
     Args:
         forest: Forest, its leaves on any ranks.
@@ -151,6 +152,8 @@ def with_cuts(forest):
     Returns:
         Forest.
     """
+    if few(forest.comm):
+        return forest
     keys = curve_keys(forest, pairs=False)
     return replace(forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size))
 
