@@ -13,8 +13,9 @@ from mpi4py import MPI
 
 from fx_contact.parallel.meeting import private
 
-#: Most ranks of an exchange all to all, whose keys are hashed.  A rank has some 20 partners and up to 40, which take
-#: fewer messages from 64 ranks on; measured in studies/partition (exchanges.py).
+#: Most ranks P of an exchange all to all, whose keys are hashed.  With rows sent three times it takes log2 P + 3 (P - 1)
+#: messages of a rank, between k partners log2 P + 5 k.  The busiest rank has k = 18 to 22 of 64 (studies/partition), so
+#: that both are alike at about 32; seconds by its exchanges.py.
 FEW_RANKS = 32
 #: Tags of lengths, by turns, and of rows.
 _LENGTHS, _ROWS = (1206, 1207), 1208
