@@ -40,7 +40,8 @@ class Kernels:
         iterations: of PCG, all solves of an adaptive step together.
         exchanges: of an adaptive step: how often ranks tell each other how many rows will come, and how often rows
             travel, which they never do on one rank.
-        straightening: the same of the exchanges that straighten the interfaces of contact-sfc.
+        straightening: the same of the exchanges that straighten the interfaces of contact-sfc, of few rows each.
+        volume: bytes of those by keys over the bytes of all keys, `KEYS` a cell, once; 0 on one rank.
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
 
@@ -54,9 +55,12 @@ class Kernels:
     iterations: int
     exchanges: tuple
     straightening: tuple
+    volume: float
     levels: np.ndarray
 
 
+#: Bytes a cell of the keys of nodes, edges and faces: in a large mesh of hexahedra there are 1, 3 and 3 a cell.
+KEYS = 8 * 7
 #: Matrix products in a V-cycle on a level: Chebyshev of second order before and after, residual, and two transfers.
 PRODUCTS = 7
 #: Exchanges on a level while the hierarchy is set up: strength, coarsening, interpolation, triple product.
@@ -112,19 +116,19 @@ def _exchanges(score, kernels, network, scale):
 
     On few ranks they are all to all: numbers of rows, four bytes for each rank, in log2 P rounds (Bruck), then a
     message to each.  On more, a message and its acknowledgement for each partner and a barrier, then a message for
-    each.  Rows are taken as a third of the keys of nodes, edges and faces that leave a part: those that do not meet at
-    home are at the surface of a part, hashed ones everywhere in it.
+    each.  Rows go with the keys that leave a part: those that do not meet at home are at its surface, hashed ones
+    everywhere in it.
     """
     parts, partners, rounds = score.quality.parts, score.partners.partners_max, np.log2(max(score.quality.parts, 2))
     straightened = score.kind == "contact-sfc"
     lengths, rows = np.array(kernels.exchanges) + straightened * np.array(kernels.straightening)
     volume = scale if score.kind == "equidistributed" or parts <= FEW_RANKS else scale ** (2 / 3)
-    moved = score.partners.key_bytes_max / 3 * volume / network.bandwidth
+    moved = kernels.volume * score.partners.key_bytes_max / 2 * volume / network.bandwidth
     if parts <= FEW_RANKS:
         found, partners = rounds * (network.latency + 2 * parts / network.bandwidth), parts - 1
     else:
         found = 2 * network.latency * partners + network.reduction * rounds
-    return lengths * found + rows * (network.latency * partners + moved)
+    return lengths * found + rows * network.latency * partners + moved
 
 
 def _deepened(levels, dofs):
