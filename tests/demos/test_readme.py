@@ -31,7 +31,7 @@ RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
-    r"|(mpirun -n \d )?python3 -m studies\.\w+\.\w+.*"
+    r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 (tests/mutations/run|studies/equivalence/(records|compare))\.py .*"
 )
 #: What is not.
@@ -59,7 +59,7 @@ SMALLER = (
     (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
-    (r"(mpirun -n \d )?(python3 -m studies\.\w+\.(?!compare)\w+)(?!.*--only).*", r"\2 --help"),
+    (r"(?:mpirun (?:--oversubscribe )?-n \d+ )?(python3 -m studies\.\w+\.(?!compare)\w+)(?!.*--only).*", r"\1 --help"),
     (r"(studies.*compare(\.py)?) (\S+) .*", r"\1 \3 \3"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
