@@ -11,11 +11,11 @@ Messages from point to point go over the communicator of the meetings, where no 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.parallel.meeting import private
+from fx_contact.parallel.meeting import meetings_of
 
 #: Most ranks P of an exchange all to all, whose keys are hashed.  With rows sent three times it takes a rank
 #: log2 P + 3 (P - 1) messages, between k partners log2 P + 5 k.  The busiest of 64 ranks has k = 18 to 22, so that both
-#: are alike at about 32 (studies/partition; exchanges.py measures seconds: 36 against 50 ms there, 89 against 51 at 64).
+#: are alike at about 32 (studies/partition; by its exchanges.py 36 against 50 ms there, 89 against 51 on 64).
 FEW_RANKS = 32
 #: Tags of lengths, by turns, and of rows.
 _LENGTHS, _ROWS = (1206, 1207), 1208
@@ -134,9 +134,12 @@ class _Partners:
     """
 
     def __init__(self, comm, destination):
-        self._link, turn = private(comm)
+        meetings = meetings_of(comm)
+        if not meetings.own:
+            meetings.duplicate()
+        meetings.turns, self._link = meetings.turns + 1, meetings.link
         self.targets, self._sent = np.unique(destination, return_counts=True)
-        self.sources, self.received = _announced(self._link, _LENGTHS[turn % 2], self.targets, self._sent)
+        self.sources, self.received = _announced(self._link, _LENGTHS[meetings.turns % 2], self.targets, self._sent)
 
     def forward(self, rows):
         """Rows as received.  Collective on comm."""

@@ -86,7 +86,7 @@ def calling(comm, what):
     Raises:
         CallError: other ranks make another call, have failed in the one before, or have ended their program.
     """
-    meetings = _meetings(comm)
+    meetings = meetings_of(comm)
     if meetings is None or meetings.inside:
         yield
         return
@@ -104,24 +104,6 @@ def calling(comm, what):
         meetings.inside = False
 
 
-def private(comm):
-    """A duplicate of a communicator for messages from point to point, with tags other than those of the meetings.
-
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator of several ranks.
-
-    Returns:
-        The duplicate, and how often it has been asked for, the same on all ranks.
-    """
-    meetings = _meetings(comm)
-    if not meetings.own:
-        meetings.duplicate()
-    meetings.turns += 1
-    return meetings.link, meetings.turns
-
-
 def expect_end():
     """From now on the others hear when the program of this rank ends; on one rank there are none.
 
@@ -131,7 +113,7 @@ def expect_end():
     if _keyval is None and MPI.COMM_WORLD.size > 1:
         _keyval = MPI.Comm.Create_keyval()
         atexit.register(leave)
-        world = _meetings(PETSc.COMM_WORLD.tompi4py())
+        world = meetings_of(PETSc.COMM_WORLD.tompi4py())
         if world is not None:
             world.duplicate()
 
@@ -165,8 +147,8 @@ def _abort(why):
     MPI.COMM_WORLD.Abort(1)
 
 
-def _meetings(comm):
-    """The Meetings of a communicator; None if it is none or has one rank."""
+def meetings_of(comm):
+    """The Meetings of a communicator; None if it is none or has one rank.  Local."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
     known = comm.Get_attr(_keyval)
@@ -205,7 +187,7 @@ class Meetings:
         torn: whether it was interrupted there, or in a meeting: nobody can know then where the others are.
         over: whether there are no more meetings, as a rank has come to its end.
         own: whether `link` is a duplicate, which stays when the user frees the other.
-        turns: how often `private` has given it.
+        turns: how many exchanges over `link` there have been.
     """
 
     def __init__(self, comm):
