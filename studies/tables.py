@@ -77,6 +77,18 @@ PARTITION2 = {
 }
 PARTITION2["imbalance of unknowns"] = "{imbalance_unknowns:.3f}"
 
+PARTNERS = {
+    "benchmark": "{benchmark}",
+    "parts": "{parts:d}",
+    "contact-sfc": "{partners_max_contact_sfc:d} ({partners_mean_contact_sfc:.1f})",
+    "curve only": "{partners_max_curve_only:d} ({partners_mean_curve_only:.1f})",
+    "sfc": "{partners_max_sfc:d} ({partners_mean_sfc:.1f})",
+    "graph": "{partners_max_graph:d} ({partners_mean_graph:.1f})",
+    "equidistributed": "{partners_max_equidistributed:d} ({partners_mean_equidistributed:.1f})",
+    "keys a part, contact-sfc": "{keys_KiB:.0f} KiB",
+    "keys a part, equidistributed": "{keys_KiB_equidistributed:.0f} KiB",
+}
+
 
 def markdown(rows, columns):
     """A table in Markdown.
@@ -221,6 +233,8 @@ TABLES = {
     ),
     "studies/partition/table.csv": partial(markdown, columns=PARTITION),
     "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
+    "studies/partition/table.csv#partners": partial(markdown, columns=PARTNERS),
+    "studies/partition/table_degree2.csv#partners": partial(markdown, columns=PARTNERS),
     "studies/stability/scores.csv": counts,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),

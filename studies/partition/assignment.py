@@ -31,5 +31,5 @@ def assign(forest, parts, kind, home=None):
     if home is not None:
         part[units.of_leaf] = home
     for stage in KINDS[kind].stages:
-        part = stage(units, parts, part)
+        part, _ = stage(units, parts, part)
     return units, part

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fx_contact.forest.leaf_graph import create_facing_graph, create_leaf_graph
 from fx_contact.parallel.components import lowest_labels
-from fx_contact.parallel.mpi import Exchange
+from fx_contact.parallel.exchange import Exchange
 
 #: A displacement: three float64.
 BYTES = 24

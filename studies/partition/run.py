@@ -24,19 +24,21 @@ from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.partition import KINDS, along_curve, by_graph
+from fx_contact.forest.interface_smoothing import FEW, WORTHWHILE
+from fx_contact.forest.leaf_graph import create_leaf_graph
+from fx_contact.forest.partition import KINDS
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel.errors import OutputError, PartitionError
+from fx_contact.parallel.exchange import FEW_RANKS
 from fx_contact.parallel.mpi import together
 from fx_contact.plot import draw_parts
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.scenes import hertz, indentation
 from studies import tables
-from studies.partition.assignment import assign
 from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
 from studies.partition.measures import Judge, Quality
-from studies.partition.scaling_kernels import measure, migration
+from studies.partition.partitions import CURVE, REPEATED, history, of_middle_cut, parents, partitions
+from studies.partition.partners import Exchanges, Partners
+from studies.partition.scaling_kernels import TIMES, measure, migration
 from studies.partition.scaling_model import Network, predict
 from studies.partition.tables import prediction, quality, seconds_by_stage, table, targets
 
@@ -49,10 +51,6 @@ BENCHMARKS = {
 #: Tolerance of the runs in which the kernels are measured, and of those of --quick.
 TOLERANCES = (0.05, 0.12)
 COMM = MPI.COMM_WORLD
-#: What is scored beside the kinds: contact-sfc before its interfaces are straightened.
-CURVE = "contact-sfc, curve only"
-#: PT-SCOTCH differs from run to run, most where parts are few: up to so many parts, the median of so many runs.
-REPEATED, REPEATS = 64, 5
 
 
 @dataclass(frozen=True)
@@ -64,6 +62,7 @@ class Score:
         leaves, dofs: of its forest.
         kind: of the partition.
         quality: Quality.
+        partners: Partners.
         seconds: to make the partition, once keys and graph are there.
     """
 
@@ -72,6 +71,7 @@ class Score:
     dofs: int
     kind: str
     quality: Quality
+    partners: Partners
     seconds: float
 
 
@@ -81,74 +81,6 @@ def show(*words):
         print(*words, flush=True)
 
 
-def in_curve_order(forest):
-    """The forest with its leaves in the order that a repartition gives them."""
-    return forest.ordered(np.argsort(curve_keys(forest), kind="stable"))
-
-
-def history(make, tolerance, degree):
-    """Forests of a run on one rank, then the last with every leaf refined as often as the degree, in curve order."""
-    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=degree)]
-    for _ in range(degree):
-        finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
-        forests.append(in_curve_order(finest))
-    return forests
-
-
-def parents(coarse, fine):
-    """The leaf of a forest that each leaf of a refined one lies in: (n,) int64."""
-    keys = curve_keys(coarse, pairs=False)
-    shift = 3 * (MAX_LEVEL - coarse.level.astype(np.int64))
-    start = keys >> shift << shift
-    order = np.argsort(start)
-    return order[np.searchsorted(start[order], curve_keys(fine, pairs=False), side="right") - 1]
-
-
-def dealt_out_again(forests, lineage, parts):
-    """The equidistributed partition of the last forest, after one of each forest before it, as in a run.
-
-    The run starts where there are enough leaves for all parts, from equal blocks in the order of their numbers.
-    """
-    home = None
-    for forest, parent in zip(forests, lineage):
-        if home is None:
-            number = np.argsort(np.argsort(leaf_code(forest.cell, forest.anchor)))
-            home = number * parts // len(forest)
-        else:
-            home = home[parent]
-        try:
-            units, part = assign(forest, parts, "equidistributed", home)
-        except PartitionError:
-            home = None
-            continue
-        home = part[units.of_leaf]
-    return home
-
-
-def partitions(forests, lineage, parts, pieces):
-    """Yield (kind, part of each leaf, seconds) of one number of parts; `pieces` are Units with and without pairs."""
-    start = time.perf_counter()
-    curve = along_curve(pieces[True], parts, None)
-    yield CURVE, curve[pieces[True].of_leaf], time.perf_counter() - start
-    for kind, about in KINDS.items():
-        units, start = pieces[about.pairs], time.perf_counter()
-        if kind == "equidistributed":
-            part = dealt_out_again(forests, lineage, parts)
-        else:
-            part = np.zeros(len(units), dtype=np.int32)
-            for stage in about.stages:
-                part = stage(units, parts, part)
-            part = part[units.of_leaf]
-        yield kind, part, time.perf_counter() - start
-
-
-def of_middle_cut(units, parts, first):
-    """The partition of the median cut among the first, of PT-SCOTCH, and more runs of it: part of each leaf."""
-    found = [first, *(by_graph(units, parts, None)[units.of_leaf] for _ in range(REPEATS - 1))]
-    representative = np.unique(units.of_leaf, return_index=True)[1]
-    return found[np.argsort([units.graph.cut(part[representative]) for part in found])[REPEATS // 2]]
-
-
 def draw_in_32(name, forests, lineage, folder):
     """Pictures of each kind in 32 parts, as the paper's figure 3, of the first forest of 20,000 leaves or more."""
     make, *_, reach = BENCHMARKS[name]
@@ -156,11 +88,11 @@ def draw_in_32(name, forests, lineage, folder):
     forest, pictures = forests[chosen], {}
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
     judge = Judge(forest, Prolongation(Space(forest, 1)))
-    for kind, part, _ in partitions(forests[: chosen + 1], lineage, 32, pieces):
-        if kind in KINDS:
-            found, path = judge.score(part, 32), folder / f"{name}_{kind}_32.png"
-            pictures[f"{kind}: {found.cut_facets:,} cut facets, {found.split_pairs:,} split pairs"] = path
-            draw_parts(forest, part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
+    for made in partitions(forests[: chosen + 1], lineage, 32, pieces):
+        if made.kind in KINDS:
+            found, path = judge.score(made.part, 32), folder / f"{name}_{made.kind}_32.png"
+            pictures[f"{made.kind}: {found.cut_facets:,} cut facets, {found.split_pairs:,} split pairs"] = path
+            draw_parts(forest, made.part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 
@@ -189,12 +121,17 @@ def scored(name, degree, quick, most, folder):
         cost[title] = time.perf_counter() - start
     prolongation = Prolongation(Space(forest, degree))
     judge, dofs = Judge(forest, prolongation), 3 * prolongation.index_map.size_global
+    exchanges = Exchanges(forest, prolongation, create_leaf_graph(forest))
     rows = []
     for parts in 2 ** np.arange(1, int(np.log2(most)) + 1):
-        for kind, part, seconds in partitions(forests, lineage, int(parts), pieces):
-            if kind == "graph" and parts <= REPEATED:
-                part = of_middle_cut(pieces[KINDS[kind].pairs], int(parts), part)
-            rows.append(Score(name, len(forest), dofs, kind, judge.score(part, int(parts)), seconds))
+        for made in partitions(forests, lineage, int(parts), pieces):
+            part = made.part
+            if made.kind == "graph" and parts <= REPEATED:
+                part = of_middle_cut(pieces[KINDS[made.kind].pairs], int(parts), part)
+            cuts = None if parts <= FEW_RANKS else made.cuts  # as in a run
+            partners = exchanges.count(int(parts), part, cuts, made.rows, made.reductions)
+            quality = judge.score(part, int(parts))
+            rows.append(Score(name, len(forest), dofs, made.kind, quality, partners, made.seconds))
         cuts = ", ".join(f"{row.kind} {row.quality.cut_facets:,}" for row in rows[-1 - len(KINDS) :])
         print(f"{name}, {len(forest):,} leaves in {parts} parts, cut facets: {cuts}", flush=True)
     return rows, cost
@@ -208,8 +145,12 @@ def predicted(rows, kernels):
             continue
         dofs = BENCHMARKS[row.scene][2]
         scale = dofs / row.dofs
-        straightened = row.kind == "contact-sfc"
-        seconds = predict(row.quality, scale * row.leaves, dofs, kernels, Network(), scale, straightened)
+        if row.kind == "contact-sfc" and scale * row.leaves >= WORTHWHILE * row.quality.parts:
+            # There interfaces flow, as they do where the scored mesh has such parts: at most so many reductions.
+            many = (other for other in rows if other.scene == row.scene and other.quality.parts > FEW)
+            most = max(other.partners.reductions for other in many)
+            row = replace(row, partners=replace(row.partners, reductions=most))
+        seconds = predict(row, scale * row.leaves, dofs, kernels, Network(), scale)
         result.setdefault(row.scene, {}).setdefault(row.kind, {})[row.quality.parts] = seconds
     return result
 
@@ -245,7 +186,7 @@ def kernel_table(kernels):
         values = (getattr(k, name) for k in kernels)
         lines.append(
             f"| {name} | "
-            + " | ".join(f"{1e6 * v:.3g} us" if isinstance(v, float) else f"{v}" for v in values)
+            + " | ".join(f"{1e6 * v:.3g} us" if name in TIMES else f"{v}" for v in values)
             + " |"
         )
     return "\n".join(lines)
@@ -318,7 +259,7 @@ def forecast(quick, rows, costs, made_by, folder):
     seconds = predicted(rows, kernels[-1])
     text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
     if COMM.size == 1:
-        text.append("\nOn one rank no rows travel: exchanges by hashed keys are missing. Run on two ranks.")
+        text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
     for name, kinds in seconds.items():
         dofs = f"{name}, {BENCHMARKS[name][2] / 1e6:.1f} million dofs"
         text += ["", prediction(dofs, kinds)]

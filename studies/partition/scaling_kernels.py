@@ -14,20 +14,21 @@ from mpi4py import MPI
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.partition import repartition
+from fx_contact.parallel import exchange
 from fx_contact.scenes import hertz
-from studies.partition.scaling_model import Kernels
+from studies.partition.scaling_model import KEYS, Kernels
 
 #: Runs, of which each kernel's shortest time counts: other programs disturb, and only ever for the worse.
 REPEATS = 3
 #: The measured seconds among the Kernels.
-TIMES = [field.name for field in fields(Kernels) if field.type is float]
+TIMES = [field.name for field in fields(Kernels) if field.type is float and field.name != "volume"]
 
 
 class Counting(MPI.Intracomm):
     """A communicator that counts the sparse all-to-all exchanges: each is an Alltoall, then an Alltoallv each way."""
 
     __module__ = MPI.Intracomm.__module__  # petsc4py takes communicators of mpi4py by the name of their module
-    lengths = rows = 0
+    lengths = rows = away = 0
 
     def Alltoall(self, *buffers):  # noqa: N802
         """As MPI's, and count."""
@@ -37,15 +38,17 @@ class Counting(MPI.Intracomm):
     def Alltoallv(self, *buffers):  # noqa: N802
         """As MPI's, and count."""
         Counting.rows += 1
+        _, sent, datatype = buffers[0]
+        Counting.away += int(sent.sum() - sent[self.rank]) * datatype.Get_size()
         return super().Alltoallv(*buffers)
 
     @classmethod
     def last_step(cls, steps):
-        """How many of both the last of adaptive steps took."""
-        for _ in steps:
-            counted = np.array([cls.lengths, cls.rows])
-            cls.lengths = cls.rows = 0
-        return counted
+        """How many of both the last of adaptive steps took, and bytes a cell that this rank has sent to others."""
+        for step in steps:
+            counted, away = np.array([cls.lengths, cls.rows]), cls.away / step.record.cells
+            cls.lengths = cls.rows = cls.away = 0
+        return counted, away
 
 
 def measure(comm, tolerance):
@@ -60,13 +63,16 @@ def measure(comm, tolerance):
     Returns:
         Kernels.
     """
-    runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
+    with between_partners():
+        runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
     best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
-    # By hashed keys all ranks are reached; what the straightening adds goes to neighbours.
-    hashed = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc"))
+    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc")
+    by_keys, away = Counting.last_step(steps)
     with as_for_many_parts():
-        counted = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
-    counts = {"hashed": tuple(hashed.tolist()), "straightening": tuple((counted - hashed).tolist())}
+        counted, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
+    counts = {"exchanges": tuple(by_keys.tolist()), "straightening": tuple((counted - by_keys).tolist())}
+    # Of hashed keys one in as many as there are ranks stays.
+    counts["volume"] = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS
     return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance) if comm.size == 1 else None)
 
 
@@ -79,6 +85,16 @@ def as_for_many_parts():
         yield
     finally:
         interface_smoothing.FEW, interface_smoothing.MOST_BOXES = before
+
+
+@contextmanager
+def between_partners():
+    """Keys meet near their leaves, and rows go from point to point, however few ranks there are."""
+    before, exchange.FEW_RANKS = exchange.FEW_RANKS, 0
+    try:
+        yield
+    finally:
+        exchange.FEW_RANKS = before
 
 
 def _measured(comm, tolerance):
@@ -103,8 +119,9 @@ def _measured(comm, tolerance):
         product=product * dof,
         cycle=(seconds["solve"] / iterations - product) * dof,
         iterations=iterations,
-        hashed=None,
+        exchanges=None,
         straightening=None,
+        volume=None,
         levels=None,
     )
 

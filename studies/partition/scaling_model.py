@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fx_contact.parallel.exchange import FEW_RANKS
+
 STAGES = ("tree", "assemble", "setup", "solve", "estimate")
 
 
@@ -36,9 +38,10 @@ class Kernels:
             the matrix; recovery and indicator.
         setup, product, cycle: seconds a dof of a rank: set-up of the preconditioner, matrix times vector, V-cycle.
         iterations: of PCG, all solves of an adaptive step together.
-        hashed: exchanges by hashed keys in an adaptive step: how often all ranks tell each other how many rows will
-            come, and how often rows travel, which they never do on one rank.
-        straightening: the same of the exchanges between neighbours that straighten the interfaces of contact-sfc.
+        exchanges: of an adaptive step: how often ranks tell each other how many rows will come, and how often rows
+            travel, which they never do on one rank.
+        straightening: the same of the exchanges that straighten the interfaces of contact-sfc, of few rows each.
+        volume: bytes of those by keys over the bytes of all keys, `KEYS` a cell, once; 0 on one rank.
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
 
@@ -50,11 +53,14 @@ class Kernels:
     product: float
     cycle: float
     iterations: int
-    hashed: tuple
+    exchanges: tuple
     straightening: tuple
+    volume: float
     levels: np.ndarray
 
 
+#: Bytes a cell of the keys of nodes, edges and faces: in a large mesh of hexahedra there are 1, 3 and 3 a cell.
+KEYS = 8 * 7
 #: Matrix products in a V-cycle on a level: Chebyshev of second order before and after, residual, and two transfers.
 PRODUCTS = 7
 #: Exchanges on a level while the hierarchy is set up: strength, coarsening, interpolation, triple product.
@@ -63,21 +69,21 @@ SETUP_EXCHANGES = 12
 REDUCTIONS = 2
 
 
-def predict(quality, cells, dofs, kernels, network, scale=1.0, straightened=False):
+def predict(score, cells, dofs, kernels, network, scale=1.0):
     """Seconds of the stages of one adaptive step.
 
     Args:
-        quality: Quality of the partition, of a mesh that may be smaller.
+        score: Score of the partition, of a mesh that may be smaller: its kind, Quality and Partners.
         cells, dofs: of the mesh that is predicted.
         kernels: Kernels.
         network: Network.
         scale: volume of the predicted mesh over that of the scored one; halos grow with the surface, scale^(2/3).
-        straightened: whether making the partition includes the straightening of its interfaces.
 
     Returns:
-        dict: seconds of `STAGES` and of `total`, and `waiting`, the share of messages and reductions in the solve.
+        dict: seconds of `STAGES` and of `total`; of those of the tree `exchanges` and `reductions`; and `waiting`, the
+        share of messages and reductions in the solve.
     """
-    parts = quality.parts
+    quality, parts = score.quality, score.quality.parts
     most_cells, most_dofs = quality.imbalance * cells / parts, quality.imbalance * dofs / parts
     halo, neighbours = quality.halo_bytes_max * scale ** (2 / 3) / 2, quality.neighbours_max
     reduction = network.reduction * np.log2(max(parts, 2)) * (parts > 1)
@@ -92,21 +98,37 @@ def predict(quality, cells, dofs, kernels, network, scale=1.0, straightened=Fals
     levels = np.array([exchange(rows, entries / hierarchy[0, 1]) for rows, entries in hierarchy])
     messages = exchange() + PRODUCTS * levels.sum() + (REDUCTIONS + 1) * reduction
     iteration = most_dofs * (kernels.product + kernels.cycle) + messages
-    # The numbers of rows, four bytes for each rank, are passed on in log2 P rounds (Bruck's all-to-all); rows by hashed
-    # keys go to as many ranks as a part has keys, at most all; those of the straightening to the neighbours.
-    rounds = np.log2(max(parts, 2))
-    lengths = rounds * (network.latency + 2 * parts / network.bandwidth)
-    rendezvous = kernels.hashed[0] * lengths + kernels.hashed[1] * network.latency * min(parts - 1, 8 * most_cells)
-    if straightened:
-        rendezvous += kernels.straightening[0] * lengths + kernels.straightening[1] * network.latency * neighbours
+    exchanges = _exchanges(score, kernels, network, scale) * (parts > 1)
+    reductions = score.partners.reductions * (reduction + 2 * 8 * parts / network.bandwidth)
     seconds = {
-        "tree": most_cells * kernels.tree + rendezvous,
+        "tree": most_cells * kernels.tree + exchanges + reductions,
         "assemble": most_cells * kernels.assemble + exchange(),
         "setup": most_dofs * kernels.setup + SETUP_EXCHANGES * levels.sum() + len(levels) * reduction,
         "solve": kernels.iterations * iteration,
         "estimate": most_cells * kernels.estimate + 2 * exchange(),
     }
-    return seconds | {"total": sum(seconds.values()), "waiting": messages / iteration}
+    total = sum(seconds.values())
+    return seconds | {"total": total, "exchanges": exchanges, "reductions": reductions, "waiting": messages / iteration}
+
+
+def _exchanges(score, kernels, network, scale):
+    """Seconds of the exchanges of the tree.
+
+    On few ranks they are all to all: numbers of rows, four bytes for each rank, in log2 P rounds (Bruck), then a
+    message to each.  On more, a message and its acknowledgement for each partner and a barrier, then a message for
+    each.  Rows go with the keys that leave a part: those that do not meet at home are at its surface, hashed ones
+    everywhere in it.
+    """
+    parts, partners, rounds = score.quality.parts, score.partners.partners_max, np.log2(max(score.quality.parts, 2))
+    straightened = score.kind == "contact-sfc"
+    lengths, rows = np.array(kernels.exchanges) + straightened * np.array(kernels.straightening)
+    volume = scale if score.kind == "equidistributed" or parts <= FEW_RANKS else scale ** (2 / 3)
+    moved = kernels.volume * score.partners.key_bytes_max / 2 * volume / network.bandwidth
+    if parts <= FEW_RANKS:
+        found, partners = rounds * (network.latency + 2 * parts / network.bandwidth), parts - 1
+    else:
+        found = 2 * network.latency * partners + network.reduction * rounds
+    return lengths * found + rows * network.latency * partners + moved
 
 
 def _deepened(levels, dofs):

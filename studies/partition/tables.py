@@ -8,10 +8,15 @@ from studies.partition.scaling_model import STAGES
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 
 
+def all_of(row):
+    """A Score with what its Quality and Partners hold: dict."""
+    return {**vars(row), **asdict(row.quality), **asdict(row.partners)}
+
+
 def quality(rows):
     """All measures of all partitions: a dict each, for a CSV file."""
     for row in rows:
-        yield {k: v for k, v in {**vars(row), **asdict(row.quality)}.items() if k != "quality"}
+        yield {k: v for k, v in all_of(row).items() if k not in ("quality", "partners")}
 
 
 def seconds_by_stage(predictions):
@@ -32,6 +37,7 @@ def table(rows):
         list of dicts.
     """
     found = {(row.scene, row.quality.parts, row.kind): row.quality for row in rows}
+    talks = {(row.scene, row.quality.parts, row.kind): row.partners for row in rows}
     kinds = ("graph", "contact-sfc", "contact-sfc, curve only", "sfc", "equidistributed")
     result = []
     for scene, leaves in dict.fromkeys((row.scene, row.leaves) for row in rows):
@@ -54,6 +60,13 @@ def table(rows):
                     "imbalance_unknowns": ours.unknowns_imbalance,
                     "neighbours": ours.neighbours_mean,
                     "halo_KiB": ours.halo_bytes_max / 1024,
+                    **{
+                        f"partners_{end}_{name}": getattr(talks[scene, parts, kind], f"partners_{end}")
+                        for name, kind in zip(("graph", "contact_sfc", "curve_only", "sfc", "equidistributed"), kinds)
+                        for end in ("max", "mean")
+                    },
+                    "keys_KiB": talks[scene, parts, "contact-sfc"].key_bytes_max / 1024,
+                    "keys_KiB_equidistributed": talks[scene, parts, "equidistributed"].key_bytes_max / 1024,
                 }
             )
     return result

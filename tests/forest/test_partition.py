@@ -100,7 +100,7 @@ def test_straightening_pays(parts):
     """The cut is far shorter than the curve's while parts are large, and never longer."""
     forest = grown(roots(pressed(two_boxes(upper=(3, 3, 3), margin=1)), MPI.COMM_SELF), 4)
     units = Units(forest, True)
-    curve, straight = along_curve(units, parts, None), assign(forest, parts, "contact-sfc")[1]
+    curve, straight = along_curve(units, parts, None)[0], assign(forest, parts, "contact-sfc")[1]
     assert units.graph.cut(straight) <= (0.9 if parts < 10 else 1) * units.graph.cut(curve)
     mean = len(forest) / parts
     assert np.bincount(straight, weights=units.weights).max() <= max(1.02 * mean, mean + units.weights.max())

@@ -5,15 +5,23 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import gathered, scramble
 
-from fx_contact.parallel.mpi import Directory, Exchange, together
+from fx_contact.parallel import exchange
+from fx_contact.parallel.mpi import Directory, together
 
 
-@pytest.fixture
-def known():
-    """The keys of this rank, a random half of all, and what all ranks have."""
+def in_blocks(keys):
+    """Homes that are near each other where keys are."""
+    return (keys * WORLD.size // 3000).astype(np.int32)
+
+
+@pytest.fixture(params=[(exchange.FEW_RANKS, None), (0, None), (0, in_blocks)], ids=["", "partners", "blocks"])
+def known(request, monkeypatch):
+    """The keys of this rank, a random half of all, and what all ranks have, by both ways to exchange rows."""
+    ranks, home = request.param
+    monkeypatch.setattr(exchange, "FEW_RANKS", ranks)
     everyone = np.arange(0, 3000, 3)
     keys = everyone[scramble(everyone, WORLD.rank + 1) % np.uint64(2) == 0]
-    return Directory(WORLD, keys), keys, gathered(WORLD, keys)
+    return Directory(WORLD, keys, home), keys, gathered(WORLD, keys)
 
 
 def test_lowest_value(known):
@@ -46,6 +54,14 @@ def test_owners_and_numbers(known):
         assert shares.min() > 0.5 * shares.mean(), "shared keys do not spread"
 
 
+def test_owners_do_not_depend_on_homes():
+    """Homes bring together what is known of a key, whichever rank they are: same owners, same numbers."""
+    everyone = np.arange(0, 3000, 3)
+    keys = everyone[scramble(everyone, WORLD.rank + 1) % np.uint64(2) == 0]
+    one, other = (Directory(WORLD, keys, home).number() for home in (None, in_blocks))
+    everywhere(all(np.array_equal(a, b) for a, b in zip(one, other)), "homes decide on owners")
+
+
 def test_lookup_and_asked(known):
     """What any rank has said of a key comes to whoever asks; who asks for keys that nobody has hears nothing."""
     directory, keys, all_keys = known
@@ -54,17 +70,6 @@ def test_lookup_and_asked(known):
     everywhere((found == np.isin(queries, all_keys)).all(), "another key is known")
     everywhere((rows[found] == np.column_stack([queries, queries**2])[found]).all(), "another answer")
     everywhere((directory.asked(queries) == np.isin(keys, gathered(WORLD, queries))).all(), "others are asked for")
-
-
-def test_answers_come_back():
-    """An exchange and its way back, in the order in which the rows were sent."""
-    destination = (scramble(np.arange(100), WORLD.rank) % np.uint64(WORLD.size)).astype(int)
-    exchange = Exchange(WORLD, destination)
-    arrived = exchange.forward(np.column_stack([np.full(100, WORLD.rank), destination, np.arange(100)]))
-    everywhere((arrived[:, 1] == WORLD.rank).all() and (arrived[:, 0] == exchange.source).all(), "went elsewhere")
-    everywhere((np.diff(exchange.source) >= 0).all(), "not by rank")
-    back = exchange.backward(arrived)
-    everywhere((back[:, 2] == np.arange(100)).all() and (back[:, 1] == destination).all(), "another order")
 
 
 @pytest.mark.parametrize("where", range(WORLD.size))

@@ -9,7 +9,15 @@ from model_problems import corner_scene, pressed, rotations, scramble, turned, t
 
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice, edge_midpoints, face_centres, leaf_corners
+from fx_contact.problem.lattice import (
+    MAX_LEVEL,
+    SIDE,
+    Lattice,
+    edge_midpoints,
+    face_centres,
+    leaf_corners,
+    part_faces,
+)
 from fx_contact.problem.root_mesh import RootMesh
 
 #: Lattice coordinates along an axis, the same seen from both ends: ends, middle, and odd ones.
@@ -101,6 +109,33 @@ def test_bodies_share_no_names():
     places = [{tuple(row) for row in np.round(x[scene.mesh.body == b], 9).reshape(-1, 3).tolist()} for b in (0, 1)]
     assert places[0] & places[1]
     assert not np.intersect1d(lower, upper).size
+
+
+@pytest.mark.parametrize("make", [lambda: pressed(two_boxes(margin=1)), corner_scene], ids=["boxes", "corner"])
+def test_points_of_names(make):
+    """What a key names is found again in the cell of its entity, a preferred one if there is one, else the lowest."""
+    mesh = make().mesh
+    names, count = Lattice(mesh), len(mesh.cells)
+    points = np.broadcast_to(grid(), (count, len(grid()), 3))
+    keys = names.keys(np.arange(count), points)
+    preferred = np.zeros((count, 27), dtype=bool)
+    preferred[count // 2] = True
+    for prefer in (np.zeros_like(preferred), preferred):
+        starts, cells, parts = names.entities(prefer)
+        entity, found = names.located(keys.ravel(), (starts, cells, parts))
+        assert np.array_equal(names.keys(cells[entity], found[:, None])[:, 0], keys.ravel())
+        lowest = np.full(len(starts), count)
+        np.minimum.at(lowest, entity.reshape(keys.shape), np.arange(count)[:, None])
+        if prefer.any():
+            lowest[entity.reshape(keys.shape)[count // 2]] = count // 2
+        assert np.array_equal(cells, lowest)
+
+
+def test_parts_lie_on_faces():
+    """A corner on three, an edge on two, a face on one, the inside on none; each face has nine parts."""
+    on = part_faces()
+    assert on.sum(axis=0).tolist() == [9] * 6
+    assert np.bincount(on.sum(axis=1)).tolist() == [1, 6, 12, 8]
 
 
 def test_names_fit():

@@ -79,12 +79,13 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
 @pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="two ranks show all")
 def test_kernels(kernels):
-    """All kernels are measured to be positive; rows by hashed keys travel as soon as there are two ranks."""
+    """All kernels are measured to be positive; rows travel as soon as there are two ranks."""
     from studies.partition.scaling_kernels import TIMES
 
     assert len(TIMES) == 6
     for name in TIMES:
         everywhere(getattr(kernels, name) > 0, name)
-    assert {"hashed", "straightening"} <= {field.name for field in fields(kernels)}
-    assert kernels.hashed[0] > 10 and (kernels.hashed[1] > kernels.hashed[0]) == (WORLD.size > 1)
+    assert {"exchanges", "straightening"} <= {field.name for field in fields(kernels)}
+    lengths, rows = kernels.exchanges
+    assert lengths > 10 and (rows > lengths) == (WORLD.size > 1)
     assert min(kernels.straightening) >= 0 and (kernels.straightening[1] > 0) == (WORLD.size > 1)

@@ -16,6 +16,7 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
 from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
+from fx_contact.forest.partition import with_cuts
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
@@ -239,10 +240,11 @@ class Checkpoint:
         leaves, keys, values, error, refine = map(
             self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
         )
-        forest = Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0]))
+        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0])))
         keys, rows = np.unique(keys[:, 0], return_index=True)
         space = Space(forest, content["degree"])
-        values, _ = Directory(comm, keys).lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
+        directory = Directory(comm, keys, forest.homes.of_points)
+        values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
         estimate = Estimate(
             stress=None, error=error[:, 0], energy=None, **known, child_error=child_error(space.degree)

@@ -44,7 +44,8 @@ class ContactPatches:
         closed = (prolongation.prolong(prolongation.summed(touched))[cells, 0] > 0).any(axis=1)
 
         here, position = np.unique(cells, return_inverse=True)
-        label = _lowest_connected(Directory(forest.comm, space.keys[here]), position.reshape(cells.shape)[closed])
+        directory = Directory(forest.comm, space.keys[here], forest.homes.of_points)
+        label = _lowest_connected(directory, position.reshape(cells.shape)[closed])
         known = label < _NONE
         patches = np.unique(np.concatenate(forest.comm.allgather(np.unique(label[known]))))
         patch = np.full(len(space), -1)

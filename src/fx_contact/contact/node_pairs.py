@@ -116,7 +116,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     distinct, example = np.unique(node, return_index=True)
     conform = ~prolongation.hanging[distinct]
     distinct, example = distinct[conform], example[conform]
-    _, owner = Directory(forest.comm, space.keys[distinct]).number()
+    _, owner = Directory(forest.comm, space.keys[distinct], forest.homes.of_points).number()
     own = owner == forest.comm.rank
     first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
     sums = prolongation.ghosted(prolongation.restrict(sums))

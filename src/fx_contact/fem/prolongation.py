@@ -207,7 +207,7 @@ def _masters(space):
         asked = np.flatnonzero(directory.asked(space.keys))
         leaf, which, point = example[asked].T
         rows = np.column_stack([space.keys[space.cells[leaf[:, None], nodes[which]]], point])
-        rows, found = Directory(space.forest.comm, directory.keys[asked]).lookup(
+        rows, found = Directory(space.forest.comm, directory.keys[asked], space.forest.homes.of_points).lookup(
             space.keys, rows, np.ones(len(asked), dtype=bool)
         )
         share = shares[rows[found, -1]]
@@ -245,7 +245,7 @@ def _points_on(space, entities, nodes, points):
     place = origin + sum((end - origin) * along[:, None] // (2 * space.degree) for end, along in zip(ends, points.T))
     keys = forest.lattice.keys(forest.cell[leaf], place.astype(np.int32))
     example = np.column_stack([np.repeat(coarse, len(points), axis=0), np.tile(np.arange(len(points)), len(coarse))])
-    return Directory(forest.comm, keys.ravel()), example
+    return Directory(forest.comm, keys.ravel(), forest.homes.of_points), example
 
 
 def _claims(space):

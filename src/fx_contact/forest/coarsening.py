@@ -33,7 +33,7 @@ def coarsened(forest, level, kind="contact-sfc"):
         ours = np.flatnonzero(result.level == depth)
         marked = np.zeros(len(result), dtype=bool)
         codes = leaf_code(result.cell[ours], result.anchor[ours])
-        marked[ours] = Directory(comm, codes).asked(needed)
+        marked[ours] = Directory(comm, codes, result.homes.of_leaves).asked(needed)
         result, _ = result.refined(marked)
         try:
             result, _ = repartition(result, None, kind)

@@ -11,9 +11,12 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.forest.glue import Glue
+from fx_contact.forest.homes import Homes
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.memory import check_leaves
-from fx_contact.parallel.mpi import Directory, Exchange
+from fx_contact.parallel.exchange import Exchange, few
+from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron, lattice
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
 
@@ -30,6 +33,8 @@ class Forest:
         cell: (n,) int32, root cell of each leaf.
         level: (n,) int8, 0 for a root cell.
         anchor: (n, 3) int32, low corner in lattice units of the root cell.
+        cuts: (ranks - 1,) int64, where the last partition along the space-filling curve has cut it, ascending; None
+            before the first. It decides where facts about keys are brought together, and nothing else.
     """
 
     comm: MPI.Comm
@@ -39,6 +44,7 @@ class Forest:
     cell: np.ndarray
     level: np.ndarray
     anchor: np.ndarray
+    cuts: np.ndarray | None = None
 
     @classmethod
     def of_roots(cls, comm, mesh, pairing):
@@ -102,6 +108,11 @@ class Forest:
     def representatives(self):
         """(n,) int64, code of the leaf that stands for each group of facing leaves.  Local."""
         return self.pairing.representatives(self.cell, self.level, self.anchor)
+
+    @cached_property
+    def homes(self):
+        """Where facts about keys are brought together (`Homes`): near the leaves, on few ranks by a hash.  Local."""
+        return Homes(self, None if few(self.comm) else self.cuts, self.comm.size)
 
     @cached_property
     def vertices(self):
@@ -244,7 +255,7 @@ class Forest:
         marked = np.array(marked, dtype=bool)
         paired = np.unique(self.contact_faces()[0])
         groups, group = np.unique(self.representatives[paired], return_inverse=True)
-        facing = Directory(self.comm, groups)
+        facing = Directory(self.comm, groups, self.homes.of_leaves)
         fresh = marked.copy()
         while True:
             new = np.zeros_like(marked)
@@ -274,34 +285,6 @@ class Forest:
         return self.edges.cells[marked[leaf], edge]
 
 
-@dataclass(frozen=True)
-class Glue:
-    """How the leaves of a refined forest come from those before, on the same rank.
-
-    Attributes:
-        parent: (n,) int64, the leaf before.
-        child: (n,) int8, which child of it, -1 where it was not refined.
-    """
-
-    parent: np.ndarray
-    child: np.ndarray
-
-    def carry(self, values):
-        """Carry a field along: children take their parent's function, restricted.  Local.
-
-        Args:
-            values: (n_before, (p+1)^3, ...) float64, a field of degree p at the nodes of the leaves.
-
-        Returns:
-            (n, (p+1)^3, ...) float64.
-        """
-        result = values[self.parent]
-        for child, interpolation in enumerate(hexahedron.child_interpolation(hexahedron.order_of(values.shape[1]))):
-            rows = self.child == child
-            result[rows] = np.einsum("ij,nj...->ni...", interpolation, result[rows])
-        return result
-
-
 class LatticePoints:
     """Distinct lattice points of this rank's leaves, in the order in which the leaves touch them first.
 
@@ -328,7 +311,7 @@ class LatticePoints:
         self.keys = keys[order]
         self.cells = self._ascending[cells].reshape(-1, k).astype(np.int32)
         self.example = np.stack(np.divmod(index[order], k), axis=1)
-        self.directory = Directory(forest.comm, self.keys)
+        self.directory = Directory(forest.comm, self.keys, forest.homes.of_points)
 
     def __len__(self):
         return len(self.keys)

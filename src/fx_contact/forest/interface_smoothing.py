@@ -20,7 +20,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.forest import space_filling_curve
-from fx_contact.parallel.mpi import Exchange
+from fx_contact.parallel.exchange import Exchange
 
 #: Cells of the coarse graphs in a part of mean weight, one graph after the other.  All but the first graph must have
 #: fewer cells than the second number; smaller graphs are gathered on every rank.  Measured in studies/partition.

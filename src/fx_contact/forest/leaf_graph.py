@@ -9,7 +9,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import coo_matrix, csr_matrix, vstack
 
-from fx_contact.parallel.mpi import Directory, Exchange
+from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 
@@ -36,7 +37,7 @@ class Graph:
 
     def __init__(self, comm, size, rows, columns, weights):
         self.comm, self.size = comm, size
-        self.ends = np.cumsum(comm.allgather(size))
+        self.ends = _ends(comm, size)
         self.offset = int(self.ends[comm.rank]) - size
         proper = columns != rows + self.offset
         rows, columns, weights = rows[proper], columns[proper], weights[proper]
@@ -145,7 +146,7 @@ def create_leaf_graph(forest):
         Graph.
     """
     comm, count = forest.comm, len(forest)
-    ends = np.cumsum(comm.allgather(count))
+    ends = _ends(comm, count)
     number = ends[comm.rank] - count + np.arange(count)
     faces, each = forest.faces.cells.ravel(), np.repeat(number, 6)
     low, high = np.empty((2, len(forest.faces.directory.keys)), dtype=np.int64)
@@ -169,6 +170,13 @@ def create_leaf_graph(forest):
     return Graph(comm, count, rows, columns, np.ones(len(rows), dtype=np.int64))
 
 
+def _ends(comm, count):
+    """Number behind the last of this and of each other rank's things: (ranks,) int64.  Collective on comm."""
+    counts = np.empty(comm.size, dtype=np.int64)
+    comm.Allgather(np.array([count]), counts)
+    return np.cumsum(counts)
+
+
 def create_facing_graph(forest):
     """The graph of facing leaves, an edge for every two facing leaf facets, on whatever ranks they are.
 
@@ -184,6 +192,6 @@ def create_facing_graph(forest):
     offset = forest.comm.exscan(len(forest)) or 0
     own, index = np.unique(leaf_code(forest.cell[leaf], forest.anchor[leaf]), return_index=True)
     wanted = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-    directory = Directory(forest.comm, own)
+    directory = Directory(forest.comm, own, forest.homes.of_leaves)
     other, _ = directory.lookup(leaf_code(*wanted), offset + leaf[index], np.ones(len(own), dtype=bool))
     return Graph(forest.comm, len(forest), leaf, other, np.ones(len(leaf), dtype=np.int64))

@@ -7,11 +7,11 @@
     sfc              the Hilbert curve, blind to contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
 
-Each is a sequence of stages.  A stage takes `Units` and their present parts, and returns new ones.  A part is a number:
-of a rank in a run, of any partition in a study.
+Each is a sequence of stages.  A stage takes `Units` and their present parts, and returns new ones, and where it has cut
+the curve.  A part is a number: of a rank in a run, of any partition in a study.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -21,6 +21,7 @@ from fx_contact.forest.interface_smoothing import smoothed
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel import compat
 from fx_contact.parallel.errors import PartitionError
+from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
 
@@ -29,24 +30,27 @@ IMBALANCE = 1.02
 
 
 def along_curve(units, parts, _home):
-    """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit.  Collective on units.comm."""
+    """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit, (parts - 1,) int64 the cuts.
+
+    Collective on units.comm.
+    """
     cuts = space_filling_curve.cut_curve(units.comm, units.keys, units.weights, parts)
-    return np.searchsorted(cuts, units.keys, side="right").astype(np.int32)
+    return np.searchsorted(cuts, units.keys, side="right").astype(np.int32), cuts
 
 
 def straightened(units, parts, home):
-    """The present parts with shorter interfaces: (m,) int32 part of each unit.  Collective on units.comm."""
+    """The present parts with shorter interfaces: (m,) int32 part of each unit, no cuts.  Collective on units.comm."""
     total, heaviest = units.comm.allreduce(int(units.weights.sum())), int(units.weights.max(initial=0))
     heaviest = units.comm.allreduce(heaviest, op=MPI.MAX)
     limit = max(IMBALANCE * total / parts, total / parts + heaviest)
-    return smoothed(units.graph, units.keys, units.weights, home, parts, limit)
+    return smoothed(units.graph, units.keys, units.weights, home, parts, limit), None
 
 
 def by_graph(units, parts, _home):
-    """PT-SCOTCH: (m,) int32 part of each unit.  Collective on units.comm."""
+    """PT-SCOTCH: (m,) int32 part of each unit, no cuts.  Collective on units.comm."""
     graph = units.graph
     number = np.concatenate([graph.offset + np.arange(graph.size), graph.ghosts])
-    return compat.partition_graph(units.comm, parts, graph.matrix.indptr, number[graph.matrix.indices])
+    return compat.partition_graph(units.comm, parts, graph.matrix.indptr, number[graph.matrix.indices]), None
 
 
 def dealt_out(units, parts, home):
@@ -62,7 +66,7 @@ def dealt_out(units, parts, home):
         home: (m,) int32, the part on which each unit is now.
 
     Returns:
-        (m,) int32 part of each unit.
+        (m,) int32 part of each unit, and None: no cuts.
     """
     mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
     contact, total = units.comm.allreduce(mine, op=MPI.SUM)
@@ -74,7 +78,7 @@ def dealt_out(units, parts, home):
         length = np.bincount(home[order], minlength=parts)
         number = np.arange(len(order)) - (np.cumsum(length) - length)[home[order]]
         result[order] = first + (number * count // length[home[order]] + home[order]) % max(count, 1)
-    return result
+    return result, None
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,8 @@ class Kind:
 
     Attributes:
         pairs: whether it keeps facing leaves together.
-        stages: functions of (units, parts, home) that give the part of each unit; each starts from where the one before
-            has put the units.
+        stages: functions of (units, parts, home) that give the part of each unit, and the cuts of the curve if they
+            make them; each starts from where the one before has put the units.
     """
 
     pairs: bool
@@ -124,7 +128,9 @@ def repartition(forest, values, kind="contact-sfc"):
         for stage in KINDS[kind].stages:
             units = Units(forest, pairs)
             here = np.full(len(units), comm.rank, dtype=np.int32)
-            forest, values = _moved(forest, values, stage(units, comm.size, here)[units.of_leaf])
+            part, cuts = stage(units, comm.size, here)
+            forest, values = _moved(forest, values, part[units.of_leaf])
+            forest = forest if cuts is None else replace(forest, cuts=cuts)
             if comm.allreduce(len(forest), op=MPI.MIN) == 0:
                 raise PartitionError(
                     f"{forest.size_global} leaves cannot be spread over {comm.size} ranks by {kind!r}"
@@ -133,6 +139,23 @@ def repartition(forest, values, kind="contact-sfc"):
                 )
     order = np.argsort(curve_keys(forest, pairs), kind="stable")
     return forest.ordered(order), None if values is None else values[order]
+
+
+def with_cuts(forest):
+    """The same forest with the curve cut through its leaves, so that homes are near them before a repartition.
+
+    Collective on forest.comm; on few ranks homes need no cuts.
+
+    Args:
+        forest: Forest, its leaves on any ranks.
+
+    Returns:
+        Forest.
+    """
+    if few(forest.comm):
+        return forest
+    keys = curve_keys(forest, pairs=False)
+    return replace(forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size))
 
 
 def _moved(forest, values, destination):
@@ -148,5 +171,6 @@ def _meeting_place(forest):
     result = np.full(len(forest), forest.comm.rank, dtype=np.int32)
     paired = np.unique(forest.contact_faces()[0])
     groups, group = np.unique(forest.representatives[paired], return_inverse=True)
-    result[paired] = Directory(forest.comm, groups).lowest(np.full(len(groups), forest.comm.rank))[group]
+    directory = Directory(forest.comm, groups, forest.homes.of_leaves)
+    result[paired] = directory.lowest(np.full(len(groups), forest.comm.rank))[group]
     return result

@@ -86,7 +86,7 @@ def calling(comm, what):
     Raises:
         CallError: other ranks make another call, have failed in the one before, or have ended their program.
     """
-    meetings = _meetings(comm)
+    meetings = meetings_of(comm)
     if meetings is None or meetings.inside:
         yield
         return
@@ -113,7 +113,7 @@ def expect_end():
     if _keyval is None and MPI.COMM_WORLD.size > 1:
         _keyval = MPI.Comm.Create_keyval()
         atexit.register(leave)
-        world = _meetings(PETSc.COMM_WORLD.tompi4py())
+        world = meetings_of(PETSc.COMM_WORLD.tompi4py())
         if world is not None:
             world.duplicate()
 
@@ -147,8 +147,8 @@ def _abort(why):
     MPI.COMM_WORLD.Abort(1)
 
 
-def _meetings(comm):
-    """The Meetings of a communicator; None if it is none or has one rank."""
+def meetings_of(comm):
+    """The Meetings of a communicator; None if it is none or has one rank.  Local."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
     known = comm.Get_attr(_keyval)
@@ -186,10 +186,12 @@ class Meetings:
         inside: whether this rank is inside a call on which all have agreed.
         torn: whether it was interrupted there, or in a meeting: nobody can know then where the others are.
         over: whether there are no more meetings, as a rank has come to its end.
+        own: whether `link` is a duplicate, which stays when the user frees the other.
+        turns: how many exchanges over `link` there have been.
     """
 
     def __init__(self, comm):
-        self.link, self._own = comm, False  # the duplicate belongs to it, and stays when the user frees the other
+        self.link, self.own, self.turns = comm, False, 0
         self._rank, self._size = comm.rank, comm.size
         self.inside, self.torn, self.over = False, False, False
         self._number, self._said, self._sent = 0, {}, []
@@ -215,12 +217,12 @@ class Meetings:
         if self._last:
             late = {} if what in self._last else {what: [self._rank]}
             raise CallError(_sentence(self._last | late))
-        if not self._own:
+        if not self.own:
             self.duplicate()
 
     def duplicate(self):
         """Take a communicator of its own.  Collective on comm."""
-        self.link, self._own = self.link.Dup(), True
+        self.link, self.own = self.link.Dup(), True
 
     def fail(self, what, error):
         """Say that a call has failed on this rank.  If it has on all, that is all; others inside it are aborted.

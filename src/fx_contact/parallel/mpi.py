@@ -1,8 +1,8 @@
-"""Errors raised on all ranks together, rows exchanged between ranks, and what all ranks know of a key (rendezvous).
+"""Errors raised on all ranks together, and what all ranks know of a key (rendezvous).
 
 A lattice point is named by an int64 key that every rank computes alike.  What ranks know of a key is brought together
-on its *home*, the rank that a hash of the key names: one all-to-all there, one back.  No rank holds more than its share
-of the keys.
+on its *home*, a rank that follows from the key: one exchange there, one back.  Homes are near the leaves that have the
+keys (`forest.homes`), or given by a hash.  No rank holds more than its share of the keys.
 
 Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  A collective of Python objects
 makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed; Python frees those of
@@ -13,10 +13,12 @@ import pickle
 import time
 import traceback
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.hashing import mixed
 
 
@@ -62,72 +64,18 @@ def _sendable(error):
         return RuntimeError(f"{type(error).__name__}: {error}")
 
 
-class Exchange:
-    """A sparse all-to-all of array rows, and its way back.
+def hashed(keys, size):
+    """A rank for each key; neighbouring keys spread evenly.
 
-    Collective on comm.
+    Local.
 
     Args:
-        comm: MPI communicator.
-        destination: (n,) int, the rank that each row goes to.
+        keys: (n,) int64 non-negative.
+        size: number of ranks.
 
-    Attributes:
-        source: (m,) int32, the rank that each received row came from, ascending.
+    Returns:
+        (n,) int32.
     """
-
-    def __init__(self, comm, destination):
-        self.comm = comm
-        destination = np.asarray(destination)
-        self._order = np.argsort(destination, kind="stable")
-        self._sent = np.bincount(destination, minlength=comm.size).astype(np.int32)
-        self._received = np.empty_like(self._sent)
-        comm.Alltoall(self._sent, self._received)
-        self.source = np.repeat(np.arange(comm.size, dtype=np.int32), self._received)
-
-    def forward(self, rows):
-        """Send rows to their destinations.
-
-        Collective on comm.
-
-        Args:
-            rows: (n, ...) array of any dtype.
-
-        Returns:
-            (m, ...) array, ordered by source rank, then as sent.
-        """
-        return _alltoall(self.comm, np.asarray(rows)[self._order], self._sent, self._received)
-
-    def backward(self, rows):
-        """Send an answer to each received row back to where the row came from.
-
-        Collective on comm.
-
-        Args:
-            rows: (m, ...) array in the order of `forward`'s result.
-
-        Returns:
-            (n, ...) array in the order of the rows first sent.
-        """
-        answer = _alltoall(self.comm, np.asarray(rows), self._received, self._sent)
-        result = np.empty_like(answer)
-        result[self._order] = answer
-        return result
-
-
-def _alltoall(comm, rows, sent, received):
-    if comm.size == 1:
-        return rows
-    rows = np.ascontiguousarray(rows)
-    result = np.empty((received.sum(), *rows.shape[1:]), rows.dtype)
-    width = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64))
-    datatype = MPI.BYTE.Create_contiguous(width).Commit()
-    comm.Alltoallv([rows, sent, datatype], [result, received, datatype])
-    datatype.Free()
-    return result
-
-
-def _home(keys, size):
-    """Home rank of each key; neighbouring keys spread evenly.  Local."""
     return ((mixed(keys) >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
 
 
@@ -139,12 +87,15 @@ class Directory:
     Args:
         comm: MPI communicator.
         keys: (n,) int64 non-negative, without repetition on this rank; several ranks may register the same key.
+        home: function of (m,) int64 keys that gives their home ranks, (m,) int32, the same on all ranks; default by a
+            hash.
     """
 
-    def __init__(self, comm, keys):
-        self.comm = comm
+    def __init__(self, comm, keys, home=None):
+        self.comm, self._home = comm, home or partial(hashed, size=comm.size)
         self.keys = np.asarray(keys, dtype=np.int64)
-        self._exchange = Exchange(comm, _home(self.keys, comm.size))
+        self._at = self._home(self.keys)
+        self._exchange = Exchange(comm, self._at)
         self._distinct, self._slot = np.unique(self._exchange.forward(self.keys), return_inverse=True)
 
     def asked(self, queries):
@@ -232,7 +183,7 @@ class Directory:
         slot, claim, ballot = self._slot[order], claim[order], ballot[order]
         first = np.searchsorted(slot, np.arange(len(self._distinct)))
         winners = np.bincount(slot, weights=claim == claim[first][slot], minlength=len(first)).astype(np.int64)
-        drawn = first + _home(ballot[first], 2**31 - 1) % np.maximum(winners, 1)
+        drawn = first + hashed(ballot[first], 2**31 - 1) % np.maximum(winners, 1)
         owner = self._exchange.backward(self._exchange.source[order[drawn]][self._slot].astype(np.int32))
 
         own = active & (owner == self.comm.rank)
@@ -245,8 +196,9 @@ class Directory:
         return numbers, owner
 
     def _visit(self, queries):
-        exchange = Exchange(self.comm, _home(np.asarray(queries, dtype=np.int64), self.comm.size))
-        arrived = exchange.forward(np.asarray(queries, dtype=np.int64))
+        queries = np.asarray(queries, dtype=np.int64)
+        exchange = Exchange(self.comm, self._home(queries))
+        arrived = exchange.forward(queries)
         slot = np.searchsorted(self._distinct, arrived)
         slot[slot == len(self._distinct)] = 0
         found = self._distinct[slot] == arrived if len(self._distinct) else np.zeros(len(arrived), dtype=bool)
@@ -255,7 +207,7 @@ class Directory:
     def _table(self, rows, given):
         """What is known of each key at home; only the rows that say something are sent there."""
         speaking = np.flatnonzero(given)
-        exchange = Exchange(self.comm, _home(self.keys[speaking], self.comm.size))
+        exchange = Exchange(self.comm, self._at[speaking])
         slot = np.searchsorted(self._distinct, exchange.forward(self.keys[speaking]))
         rows = exchange.forward(np.asarray(rows)[speaking])
         table = np.zeros((len(self._distinct), *rows.shape[1:]), rows.dtype)

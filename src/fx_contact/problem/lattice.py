@@ -93,6 +93,48 @@ class Lattice:
         inside = ((first << BITS | second) << BITS | local[:, :, 2]) >> self._unused[part]
         return self._start[cell, part] + inside
 
+    def entities(self, prefer):
+        """The root entities (vertices, edges, faces, cells), each as a part of one of the cells that have it.
+
+        Args:
+            prefer: (ncells, 27) bool, parts that come first; of several that of the lowest cell.
+
+        Returns:
+            (e,) int64 first keys, ascending, (e,) int64 cells, and (e,) int64 parts, by which `located` goes.
+        """
+        order = np.argsort(~prefer.ravel(), kind="stable")
+        starts, first = np.unique(self._start.ravel()[order], return_index=True)
+        return starts, *np.divmod(order[first], 27)
+
+    def located(self, keys, entities):
+        """The points that keys name: the inverse of `keys`.
+
+        Args:
+            keys: (n,) int64.
+            entities: as `entities` gives them.
+
+        Returns:
+            (n,) int64 entities, and (n, 3) int32 lattice coordinates in the cells of these.
+        """
+        starts, cells, parts = entities
+        entity = np.searchsorted(starts, keys, side="right") - 1
+        cell, part = cells[entity], parts[entity]
+        inside = keys - starts[entity] << self._unused[part]
+        first, second, third = (inside >> shift & SIDE - 1 for shift in (2 * BITS, BITS, 0))
+        swap = self._swap[cell, part]
+        local = np.stack([np.where(swap, second, first), np.where(swap, first, second), third], axis=1)
+        local += self._flip[cell, part] * (SIDE - 2 * local)
+        points = np.append(SIDE * (np.array(_CODES) == _HIGH), np.zeros((27, 1), dtype=int), axis=1)
+        points = points.astype(np.int32)[part]  # the fourth column takes what the part has no axis for
+        np.put_along_axis(points, self._axes[part], local.astype(np.int32), axis=1)
+        return entity, points[:, :3]
+
+
+def part_faces():
+    """(27, 6) bool: which parts of a closed cell lie on which of its faces."""
+    codes = np.array(_CODES)
+    return codes[:, hexahedron.FACE_AXIS] == np.where(hexahedron.FACE_SIDE == 1, _HIGH, _LOW)
+
 
 def _numbered(rows):
     """Number of each row (n, 2^k) of int below 2^31 among the different ones, in lexicographic order: (n,) int64."""

@@ -1,0 +1,138 @@
+"""The partitions of a forest that the study scores, each made as in a run, after those of the forests before."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact import adapt
+from fx_contact.forest.partition import KINDS, along_curve, by_graph
+from fx_contact.forest.super_elements import curve_keys
+from fx_contact.parallel.errors import PartitionError
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.lattice import MAX_LEVEL
+from studies.partition.assignment import assign
+from studies.partition.partners import most_pairs, straightening
+
+#: What is scored beside the kinds: contact-sfc before its interfaces are straightened.
+CURVE = "contact-sfc, curve only"
+#: PT-SCOTCH differs from run to run, most where parts are few: up to so many parts, the median of so many runs.
+REPEATED, REPEATS = 64, 5
+
+
+@dataclass(frozen=True)
+class Made:
+    """A partition, and how it came about.
+
+    Attributes:
+        kind: a key of `KINDS`, or `CURVE`.
+        part: (n,) int, part of each leaf.
+        seconds: to make it, once keys and graph are there.
+        cuts: (parts - 1,) int64, of the curve; None if it has none.
+        rows: name -> (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
+        reductions: how often a number for each part is summed over the ranks.
+    """
+
+    kind: str
+    part: np.ndarray
+    seconds: float
+    cuts: np.ndarray | None
+    rows: dict
+    reductions: int
+
+
+def in_curve_order(forest):
+    """The forest with its leaves in the order that a repartition gives them."""
+    return forest.ordered(np.argsort(curve_keys(forest), kind="stable"))
+
+
+def history(make, tolerance, degree):
+    """Forests of a run on one rank, then the last with every leaf refined as often as the degree, in curve order."""
+    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=degree)]
+    for _ in range(degree):
+        finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
+        forests.append(in_curve_order(finest))
+    return forests
+
+
+def parents(coarse, fine):
+    """The leaf of a forest that each leaf of a refined one lies in: (n,) int64."""
+    keys = curve_keys(coarse, pairs=False)
+    shift = 3 * (MAX_LEVEL - coarse.level.astype(np.int64))
+    start = keys >> shift << shift
+    order = np.argsort(start)
+    return order[np.searchsorted(start[order], curve_keys(fine, pairs=False), side="right") - 1]
+
+
+def dealt_out_again(forests, lineage, parts):
+    """The equidistributed partition of the last forest, after one of each forest before it, as in a run.
+
+    The run starts where there are enough leaves for all parts, from equal blocks in the order of their numbers.
+    """
+    home = None
+    for forest, parent in zip(forests, lineage):
+        if home is None:
+            number = np.argsort(np.argsort(leaf_code(forest.cell, forest.anchor)))
+            home = number * parts // len(forest)
+        else:
+            home = home[parent]
+        try:
+            units, part = assign(forest, parts, "equidistributed", home)
+        except PartitionError:
+            home = None
+            continue
+        home = part[units.of_leaf]
+    return home
+
+
+def before(forests, lineage, parts, kind):
+    """The part on which each leaf is before, by the partition of the forest before; None if it has too few leaves."""
+    if len(forests) == 1:
+        return None
+    if kind == "equidistributed":
+        part = dealt_out_again(forests[:-1], lineage, parts)
+    else:
+        try:
+            units, part = assign(forests[-2], parts, "contact-sfc" if kind == CURVE else kind)
+        except PartitionError:
+            return None
+        part = part[units.of_leaf]
+    return None if part is None else part[lineage[len(forests) - 1]]
+
+
+def partitions(forests, lineage, parts, pieces):
+    """Yield all partitions into a number of parts as `Made`; `pieces` are Units with and without pairs."""
+    for kind in (CURVE, *KINDS):
+        about = KINDS["contact-sfc" if kind == CURVE else kind]
+        units, rows, cuts, reductions = pieces[about.pairs], {}, None, 0
+        present = before(forests, lineage, parts, kind)
+        start = time.perf_counter()
+        if kind == "equidistributed":
+            part = dealt_out_again(forests, lineage, parts)
+        else:
+            part, cuts = along_curve(units, parts, None)
+            rows = {"move": (present, part[units.of_leaf])}
+            reductions = int(units.keys.max()).bit_length()  # rounds of bisection
+            if kind != CURVE and len(about.stages) > 1:
+                curve = part
+                with straightening(cuts, parts) as (asked, loads):
+                    part, _ = about.stages[1](units, parts, part)
+                reductions += len(loads)
+                rows["graph along the curve"] = curve[units.graph.rows], curve[units.graph.matrix.indices]
+                rows["straightening"] = most_pairs(asked, parts)
+                rows["move from the curve"] = curve[units.of_leaf], part[units.of_leaf]
+            part = part[units.of_leaf]
+        seconds = time.perf_counter() - start
+        if kind == "equidistributed":
+            rows = {"move": (present, part)}
+        if present is None:
+            rows.pop("move")
+        yield Made(kind, part, seconds, cuts, rows, reductions)
+
+
+def of_middle_cut(units, parts, first):
+    """The partition of the median cut among the first, of PT-SCOTCH, and more runs of it: part of each leaf."""
+    found = [first, *(by_graph(units, parts, None)[0][units.of_leaf] for _ in range(REPEATS - 1))]
+    representative = np.unique(units.of_leaf, return_index=True)[1]
+    return found[np.argsort([units.graph.cut(part[representative]) for part in found])[REPEATS // 2]]
