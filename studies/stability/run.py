@@ -1,4 +1,4 @@
-"""The stress matrix: 480 stiff and extreme scenes, each scored, each a command of its own.
+"""The stress matrix: 487 stiff and extreme scenes, each scored, each a command of its own.
 
 Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
 bodies, tilted planes, bodies held by contact alone, gaps, initial overlaps, contact between nodes, orders.
@@ -7,7 +7,7 @@ twin: the same problem in other units, another direction or on another mesh. `ch
 one rank, with a time limit; a crash and a hang are scores too.
 
     python3 -m studies.stability.run --quick            # a sixth of the scenes, spread over all rows
-    python3 -m studies.stability.run                    # all: half an hour on two cores
+    python3 -m studies.stability.run                    # all: 20 minutes on two cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
     python3 -m studies.stability.run --degree 1         # displacements of degree 1
 
