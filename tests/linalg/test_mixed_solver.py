@@ -6,11 +6,12 @@ from conftest import WORLD, everywhere
 from model_problems import EXACT, STEEL, discrete, grown, pressed, roots, strewn, two_boxes
 
 from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
-from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import solve_contact
+from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
+from fx_contact.contact.contact_solver import solve_contact, solve_system
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz
@@ -26,10 +27,10 @@ class Problem:
         self.prolongation = self.elasticity.prolongation
         self.prescribed = prescribed_displacements(self.scene, self.forest, self.prolongation)
 
-    def solution(self, mixed, solver=EXACT, enforcement=Enforcement()):
-        """ContactSolution, by the mixed form or by PCG on the assembled stiffness."""
+    def problem(self, mixed, enforcement):
+        """ContactProblem, in the mixed form or with the whole stiffness assembled."""
         rows = create_node_pairs(self.scene, self.forest, self.prolongation, enforcement)
-        problem = ContactProblem(
+        return ContactProblem(
             matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed),
             load=np.zeros_like(self.prescribed),
             prescribed=self.prescribed,
@@ -38,7 +39,11 @@ class Problem:
             coarse=create_coarse_level(self.elasticity, self.prescribed),
             volume=self.elasticity.volume_term(np.isnan(self.prescribed)) if mixed else None,
         )
-        return solve_contact(problem, np.zeros_like(self.prescribed), SolveOptions(solver, enforcement), Stages())
+
+    def solution(self, mixed, solver=EXACT, enforcement=Enforcement()):
+        """ContactSolution, by the mixed form or by PCG."""
+        problem, options = self.problem(mixed, enforcement), SolveOptions(solver, enforcement)
+        return solve_contact(problem, np.zeros_like(self.prescribed), options, Stages())
 
 
 @pytest.mark.parametrize("enforcement", ["exact", ("penalty", 10.0), ("penalty", 1e8), "augmented-lagrangian"], ids=str)
@@ -92,6 +97,19 @@ def test_pressures_of_rubber_have_no_checkerboard():
         inside = r < 0.8
         assert inside.sum() > 20
         assert np.abs(table.pressure[inside] / p0 - np.sqrt(1 - r[inside] ** 2)).max() < 0.04
+
+
+def test_adjoint_problems_start_from_nothing():
+    """An adjoint of a gap has no displacement to start with, and no energy to which its tolerance could be relative."""
+    problem = Problem(0.49)
+    options, load = SolveOptions(Solver()), np.zeros_like(problem.prescribed)
+    load[:, 2] = 1.0
+    with PetscObjects() as objects:
+        whole = problem.problem(True, Enforcement())
+        _, system = solve_system(whole, np.zeros_like(load), options, Environment(Stages(), objects))
+        dual = system.dual(load, np.zeros(len(whole.rows)))
+    assert problem.elasticity.energy_norm(dual) > 1.0
+    assert system.iterations[-1] < 50, system.iterations
 
 
 def test_options_are_those_of_fgmres():

@@ -75,7 +75,9 @@ class MixedSolver(ConjugateGradients):
             return self.energy_error
 
         residual = forces, self.pressure / volume.missing - strains
-        reason, count, change, more = self._krylov.solve_mixed(system, residual, allowed, self._solver.max_krylov)
+        reason, count, change, more = self._krylov.solve_mixed(
+            system, residual, tolerance, allowed, self._solver.max_krylov
+        )
         self.pressure = self.pressure + more
         return u + change, reason, count
 
@@ -146,7 +148,7 @@ class FlexibleGmres(KrylovSolver):
     def _set_up(self, operator, matrix):
         self.pc.setUp()
 
-    def solve_mixed(self, system, residual, allowed, max_it):
+    def solve_mixed(self, system, residual, tolerance, allowed, max_it):
         """Solve from zero until the bound of the error in the energy norm is at most what is allowed.
 
         Collective on comm.  The bound takes a preconditioner, and is looked at where the residual suggests that it is
@@ -155,6 +157,7 @@ class FlexibleGmres(KrylovSolver):
         Args:
             system: MixedSystem.
             residual: (owned, 3) and (m,) float64, right-hand side [N], [m^(3/2)].
+            tolerance: of the error; the energy norm to which it is relative is at most that of a guess and its bound.
             allowed: function of a displacement (owned, 3) [m]: the error that it may have [J^(1/2)]; collective.
             max_it: most iterations.
 
@@ -173,7 +176,7 @@ class FlexibleGmres(KrylovSolver):
             most = allowed(system.parts(_array(ksp.buildSolution()))[0])
             if bound <= most:
                 return reasons.CONVERGED_RTOL
-            next_look = norm * min(most / bound, 0.5)
+            next_look = norm * min(most / bound + tolerance, 0.5)
             return reasons.ITERATING
 
         ksp, (x, b) = self._ksp, context.outer
