@@ -15,6 +15,7 @@ from fx_contact.forest.partition import along_curve, repartition, with_cuts
 from fx_contact.forest.super_elements import Units
 from fx_contact.parallel import exchange
 from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.hexahedron import FACE_CORNERS
 from fx_contact.scenes import hertz
@@ -124,6 +125,20 @@ def test_nothing_depends_on_who_talks_to_whom(degree, late, monkeypatch):
     assert (again.cells, again.dofs, again.active_pairs) == (record.cells, record.dofs, record.active_pairs)
     assert again.partition == record.partition
     assert again.force == pytest.approx(record.force, rel=1e-7)
+
+
+def test_all_keys_have_homes_by_place(monkeypatch):
+    """Every directory of a run has the homes of its forest, none those of a hash."""
+    made, found = Directory.__init__, []
+
+    def noted(self, comm, keys, home=None):
+        found.append(getattr(home, "__self__", None))
+        made(self, comm, keys, home)
+
+    monkeypatch.setattr(Directory, "__init__", noted)
+    *_, step = adapt(hertz(order=2, coarse=2), 0.3, WORLD, max_steps=2)
+    assert len(found) > 10 and all(isinstance(homes, Homes) for homes in found)
+    assert step.forest.vertices.directory.asked(step.forest.vertices.keys).all()
 
 
 @pytest.mark.skipif(WORLD.size < 3, reason="two ranks are always partners")

@@ -31,7 +31,7 @@ class Homes:
             self._places, self._curve = _of_roots(forest.mesh, forest.lattice, forest.pairing)
 
     def of_points(self, keys):
-        """Home of each lattice point; points that face each other have one.
+        """Home of each lattice point; two points that face each other have one, unless they face others too.
 
         Local.
 
