@@ -10,6 +10,7 @@ from fx_contact.results.analytic import Hertz
 from fx_contact.scenes import indentation, punch, stack
 from studies.stability.cases import Case, exponent
 from studies.stability.checks import Exact, Twin
+from studies.stability.drawn import drawn
 from studies.stability.references import (
     HERTZ_A,
     OTHER_CONTACT,
@@ -384,7 +385,7 @@ def cases(methods):
         dict name -> Case, axis by axis.
     """
     tables = [ratios, compressibility, aspects, degenerate, depths, units, grading, many_bodies, tilts]
-    tables += [held_by_contact, gaps, between_nodes, other_loads, orders]
+    tables += [held_by_contact, gaps, between_nodes, other_loads, orders, drawn]
     listed = [*enforcements(methods), *(case for table in tables for case in table())]
     result = {case.name: case for case in listed}
     if len(result) < len(listed):

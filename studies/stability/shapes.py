@@ -148,7 +148,7 @@ def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2):
     )
 
 
-def on_a_base(light=1e-4, heavy=0.0, pressure=0.0, cells=2):
+def on_a_base(light=1e-4, heavy=0.0, pressure=0.0, cells=2, thick=0.05, wide=10.0):
     """A plate pressed on half of a base as thin, whose other half carries a heavier plate or a pressure.
 
     Args:
@@ -156,8 +156,9 @@ def on_a_base(light=1e-4, heavy=0.0, pressure=0.0, cells=2):
         heavy: displacement of the other plate; 0: there is none [m].
         pressure: on the farther half of the other half [Pa].
         cells: root cells along a plate's width.
+        thick, wide: height and width of a plate [m].
     """
-    boxes, thick, wide, bodies = Boxes(1), 0.05, 10.0, ["base"]
+    boxes, bodies = Boxes(1), ["base"]
     boxes.add("base", (0.0, 0.0, -thick), (2 * wide, wide, 0.0), (2 * cells, cells, 1))
     base, pairs, loads = boxes.facets(UP, 0.0, "base"), [], []
     column, surfaces, held = base[:, 0] // cells % 2, {"bottom": boxes.facets(DOWN, -thick)}, {"bottom": 0.0}
