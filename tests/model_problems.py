@@ -9,11 +9,9 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.contact.contact_patches import ContactPatches
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.estimate.contact_energy import PressureClusters, stored_energy
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -422,18 +420,6 @@ def plates(pressed=False, stretched=0.0, joined=False):
         tuple(pairs),
         tuple(loads),
     )
-
-
-def of_patches(step):
-    """ContactPatches of the step's closed contact, and what their forces store, twice [J]."""
-    patches = ContactPatches(step.forest, step.pairs, step.solution.active)
-    return patches, stored(step, step.solution.force, patches.pair, patches.number)
-
-
-def stored(step, force, patch=None, count=None):
-    """What the forces of patches store, those of contact pairs if no others are given, twice [J]: (count,)."""
-    patches = (step.pairs.contact, len(step.scene.contact)) if patch is None else (patch, count)
-    return stored_energy(step, PressureClusters(step.pairs, force, *patches))
 
 
 def find_leaves(forest, cell, anchor):

@@ -34,23 +34,11 @@ SCENES = {
     "beam, a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
     "beam, gap that stays open": (partial(beam, 1.01), 0.3, None),
 }
-#: Values that are tried; a share is at most 1, and `first_effectivity` at least `least_effectivity`.
+#: Values that are tried; a share is at most 1.
 VALUES = {
     "target": (0.45, 1.0),
-    "lowest_threshold": (0.125, 0.5),
-    "thresholds": (512, 2048),
-    "least_loss_rate": (0.05, 0.2),
-    "least_reduction": (0.125, 0.5),
     "trusted_effectivity": (0.4, 1.0),
-    "first_effectivity": (0.4, 1.0),
-    "least_effectivity": (0.2, 0.5),
-    "goal_target": (0.4, 1.0),
-    "goal_kept": (0.125, 0.5),
-    "gap_accuracy": (0.125, 0.5),
-    "dual_limit": (0.325, 1.0),
-    "dual_error": (0.25, 1.0),
-    "candidate_movement": (0.025, 0.1),
-    "candidate_spread": (1.0, 4.0),
+    "least_effectivity": (0.2, 0.8),
 }
 
 

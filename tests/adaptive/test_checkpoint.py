@@ -280,8 +280,8 @@ def test_belongs_to_another_problem(scene, folder):
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
         ({"degree": 1}, "degree (2 then, 1 now)"),
         (
-            {"control": ErrorControl(gap_accuracy=0.2)},
-            "problem: error control's gap_accuracy (0.25 then, 0.2 now); go on",
+            {"control": ErrorControl(target=0.8)},
+            "problem: error control's target (0.9 then, 0.8 now); go on",
         ),
     ):
         assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))

@@ -9,12 +9,13 @@ from conftest import WORLD
 from model_problems import DEPTH, PULL, THICKNESS, WIDTH, leaves, plates
 from mpi4py import MPI
 
-from fx_contact import Enforcement, adapt
+from fx_contact import Enforcement, Solver, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.marking import for_goal
 from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
@@ -91,10 +92,7 @@ def test_after_a_dual_solution(monkeypatch, method):
 
 
 def test_gaps(asked):
-    """What strains contribute to a gap is what it has changed by, where they have done most for what is left.
-
-    A unit force there widens it by twice the energy of the dual solution.
-    """
+    """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
     *_, step = adapt(beam(1.2), 0.3)
     (goal, _, moved), *_ = asked[-1:]
     left = -step.solution.penetration
@@ -102,18 +100,23 @@ def test_gaps(asked):
     ends = [WORLD.allgather(values) for values in (left, changed)]
     left, changed = (np.concatenate(values) for values in ends)
     assert left.min() < goal.value < 2 * left.min() and 0.8 * changed.max() < moved < changed.max()
-    assert abs((goal.dual.energy_norm**2 - goal.dual.error_global**2) / goal.compliance - 1) < 1e-6
 
 
 def test_what_contact_alone_loads_needs_no_dual_solution(asked):
-    """The energy that its force stores bounds the error of that; uniform stresses have none."""
-    *_, step = adapt_linear(plates(pressed=True), 0.3)
-    assert step.record.reached and max(step.record.pair_errors) < 1e-5
+    """The energy that its force stores bounds the error of that."""
     first, *_, last = (step.record for step in adapt_linear(punch(), 0.12))
     assert first.pair_errors == [None]  # before the whole is resolved
     error = abs(last.force / 7.676e-4 - 1)  # this program's on a uniform mesh of 705,000 unknowns
     assert last.reached and last.pair_leaves == [0] and error < last.pair_errors[0] < 0.12
     assert not asked
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_two_contacts_need_dual_solutions(asked, joined):
+    """Also in one contact pair, where one is much stiffer; uniform stresses have no errors."""
+    *_, step = adapt_linear(plates(pressed=True, joined=joined), 0.3)
+    assert step.record.reached and max(step.record.pair_errors) < 1e-5
+    assert len(asked) == (1 if joined else 2)
 
 
 #: Beams, a degree at which coarse meshes miss the force, the tolerance, and the force [N], this program's on uniform
@@ -197,9 +200,11 @@ def test_restart(tmp_path):
 
 @pytest.mark.whole_run(2, 3)
 def test_any_number_of_ranks():
-    """What dual solutions ask for is the same; at a looser tolerance than theirs some leaves were not."""
-    scene = beam(0.85, tension=3e-3, touch=2e-6)
-    alone, together = ([step.record for step in adapt_linear(scene, 0.3, comm)] for comm in (MPI.COMM_SELF, WORLD))
+    """What dual solutions ask for is the same, though the force is light beside what the solver is accurate to."""
+    scene, solver = beam(0.9, poisson=0.35, tension=3e-2), Solver(tolerance=1e-10)
+    alone, together = (
+        [step.record for step in adapt(scene, 0.3, comm, solver=solver)] for comm in (MPI.COMM_SELF, WORLD)
+    )
     assert [one.pair_leaves for one in alone] == [one.pair_leaves for one in together]
     assert [one.dofs for one in alone] == [one.dofs for one in together] and together[1].pair_leaves != [0]
     for one, other in zip(alone[1:], together[1:]):
@@ -217,9 +222,9 @@ def test_marking():
         assert set(times) <= {0, 1, 2} and times[errors.argmax()] > 0
         assert errors[times > 0].min() >= 0.97 * errors[times == 0].max()
         left = (errors * 0.25 ** times.astype(float)).sum()
-        assert left <= 0.8 * allowed or errors[times == 0].sum() <= 0.25 * allowed
-        if left <= 0.8 * allowed:
-            assert left >= 0.75 * 0.8 * allowed or (times > 0).sum() < 50
+        kept = errors[times == 0].sum()
+        assert min(left, kept) <= 0.9 * allowed
+        assert min(left, kept) >= 0.7 * allowed or (times > 0).sum() < 50
     assert not for_goal(np.zeros(len(mine)), 0.0, 1 / 32, ErrorControl(), WORLD).any()
 
 
@@ -283,12 +288,39 @@ def test_each_contact_is_judged_by_its_own_energy(joined):
     """A penalty that is stiff enough for a rod, which has most of the energy, is too soft for plates with its force.
 
     Springs of c E*/h give way by a share (h / (c E*)) / (2 t / E) of how far plates of the thickness t are pressed
-    together, a sixth on cells of 2.5 m; in one pair with a rod that share counts by the plates' part of the force.
+    together, a sixth on cells of 2.5 m; without them they would have so much more force.  In one pair with a rod that
+    counts by the plates' part of the force.
     """
     sixth = (2.5 / (300 * 0.5)) / (2 * THICKNESS)
     force, of_rod = WIDTH**2 * DEPTH / (2 * THICKNESS * (1 + sixth)), PULL
-    expected = sixth * (force / (force + of_rod) if joined else 1.0)
+    expected = sixth / (1 + sixth) * (force / (force + of_rod) if joined else 1.0)
     with pytest.raises(SolveError, match="penetration takes .*%") as caught:
         list(adapt(plates(pressed=True, joined=joined), 0.2, enforcement=Enforcement("penalty", 300.0)))
     taken = float(re.search(r"takes ([\d.]+)%", str(caught.value))[1]) / 100  # two digits
     assert abs(taken - expected) < 0.005 and abs(sixth - 1 / 6) < 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_dual_forces(asked, method):
+    """A unit penetration of all closed pairs takes the stiffness of the contact: the derivative of its force.
+
+    Blocks between plates: F = d / sum (h / E) a square metre, and a penalty's springs beside them.
+    """
+    scene, enforcement = films(order=1, weight=1.0), Enforcement(method)
+    *_, step = adapt(scene, 0.3, enforcement=enforcement, max_steps=2)
+    goal, *_ = asked[-1]
+    area = step.pairs.area
+    stiffness = -WORLD.allreduce(float((goal.pressure * area).sum()))
+    springs = {"exact": 0.0}.get(method, 1.0) * WORLD.allreduce(float(area.sum())) / WORLD.allreduce(
+        float(step.pairs.stiffness.sum())
+    )
+    assert abs(stiffness * (2 * 0.05 + springs) - 1) < 0.02
+
+
+def test_the_gap_between_nodes_counts_for_a_force(asked):
+    """Of a round body it adds to what the cells contribute."""
+    *_, step = adapt(sinking(5e-3), 0.4)
+    goal, *_ = asked[-1]
+    between = WORLD.allreduce(float(GapBetweenNodes(step).on_cells(goal.pressure).sum()))
+    assert between > 0.01 * goal.total
+    assert abs(step.record.pair_errors[0] * goal.value / (goal.total + between) - 1) < 1e-9

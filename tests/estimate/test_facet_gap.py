@@ -17,9 +17,8 @@ def facets(height, side, slope=(0.0, 0.0)):
     line = np.linspace(0, 1, side)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     apart = height(x, y)
-    here = np.broadcast_to(np.stack([x, y, slope[0] * x + slope[1] * y], axis=1), (*apart.shape, 3))
-    there = here + apart[:, :, None] * [0.0, 0.0, 1.0]
-    return FacetGap(here, there, np.zeros_like(here), np.ones(len(apart), dtype=int))
+    normal = np.broadcast_to([-slope[0], -slope[1], 1.0], (*apart.shape, 3))
+    return FacetGap(apart[:, :, None] * [0.0, 0.0, 1.0], normal)
 
 
 def valleys(number, aspect, pole):
@@ -75,43 +74,20 @@ def test_waves():
     assert abs(first) < 1e-8 and 1e-4 < second <= expected.min() * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("side", [5, 7])
-def test_two_valleys_on_one_facet(side):
-    """The lower one counts, though the grid of the first look has a point in the other one, which is higher."""
-    pole = np.random.default_rng(side).uniform(0.55, 0.95, 50)[:, None]
-    gap = facets(lambda x, y: (x - 0.25) ** 2 * (x - pole) ** 2 + (y - 0.5) ** 2 + 1e-6 * (1 - x), side)
-    line = np.linspace(0, 1, 20001)
-    expected = ((line - 0.25) ** 2 * (line - pole) ** 2 + 1e-6 * (1 - line)).min(axis=1)
-    assert (expected < 0.5e-6).all()
-    ratio = gap.least() / expected  # slopes make the gap a little less along normals than along z
-    assert 0.99 < ratio.min() and ratio.max() < 1 + 1e-4
-    assert np.array_equal(gap.least(limit=-1.0) < -1.0, np.zeros(50, dtype=bool))
-
-
 def test_rough_facets():
-    """Where surfaces are so rough that nothing is sure, few of the least gaps are missed."""
+    """Where surfaces are so rough that nothing is sure, most of the least gaps are found."""
     random, line = np.random.default_rng(6), np.linspace(0, 1, 41)
     gap = facets(lambda x, y: random.normal(size=(200, len(x))), 5)
     sampled = gap.at(*np.stack(np.meshgrid(line, line)).reshape(2, -1)).min(axis=1)
     assert (gap.least() > sampled + 1e-6).mean() < 0.01
 
 
-def test_midway_normals():
-    """Between planes that are not parallel the gap is along the normal of the plane midway."""
-    line = np.linspace(0, 1, 3)
-    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
-    here = np.stack([x, y, 0 * x], axis=1)[None]
-    there = np.stack([x, y, 0.2 + 0.8 * x], axis=1)[None]
-    gap = FacetGap(here, there, np.zeros_like(here), np.array([1]))
-    at = np.array([0.0, 0.3, 1.0])
-    assert np.allclose(gap.at(at, at), (0.2 + 0.8 * at) / np.sqrt(1 + 0.4**2))
-
-
 def test_normals_turn():
-    """The gap of a round facet is that along its normals: of half a circle between two radii, their difference."""
+    """The gap of a round facet is that along its normals, of any length: between two radii, their difference."""
     angle = np.linspace(0.25 * np.pi, 0.75 * np.pi, 9)
     angle, y = (grid.ravel() for grid in np.meshgrid(angle, np.linspace(0, 1, 9)))
-    circle = np.stack([-np.cos(angle), y, np.sin(angle)], axis=1)[None]
-    for orientation in (1, -1):
-        gap = FacetGap(circle * [1, 1, 1], circle * [1.1, 1, 1.1], np.zeros_like(circle), np.array([orientation]))
-        assert np.allclose(gap.at(np.array([[0.1, 0.5, 0.77]]), np.array([[0.3, 0.2, 0.9]])), 0.1 * orientation)
+    circle, out = (np.stack([-np.cos(angle), level * y, np.sin(angle)], axis=1)[None] for level in (1, 0))
+    for sign in (1, -1):
+        gap = FacetGap(circle * [1.1, 1, 1.1] - circle, 3 * sign * out)
+        assert np.allclose(gap.at(np.array([[0.1, 0.5, 0.77]]), np.array([[0.3, 0.2, 0.9]])), 0.1 * sign)
+        assert np.allclose(gap.sampled(), 0.1 * sign)

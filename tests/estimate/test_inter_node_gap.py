@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import corner_scene, leaves, of_patches, roots
+from model_problems import corner_scene, leaves, roots
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
 from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
-from fx_contact.estimate.inter_node_gap import _Facets, _simpson, inter_node_penetration  # noqa: E402
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson  # noqa: E402
 from fx_contact.fem.space import Space  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
@@ -71,8 +71,7 @@ def test_facets_around_closed_ones_are_judged_by_their_energy():
     """They overlap a little on any mesh of a round body, also where the closed one is another rank's."""
     *_, step = adapt(bump(4, 9 / 32, 0.011), 0.3, degree=1, max_steps=2)
     assert step.record.active_pairs > 0 and step.record.unseen_contact > 0
-    named = inter_node_penetration(step, 1e6, *of_patches(step))
-    assert WORLD.allreduce(int(named.sum())) == 0
+    assert WORLD.allreduce(int(GapBetweenNodes(step).penetrated().sum())) == 0
 
 
 def bumps(depths, moduli):
@@ -166,37 +165,22 @@ def test_overlaps_count_though_nothing_presses():
     *_, step = adapt(bump(**HIDDEN), 0.3, max_steps=2)
     idle = replace(step.solution, force=0.0 * step.solution.force, pressure=0.0 * step.solution.pressure)
     step = replace(step, solution=idle)
-    named = inter_node_penetration(step, 0.3, *of_patches(step))
+    named = GapBetweenNodes(step).worst(step.solution.energy_error**2)
     assert step.record.active_pairs > 0 and WORLD.allreduce(int(named.sum())) > 0
 
 
 def test_facets_with_more_than_their_share():
     """What is too much is too much in sum: as soon as it is, those are named that have more than the mean allowed."""
     *_, step = adapt(punch(), 0.16, degree=1)
+    between = GapBetweenNodes(step)
 
-    def named(tolerance):
-        marked = inter_node_penetration(step, tolerance, *of_patches(step))
-        return WORLD.allreduce(int(marked.sum()))
+    def named(allowed):
+        return WORLD.allreduce(int(between.worst(allowed).sum()))
 
-    tolerance = 1.0
-    while not (first := named(tolerance)):
-        tolerance /= 1.05
-    assert first > 5 and named(tolerance / 10) > first
-
-
-def test_four_times_the_energy_allow_half_the_tolerance():
-    """What patches may have between their nodes is e^2 of what they store."""
-    *_, step = adapt(punch(), 0.16)
-    patches, energy = of_patches(step)
-    most = []
-    for factor in (1.0, 4.0):
-        low, high = 1e-4, 10.0
-        for _ in range(11):
-            middle = np.sqrt(low * high)
-            named = WORLD.allreduce(int(inter_node_penetration(step, middle, patches, factor * energy).sum()))
-            low, high = (middle, high) if named else (low, middle)
-        most.append(high)
-    assert abs(most[0] / most[1] - 2) < 0.05
+    allowed = step.estimate.energy_norm**2
+    while not (first := named(allowed)):
+        allowed /= 1.1
+    assert first > 5 and named(allowed / 100) > first
 
 
 def test_an_order_that_swings_between_its_nodes():
@@ -225,7 +209,7 @@ def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
     scene = corner_scene(one_pair=True)
     fixed, top = scene.dirichlet
     scene = replace(scene, contact=(ContactPair("outer", "inner"),), dirichlet=(fixed, replace(top, x=0.01, z=0.01)))
-    monkeypatch.setattr(_Facets, "penetrate", lambda facets: np.arange(len(facets._here)) == facet)
+    monkeypatch.setattr(_Facets, "penetrate", lambda facets: np.arange(len(facets._area)) == facet)
     (step,) = adapt(scene, 0.3, MPI.COMM_SELF, max_steps=1)
     assert step.record.force == 0 and len(scene.mesh.surfaces["outer"]) == 4
     assert len(np.unique(scene.mesh.surfaces["outer"][:, 0])) == 2 and step.record.unseen_contact == 1

@@ -80,7 +80,7 @@ class Leaves(list):
         super().__init__(range(count))
 
 
-@pytest.mark.parametrize("theta, marked", [(1.0, 0), (0.61, 0), (0.59, 1), (0.1, 3)])
+@pytest.mark.parametrize("theta, marked", [(1.0, 0), (0.61, 0), (0.59, 1), (0.1, 2)])
 def test_an_error_is_corrected_by_the_effectivity(theta, marked):
     """Of 2 N, 0.2 N may be wrong; 0.12 N are estimated, most of them of one cell."""
     leaf, errors = np.arange(4), np.array([0.1, 0.01, 0.009, 0.001]) / WORLD.size

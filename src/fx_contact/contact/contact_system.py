@@ -57,7 +57,7 @@ class LinearSystem:
     def dual(self, load, _=None):
         """As `ContactSystem.dual`, without rows."""
         load = np.where(self._free, load, 0.0)
-        return self._cg.solve(load, np.zeros_like(load), dual_tolerance(self._solver))
+        return self._cg.solve(load, np.zeros_like(load), dual_tolerance(self._solver)), np.zeros(0)
 
 
 class ContactSystem:
@@ -162,7 +162,7 @@ class ContactSystem:
             penetration: (n,) float64, d [m].
 
         Returns:
-            (owned, 3) float64 [m].
+            (owned, 3) float64 z [m], and (n,) float64, the forces f of closed rows [N].
         """
         bounded, term, projection = self._enforced(self._jump.with_gap(penetration))
         right_hand_side = bounded.right_hand_side(self._known) + np.where(self._free, load, 0.0)
@@ -172,7 +172,12 @@ class ContactSystem:
             u = projection.onto_closed(u)
         self._cg.correct(term.difference(self._active, bounded, self._known))
         try:
-            return self._cg.solve(right_hand_side, u, dual_tolerance(self._solver), projection)
+            z = self._cg.solve(right_hand_side, u, dual_tolerance(self._solver), projection)
+            if projection is None:
+                return z, self._active * term.force(z)
+            self._cg.correct(bounded.difference(self._active, bounded, self._known))
+            residual = self._cg.residual(right_hand_side, z)
+            return z, self._active * (bounded.force(z) + projection.apply_transpose(residual))
         finally:
             self._correct(self._term)
 

@@ -101,7 +101,11 @@ class Jump:
         self.blocks = replace(blocks, values=values)
         self.matrix = Products(rows, self.blocks)
         self.movable = blocks.sums(values.any(axis=1), len(rows)) > 0
-        self.gap = rows.gap - rows.jump(np.nan_to_num(prescribed))
+        self.gap, self._whole_gap = rows.gap - rows.jump(np.nan_to_num(prescribed)), rows.gap
+
+    def penetration(self, u):
+        """B u - D of all components: (n,) float64 [m].  Collective.  Args: u: (owned, 3) float64 [m]."""
+        return self.rows.jump(u) - self._whole_gap
 
     def with_gap(self, gap):
         """The same for another D: Jump.  Local.
@@ -110,5 +114,5 @@ class Jump:
             gap: (n,) float64, less what prescribed components contribute [m].
         """
         other = copy(self)
-        other.gap = gap
+        other.gap = other._whole_gap = gap
         return other

@@ -120,4 +120,4 @@ class PenaltyTerm:
         Returns:
             (n,) float64, compression positive [N].
         """
-        return self._stiffness * self._jump.rows.penetration(u)
+        return self._stiffness * self._jump.penetration(u)

@@ -66,8 +66,8 @@ class Goal:
         total: sum of these on all ranks.
         dual: Estimate of the dual solution.
         adjoint: (owned, 3) float64, the dual solution z.
+        pressure: (n,) float64, contact pressure of the dual solution at this rank's node pairs.
         moved: of a gap, |a(u, z)|, what strains contribute to it [m]; 0 of others.
-        compliance: of a gap, by how much a unit force there widens it [m/N]; 0 of others.
     """
 
     value: float
@@ -75,8 +75,8 @@ class Goal:
     total: float
     dual: Estimate
     adjoint: np.ndarray
+    pressure: np.ndarray
     moved: float = 0.0
-    compliance: float = 0.0
 
 
 class Goals:
@@ -101,9 +101,9 @@ class Goals:
         Args:
             functional: Functional.
         """
-        z, dual = self._dual(functional)
-        error = self._state.estimate.error * dual.error
-        return Goal(functional.value, error, self._sum(error), dual, z)
+        z, force, dual = self._dual(functional)
+        error, pairs = self._state.estimate.error * dual.error, self._state.pairs
+        return Goal(functional.value, error, self._sum(error), dual, z, force if pairs is None else force / pairs.area)
 
     def force(self, index):
         """The force of a contact pair, of the modelled part: Goal.  Collective.
@@ -123,8 +123,7 @@ class Goals:
             weight: (n,) float64, the part of the place that each node pair is, 1 in all on all ranks [-].
         """
         goal = self.of(gap_functional(self._state, weight))
-        compliance = -self._sum(weight * self._state.pairs.jump(goal.adjoint))
-        return replace(goal, moved=self._moved(goal.adjoint), compliance=compliance)
+        return replace(goal, moved=self._moved(goal.adjoint))
 
     def errors(self, goal):
         """A sharper error of a goal than xi_T(u) xi_T(z): (ncells,) float64 of this rank's cells, not negative.
@@ -157,7 +156,7 @@ class Goals:
         return (squares[0] - squares[1]) / (4 * scale) if scale else np.zeros(len(goal.error))
 
     def _dual(self, functional):
-        """A dual solution z, (owned, 3) float64, and its Estimate.
+        """A dual solution z, (owned, 3) float64, its contact forces (n,) float64, and its Estimate.
 
         What is prescribed is taken off: z = w + y with K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed
         components.
@@ -174,10 +173,10 @@ class Goals:
                 load = load - elasticity.internal_forces()
                 penetration = penetration if pairs is None else penetration - pairs.jump(w)
             with self._stages("solve"):
-                z = self._system.dual(load, penetration)
+                z, force = self._system.dual(load, penetration)
             z = z if w is None else z + w
             elasticity.set_displacement(z)
-            return z, self._recovery.estimate(_NOISE * self._system.noise, loaded=False)
+            return z, force, self._recovery.estimate(_NOISE * self._system.noise, loaded=False)
         finally:
             elasticity.set_displacement(self._state.solution.displacement)
 

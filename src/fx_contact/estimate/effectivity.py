@@ -49,15 +49,13 @@ class RefinementHistory:
             theta = min(max(measured, least), 1.0)
         return replace(self, effectivity=theta, compared=True)
 
-    def loss_rate(self, estimate, least):
-        """The loss of xi^2 by the last refinement over that of a smooth solution, in [least, 1]; None: unknown.
+    def loss_rate(self, estimate):
+        """The loss of xi^2 by the last refinement over that of a smooth solution, at most 1; None: unknown, or none.
 
         Local.
 
         Args:
             estimate: Estimate on the present mesh.
-            least: smallest rate that is believed [-].
         """
-        if not self.expected_loss:
-            return None
-        return min(max((self.error2 - estimate.error_global**2) / self.expected_loss, least), 1.0)
+        lost = self.error2 - estimate.error_global**2
+        return min(lost / self.expected_loss, 1.0) if self.expected_loss and lost > 0 else None

@@ -73,7 +73,4 @@ def judge_goals(goals, duals, state, residual, theta, control):
 
 def _needed(functional, found, errors, error, allowed, theta, control, comm):
     """The cells to refine for the allowed error of a Goal: (ncells,) int8; None if it has no more.  Collective."""
-    dual, limit = found.dual, control.dual_limit
-    if dual.relative > limit and not functional.pointwise:  # it knows nothing yet
-        return for_goal(dual.error**2, (limit * dual.energy_norm) ** 2, dual.child_error, control, comm)
-    return for_goal(errors, allowed * theta, dual.child_error, control, comm) if error > allowed else None
+    return for_goal(errors, allowed * theta, found.dual.child_error, control, comm) if error > allowed else None

@@ -26,45 +26,72 @@ _STEPS = 32
 _CHUNK = 1024
 
 
-def inter_node_penetration(state, tolerance, patches, energy):
-    """Leaves to refine because bodies penetrate or gape between the nodes of their contact facets.
+class GapBetweenNodes:
+    """The gap g between the nodes of contact facets, beside g_I, bilinear between neighbouring nodes.
 
-    Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On the facets of a contact patch
-    the gap g differs from g_I, bilinear between neighbouring nodes, on any mesh of a round body.  Quadratic
-    displacements follow a round gap, but not a pressure that ends within a facet: g_I of their own degree would see no
-    error in a contact of one node.  With the pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that
-    of the nodes, its energy is
+    Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On closed facets, and those next
+    to them, g differs from g_I on any mesh of a round body.  Quadratic displacements follow a round gap, but not a
+    pressure that ends within a facet: g_I of their own degree would see no error in a contact of one node.  With the
+    pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that of the nodes, its energy is
 
         int p |g - g_I| + (E*/h) o^2 dA.
 
-    Each patch may have e^2 of the energy that it stores, or what the linear solver leaves.  Where it has more, its
-    facets with more than their share are refined.
-
     Args:
         state: SolvedState.
-        tolerance: prescribed accuracy e [-].
-        patches: ContactPatches of the closed pairs.
-        energy: (patches.number,) float64, twice the energy that each patch stores [J].
-
-    Returns:
-        (n,) bool, for this rank's leaves, on the first surfaces alone.
     """
-    forest, pairs, solution = state.forest, state.pairs, state.solution
-    refine, allowed = np.zeros(len(forest), dtype=bool), np.maximum(tolerance**2 * energy, solution.energy_error**2)
-    sums, closed = np.zeros((2, patches.number)), []
-    for index, patch in enumerate(patches.facet):
-        leaf, face = facets_of(index, forest)
-        nodal = _at_nodes(pairs, solution, index)[pairs.prolongation.space.on_faces(leaf, face)]
-        near, facets = patch >= 0, _Facets(pairs.prolongation.space, leaf, face, nodal)
-        refine[leaf[~near][facets.where(~near).penetrate()]] = True
-        leaf, patch, own = leaf[near], patch[near], facets.where(near).energy()
-        np.add.at(sums, (0, patch), own)
-        np.add.at(sums, (1, patch), own > 0)
-        closed.append((leaf, patch, own))
-    total, count = forest.comm.allreduce(sums)
-    for leaf, patch, own in closed:
-        refine[leaf[(total > allowed)[patch] & (own > (allowed / np.maximum(count, 1))[patch])]] = True
-    return refine
+
+    def __init__(self, state):
+        self._state, self._parts = state, []
+        forest, pairs, solution = state.forest, state.pairs, state.solution
+        prolongation, space = pairs.prolongation, pairs.prolongation.space
+        for index in range(len(state.scene.contact)):
+            leaf, face = facets_of(index, forest)
+            cells, ours = space.on_faces(leaf, face), pairs.contact == index
+            near = _touched(prolongation, cells, pairs.first[ours & solution.active])
+            facets = _Facets(space, leaf, face, _known(state, ours)[cells])
+            self._parts.append((leaf, cells, ours, near, facets))
+
+    def penetrated(self):
+        """Leaves with a facet that is penetrated between nodes that stay apart: (n,) bool.  Local."""
+        refine = np.zeros(len(self._state.forest), dtype=bool)
+        for leaf, _, _, near, facets in self._parts:
+            refine[leaf[~near][facets.where(~near).penetrate()]] = True
+        return refine
+
+    def worst(self, allowed):
+        """Leaves with more than their share, if the energy of all closed facets is more than what is allowed.
+
+        Collective.
+
+        Args:
+            allowed: twice the energy of all facets [J].
+
+        Returns:
+            (n,) bool.
+        """
+        refine = np.zeros(len(self._state.forest), dtype=bool)
+        own = [facets.where(near).energy() for _, _, _, near, facets in self._parts]
+        total, count = self._state.forest.comm.allreduce(
+            np.array([[energy.sum(), np.count_nonzero(energy)] for energy in own]).sum(axis=0)
+        )
+        for (leaf, _, _, near, _), energy in zip(self._parts, own):
+            refine[leaf[near][energy > allowed / max(count, 1)]] = total > allowed
+        return refine
+
+    def on_cells(self, pressure):
+        """int |p| |g - g_I| dA over the closed facets of each cell of the mesh: (ncells,) float64.
+
+        Collective.
+
+        Args:
+            pressure: (n,) float64, p at this rank's node pairs.
+        """
+        state = self._state
+        of_leaf = np.zeros(len(state.forest))
+        for leaf, cells, ours, near, facets in self._parts:
+            nodal = _at_nodes(state.pairs, ours, np.abs(pressure)[:, None])[cells][near, :, 0]
+            np.add.at(of_leaf, leaf[near], facets.where(near).work(nodal))
+        return of_leaf[state.elasticity.leaf_mesh.leaf]
 
 
 class _Facets:
@@ -81,59 +108,56 @@ class _Facets:
     def __init__(self, space, leaf, face, nodal):
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
-        self._count, self._nodal, self._orientation = parts + 1, nodal, hexahedron.FACE_ORIENTATION[face]
-        line = np.linspace(0, 1, self._count)
+        line = np.linspace(0, 1, parts + 1)
         bilinear, self._shape = (_tensor(order, line) for order in (1, degree))
         hats = np.stack([np.interp(line, np.linspace(0, 1, degree + 1), row) for row in np.eye(degree + 1)], axis=1)
         self._linear = np.kron(hats, hats)  # between neighbouring nodes
-        anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-        points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
         nodes = np.arange(degree + 1) * parts // degree
-        self._nodes = (self._count * nodes[:, None] + nodes).ravel()  # positions of the nodes among the points
+        self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # positions of the nodes among the points
+        self._simpson = _simpson(parts + 1)
         # How far a function may leave the range of its samples, relative to that: less than by Lebesgue's constant.
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
-        self._here, self._there = positions_across(forest, leaf, face, points / parts**2)
-        diagonals = self._here[:, -1] - self._here[:, 0], self._here[:, parts] - self._here[:, -parts - 1]
+        anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
+        points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
+        here, there = positions_across(forest, leaf, face, points / parts**2)
+        diagonals = here[:, -1] - here[:, 0], here[:, parts] - here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
+        jump, normal = (self._sampled(nodal[:, :, columns]) for columns in (_JUMP, _NORMAL))
+        self._nodal, self._gap = nodal, FacetGap(there - here - jump, normal)  # small, however far the bodies come
 
     def where(self, which):
         """Some of the facets: _Facets.  Args: which: (n,) bool."""
         some = copy(self)
-        for name in ("_nodal", "_orientation", "_here", "_there", "_area"):
-            setattr(some, name, getattr(self, name)[which])
+        some._nodal, some._area, some._gap = self._nodal[which], self._area[which], self._gap.where(which)
         return some
 
-    def _sampled(self, columns):
-        """A column, or some, of what is known at the nodes, at all points: (n, points, ...) float64."""
-        return np.einsum("pv,nv...->np...", self._shape, self._nodal[:, :, columns])
-
-    def _gap(self):
-        """The gap at all points along normals between those of the nodes: (n, points) float64 [m]."""
-        normal = self._sampled(_NORMAL)
-        apart = self._there - self._here - self._sampled(_JUMP)  # small, however far the bodies come
-        return np.einsum("npi,npi->np", normal, apart) / np.linalg.norm(normal, axis=2)
+    def _sampled(self, nodal):
+        """Values at the nodes, (n, (p+1)^2, ...), at all points: (n, points, ...) float64."""
+        return np.einsum("pv,nv...->np...", self._shape, nodal)
 
     def penetrate(self):
         """Whether facets penetrate more than at their nodes, and than may come from rounding: (n,) bool."""
-        sampled = self._gap()
-        some = sampled.min(axis=1) < self._swing * np.ptp(sampled, axis=1)
-        few = self.where(some)
-        gap = FacetGap(few._here, few._there, few._sampled(_JUMP), few._orientation)
-        y, x = np.array(np.divmod(self._nodes, self._count)) / (self._count - 1)
-        nodes = gap.at(x, y).min(axis=1)
-        limit = np.minimum(nodes, 0.0) - _VARIATION * np.ptp(sampled[some], axis=1) - _ROUNDING * np.sqrt(few._area)
-        some[some] = gap.least(limit) < limit
-        return some
+        gap = self._gap.sampled()
+        limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
+        limit -= _VARIATION * np.ptp(gap, axis=1)
+        deeper = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
+        deeper[deeper] = self._gap.where(deeper).least() < limit[deeper]
+        return deeper
 
     def energy(self):
-        """The integral of `inter_node_penetration`, twice an energy: (n,) float64 [J]."""
-        gap, size = self._gap(), np.sqrt(self._area)
-        at_nodes, rounding = gap[:, self._nodes], _ROUNDING * size[:, None]
-        off = np.maximum(np.abs(gap - at_nodes @ self._linear.T) - rounding, 0.0)
+        """The energy of `GapBetweenNodes`, twice: (n,) float64 [J]."""
+        gap, size = self._gap.sampled(), np.sqrt(self._area)
         # The penetration at the nodes is that of a penalty, and has a bound of its own.
-        beyond = np.maximum(-gap - np.maximum(-at_nodes, 0.0) @ self._linear.T - rounding, 0.0)
-        pressure, modulus = np.maximum(self._sampled(_PRESSURE), 0.0), self._sampled(_MODULUS)
-        return self._area * ((pressure * off + modulus / size[:, None] * beyond**2) @ _simpson(self._count))
+        at_nodes = np.maximum(-gap[:, self._nodes], 0.0) @ self._linear.T
+        beyond = np.maximum(-gap - at_nodes - _ROUNDING * size[:, None], 0.0)
+        stiffness = self._sampled(self._nodal[:, :, _MODULUS]) / size[:, None]
+        return self.work(self._nodal[:, :, _PRESSURE]) + self._area * ((stiffness * beyond**2) @ self._simpson)
+
+    def work(self, pressure):
+        """int max(p, 0) |g - g_I| dA: (n,) float64.  Args: pressure: (n, (p+1)^2) float64, p at the nodes."""
+        gap = self._gap.sampled()
+        off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
+        return self._area * ((np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)) @ self._simpson)
 
 
 def _tensor(order, x):
@@ -150,34 +174,62 @@ def _simpson(count):
     return np.outer(line, line).ravel()
 
 
-def _at_nodes(pairs, solution, index):
-    """Columns of what is known of a contact pair's node pairs, at this rank's nodes: (m, 8) float64."""
-    prolongation, ours = pairs.prolongation, pairs.contact == index
-    said = prolongation.zeros(8)
-    modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), prolongation.ghosted(solution.displacement)
-    jump = u[pairs.first] - u[pairs.second]
-    columns = solution.pressure, modulus, *jump.T, *pairs.normal.T
-    said[pairs.first[ours]] = np.stack(columns, axis=1)[ours]
+def _touched(prolongation, cells, closed):
+    """Facets with a closed node, and those that share a node with one: (n,) bool.
+
+    Collective.
+
+    Args:
+        prolongation: Prolongation.
+        cells: (n, (p+1)^2) int, nodes of the facets.
+        closed: (k,) int, closed conforming nodes.
+    """
+    for _ in range(2):
+        touched = prolongation.zeros(1)
+        touched[closed] = 1.0
+        facets = (prolongation.prolong(prolongation.summed(touched))[cells, 0] != 0).any(axis=1)
+        closed = prolongation.conforming[np.unique(cells[facets])]
+        closed = closed[closed >= 0]
+    return facets
+
+
+def _known(state, ours):
+    """Columns of what is known of some node pairs, at this rank's nodes: (m, 8) float64.  Collective."""
+    pairs, solution = state.pairs, state.solution
+    modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), pairs.prolongation.ghosted(solution.displacement)
+    columns = solution.pressure, modulus, *(u[pairs.first] - u[pairs.second]).T, *pairs.normal.T
+    return _at_nodes(pairs, ours, np.stack(columns, axis=1))
+
+
+def _at_nodes(pairs, ours, values):
+    """Values (n, k) of some node pairs at this rank's nodes of the first surface: (m, k) float64.  Collective."""
+    prolongation = pairs.prolongation
+    said = prolongation.zeros(values.shape[1])
+    said[pairs.first[ours]] = values[ours]
     return prolongation.prolong(prolongation.summed(said))
 
 
 class FacetGap:
-    """The gap between facing facets as a function on them, along the normal of the surface midway between them.
+    """The gap between facing facets as a function on them, along normals.
 
-    Surfaces of polynomials of the order m - 1, or less, are taken as they are.  Local.
+    Local.
 
     Args:
-        here, there: (n, m^2, 3) float64, positions in a regular grid on each facet, and of the points that face them,
-            first coordinate fastest [m].
-        jump: (n, m^2, 3) float64, displacement here less that there [m].
-        orientation: (n,) int, 1 where the normal by the facet's coordinates points from here to there, else -1.
+        apart: (n, m^2, 3) float64, in a regular grid on each facet, first coordinate fastest, from the point here to
+            that which faces it [m].
+        normal: (n, m^2, 3) float64, of any length, likewise.
     """
 
-    def __init__(self, here, there, jump, orientation):
-        side = int(np.sqrt(here.shape[1]))
-        self._order, self._orientation = side - 1, orientation[:, None]
-        self._apart = (there - here - jump).reshape(-1, side, side, 3)
-        self._midway = (here + there).reshape(-1, side, side, 3) / 2
+    def __init__(self, apart, normal):
+        self._apart, self._normal, self._side = apart, normal, int(np.sqrt(apart.shape[1]))
+
+    def where(self, which):
+        """The FacetGap of some of the facets, by a slice or by position."""
+        return FacetGap(self._apart[which], self._normal[which])
+
+    def sampled(self):
+        """The gap at the points of the grid: (n, m^2) float64 [m]."""
+        return _along(self._apart, self._normal)
 
     def at(self, x, y):
         """The gap at k points of each facet.
@@ -188,41 +240,19 @@ class FacetGap:
         Returns:
             (n, k) float64 [m].
         """
-        (along_x, slope_x), (along_y, slope_y) = (
-            (hexahedron.lagrange(self._order, t), hexahedron.lagrange_derivative(self._order, t)) for t in (x, y)
-        )
-        normal = np.cross(_product(slope_x, along_y, self._midway), _product(along_x, slope_y, self._midway))
-        apart = _product(along_x, along_y, self._apart)
-        return self._orientation * np.einsum("npi,npi->np", normal, apart) / np.linalg.norm(normal, axis=2)
+        along_x, along_y = (hexahedron.lagrange(self._side - 1, t) for t in (x, y))
+        return _along(*(_product(along_x, along_y, grid) for grid in (self._apart, self._normal)))
 
-    def least(self, limit=np.inf):
-        """The least gap on each facet, by finer and finer grids around all valleys of one.
-
-        Args:
-            limit: (n,) float64 or float, what is of interest: valleys that will not come below it are left out [m].
-
-        Returns:
-            (n,) float64 [m], of what was looked at.
-        """
-        least, limit = np.empty(len(self._apart)), np.broadcast_to(limit, len(self._apart))
-        line = np.linspace(0, 1, _FINER * self._order + 1)
-        grid = np.stack(np.meshgrid(line, line)).reshape(2, -1)
+    def least(self):
+        """The least gap on each facet, (n,) float64 [m], by finer and finer grids around that of a first one."""
+        least, line = np.empty(len(self._apart)), np.linspace(0, 1, _FINER * self._side + 1)
+        x, y = np.stack(np.meshgrid(line, line)).reshape(2, -1)
         for start in range(0, len(least), _CHUNK):
-            some = slice(start, start + _CHUNK)
-            part = self.where(some)
-            values = part.at(*grid)
-            facet, point = _valleys(values.reshape(-1, len(line), len(line)), limit[some])
-            bottoms = part.where(facet)._descended(grid[:, point], values[facet, point], line[1])
-            least[some] = values.min(axis=1)
-            np.minimum.at(least[some], facet, bottoms)
+            some = self.where(slice(start, start + _CHUNK))
+            values = some.at(x, y)
+            best = values.argmin(axis=1)
+            least[start : start + _CHUNK] = some._descended(np.stack([x, y])[:, best], values.min(axis=1), line[1])
         return least
-
-    def where(self, which):
-        """The FacetGap of some of the facets, by a slice or by position."""
-        some = copy(self)
-        for name in ("_orientation", "_apart", "_midway"):
-            setattr(some, name, getattr(self, name)[which])
-        return some
 
     def _descended(self, place, least, width):
         """The least values that finer and finer grids find from a place on each facet, (2, n), where it is (n,)."""
@@ -239,20 +269,12 @@ class FacetGap:
         return least
 
 
-def _valleys(values, limit):
-    """Where a grid (n, m, m) has its local minima, if what they may hide is below a limit: facets, and points there.
-
-    Between the points of a parabola it falls by less than to the lowest of them from the highest one around.
-    """
-    m = values.shape[1]
-    wide = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
-    around = np.stack([wide[:, i : i + m, j : j + m] for i, j in np.ndindex(3, 3) if (i, j) != (1, 1)])
-    lowest = (values < around[:4]).all(axis=0) & (values <= around[4:]).all(axis=0)  # one of several that are equal
-    highest = np.where(np.isfinite(around), around, values).max(axis=0)
-    facet, *point = np.nonzero(lowest & (2 * values - highest < limit[:, None, None]))
-    return facet, point[0] * m + point[1]
+def _along(apart, normal):
+    """The component of vectors along normals of any length: (..., 3) to (...)."""
+    return np.einsum("...i,...i->...", apart, normal) / np.linalg.norm(normal, axis=-1)
 
 
-def _product(along_x, along_y, nodal):
-    """Values of tensor products at points of each facet: (n, k, 3) float64."""
-    return np.einsum("...px,...pxi->...pi", along_x, np.einsum("...py,...yxi->...pxi", along_y, nodal))
+def _product(along_x, along_y, grid):
+    """Values of tensor products at points of each facet: (n, k, 3) float64; grid: (n, m^2, 3)."""
+    grid = grid.reshape(len(grid), along_y.shape[-1], along_x.shape[-1], 3)
+    return np.einsum("...px,...pxi->...pi", along_x, np.einsum("...py,...yxi->...pxi", along_y, grid))

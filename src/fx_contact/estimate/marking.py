@@ -5,7 +5,10 @@ from mpi4py import MPI
 
 from fx_contact.fem.space import child_error
 
-#: The lowest threshold for goals, relative to the largest error.
+#: How many thresholds are tried, and the lowest, relative to that of criterion (2): a solve on a mesh of intermediate
+#: size costs more than the cells that it would spare.  Half and double of each change nothing (studies/parameters).
+_THRESHOLDS, _LOWEST = 1024, 0.25
+#: The lowest one for goals, relative to the largest error.
 _LOWEST_FOR_GOALS = 1e-12
 
 
@@ -26,7 +29,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
 
     Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega.
     It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.  At degree 2 one step
-    aims at `control.least_reduction` times the present xi at least.
+    aims at `0.25` times the present xi at least.
 
     Args:
         estimate: Estimate.
@@ -42,13 +45,13 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    half, lowest = control.thresholds // 2, control.lowest_threshold * criterion
+    half, lowest = _THRESHOLDS // 2, _LOWEST * criterion
     low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
     thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
     aim = control.target * tolerance * estimate.energy_norm
     if child < child_error(1):
-        aim = max(aim, control.least_reduction * estimate.error_global)
+        aim = max(aim, 0.25 * estimate.error_global)
     need = estimate.error_global**2 - aim**2
 
     def choose(once, twice):
@@ -72,8 +75,7 @@ def smooth_loss(child_error):
 def for_goal(error, allowed, child_error, control, comm):
     """The fewest cells to refine for a sum of errors below what is allowed.
 
-    Collective on comm.  Where refining twice does not suffice, the cells that are not refined keep
-    `control.goal_kept` times what is allowed.
+    Collective on comm.  Where refining twice does not suffice, the cells that are not refined keep what is allowed.
 
     Args:
         error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, or other non-negative errors that add up.
@@ -86,13 +88,14 @@ def for_goal(error, allowed, child_error, control, comm):
         (ncells,) int8, how often to refine each cell, 0 to 2.
     """
     largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
-    thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, control.thresholds) * largest
+    thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, _THRESHOLDS) * largest
 
     def choose(once, twice):
         """The highest threshold that suffices; as `_mark` wants it."""
-        left = once[-1] - _lost(once, twice, smooth_loss(child_error))
-        enough = (left <= control.goal_target * allowed) | (once[-1] - once <= control.goal_kept * allowed)
-        return int(np.argmax(enough))
+        kept = once[-1] - once
+        left = kept + once - _lost(once, twice, smooth_loss(child_error))
+        aim = control.target * allowed
+        return int(np.argmax((left <= aim) | (kept <= aim)))
 
     return _mark(error, child_error, thresholds, choose, comm)[0]
 
