@@ -19,6 +19,7 @@ class Case:
         method, factor: how contact is enforced; None: as the program chooses.
         tolerance: prescribed relative error.
         degree: of the displacements.
+        may_refuse: whether a typed error is an answer too.
     """
 
     axis: str
@@ -30,6 +31,7 @@ class Case:
     factor: float | None = None
     tolerance: float = 0.16
     degree: int = DEGREE
+    may_refuse: bool = False
 
     @property
     def row(self):

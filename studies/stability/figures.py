@@ -15,17 +15,19 @@ SCORES = {
 }
 
 
-def rows(scores):
-    """A row a scene, with the check that comes nearest to failing, for a CSV file.
+def rows(scores, command):
+    """A row a scene, with the check that comes nearest to failing and what runs it again, for a CSV file.
 
     Args:
         scores: dicts.
+        command: function of a name.
     """
     for one in scores:
         worst = max(one["checks"], key=_nearest, default=("", "", ""))
         about = {"name": one["name"], "axis": one["axis"], "score": one["score"]}
         about |= dict(zip(("worst", "deviation", "allowed"), worst))
-        yield about | {k: v for k, v in one.items() if k not in ("checks", "row", "value")}
+        about |= {k: v for k, v in one.items() if k not in ("checks", "row", "value")}
+        yield about | {"command": command(one["name"])}
 
 
 def _nearest(check):
@@ -76,12 +78,13 @@ def _worst(one):
     return f"{name} {deviation:.1e} of {allowed:.1e}"
 
 
-def draw_matrix(scores, path):
+def draw_matrix(scores, path, other):
     """A row for each family of each axis, a cell a scene: its value, and iterations as colour or the letter of a score.
 
     Args:
         scores: dicts.
         path: of the PNG, 960 pixels wide: text of a page's size.
+        other: name -> score, of the other degree: a strip below each cell.
     """
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -96,10 +99,12 @@ def draw_matrix(scores, path):
         if axis != last:
             y, last = y + 0.9, axis
             axes.text(-0.1, y - 0.05, axis, ha="right", va="bottom", fontsize=9, weight="bold")
-        axes.text(-0.1, y + 0.5, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
+        axes.text(-0.1, y + 0.45, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
         width = -(-max(len(_told(one)) for one in here) // 8)
         for x, one in enumerate(here):
             _draw_cell(axes, width * x, y, width, one, heat)
+            if one["name"] in other:
+                _draw_strip(axes, width * x, y, width, other[one["name"]], heat)
         y += 1
     axes.set(xlim=(-6.2, 15), ylim=(height + 0.1, 0))
     axes.axis("off")
@@ -112,7 +117,8 @@ def draw_matrix(scores, path):
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
     scale = axes.inset_axes((0.62, 0.02, 0.36, 0.006))
     figure.colorbar(heat, cax=scale, orientation="horizontal", label="iterations of PCG and contact, all steps")
-    figure.suptitle(f"{len(scores)} scenes by the value that varies", fontsize=10)
+    below = "; strips: the other degree" * bool(other)
+    figure.suptitle(f"{len(scores)} scenes by the value that varies{below}", fontsize=10)
     figure.savefig(path, dpi=100)
     with_few_colours(path)
 
@@ -139,8 +145,18 @@ def _draw_cell(axes, x, y, width, one, heat):
     style = {"lw": 1.8}
     if not letter:
         face, style = heat.to_rgba(one["iterations"]), {"lw": 0.6}
-    place = x + 0.03, y + 0.06
-    axes.add_patch(Rectangle(place, width - 0.06, 0.88, facecolor=face, edgecolor=edge, **style))
+    place = x + 0.03, y + 0.04
+    axes.add_patch(Rectangle(place, width - 0.06, 0.7, facecolor=face, edgecolor=edge, **style))
     dark = face in ("#000000", "#606060") if letter else heat.norm(one["iterations"]) > 0.6
     ink = "white" if dark else "black"
-    axes.text(x + width / 2, y + 0.5, _told(one), ha="center", va="center", fontsize=7.5, color=ink)
+    axes.text(x + width / 2, y + 0.39, _told(one), ha="center", va="center", fontsize=7.5, color=ink)
+
+
+def _draw_strip(axes, x, y, width, one, heat):
+    """The score of the other degree below that of a scene: iterations, or the colours of what went wrong."""
+    from matplotlib.patches import Rectangle
+
+    letter, face, edge, _ = SCORES[one["score"]]
+    face = face if letter else heat.to_rgba(one["iterations"])
+    style = {"facecolor": face, "edgecolor": edge if letter else "none", "lw": 1.2}
+    axes.add_patch(Rectangle((x + 0.03, y + 0.78), width - 0.06, 0.14, **style))

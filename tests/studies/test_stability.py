@@ -94,7 +94,7 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
 @alone
 @pytest.mark.slow
 def test_few_layers_keep_what_was_asked_for():
-    """Where the estimate sees half of the error the accuracy is that asked for, and a reference 3 % off is noticed."""
+    """Where the estimate sees half of the error the accuracy is that asked for, and a reference 5 % off is noticed."""
     case = replace(NAMED["aspect/clamped-cubes/10"], degree=1)
     one = stability.score(case)
     assert one["score"] == "right" and one["assumed_effectivity"] < 0.8
@@ -169,8 +169,8 @@ def test_processes(tmp_path, monkeypatch):
         assert dead["score"] == "crash" and dead["message"] == message
     worker.end()
     scores = list(stability.read(path).values())
-    draw_matrix(scores, tmp_path / "matrix.png")
-    assert [row["score"] for row in rows(scores)] == [one["score"] for one in scores]
+    draw_matrix(scores, tmp_path / "matrix.png", {one["name"]: one for one in scores[:2]})
+    assert [row["score"] for row in rows(scores, str)] == [one["score"] for one in scores]
     assert (tmp_path / "matrix.png").stat().st_size > 5_000  # with a palette; next to nothing on white has 2,000
     text = table(scores, stability.command)
     assert "--only gap/stack/1e-2" in text and {one["score"] for one in scores} <= set(SCORES)
