@@ -1,7 +1,8 @@
 """The stress matrix: 543 stiff and extreme scenes, each scored, each a command of its own.
 
 Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
-bodies, tilted planes, bodies held by contact alone, gaps, initial overlaps, contact between nodes, orders, and sixty drawn at random.
+bodies, tilted planes, bodies held by contact alone, gaps, initial overlaps, contact between nodes, orders, and sixty
+scenes drawn at random.
 Each scene must balance its forces, have no tension, store the work done on it, and agree with a reference, or with a
 twin: the same problem in other units, another direction or on another mesh. `checks.py` says how closely. Each runs on
 one rank, with a time limit; a crash and a hang are scores too.
