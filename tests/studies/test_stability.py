@@ -94,13 +94,13 @@ def test_the_judge_wants_what_was_asked_for_and_what_is_stated():
 @alone
 @pytest.mark.slow
 def test_few_layers_keep_what_was_asked_for():
-    """Where the estimate sees half of the error the accuracy is that asked for, and a reference 6 % off is noticed."""
+    """Where the estimate sees half of the error the accuracy is that asked for, and a reference 5 % off is noticed."""
     case = replace(NAMED["aspect/clamped-cubes/10"], degree=1)
     one = stability.score(case)
     assert one["score"] == "right" and one["assumed_effectivity"] < 0.8
     missed = max(check[1] for check in one["checks"] if "against the twin" in check[0])
     assert missed > 1.5 * one["estimate"] ** 2, "the estimate by itself would do"
-    assert stability.score(replace(case, reference=replace(case.reference, force=1.03)))["score"] == "wrong"
+    assert stability.score(replace(case, reference=replace(case.reference, force=1.05)))["score"] == "wrong"
 
 
 @alone
