@@ -374,11 +374,12 @@ def conforming_positions(forest, prolongation):
     return position, body
 
 
-def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=None):
+def solved(elasticity, pairs, supports, enforcement=None, forces=None, start=None):
     """ContactSolution, from zero displacement on if there is no start, as exact as rounding permits."""
-    zero = np.zeros_like(prescribed)
+    zero = np.zeros_like(supports.prescribed)
     start, forces = zero if start is None else start, zero if forces is None else forces
-    problem = ContactProblem(elasticity.stiffness(pairs), forces, prescribed, elasticity.energy_norm, pairs)
+    matrix = elasticity.stiffness(pairs, supports=supports)
+    problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, pairs)
     return solve_contact(problem, start, SolveOptions(EXACT, enforcement or Enforcement()), Stages())
 
 

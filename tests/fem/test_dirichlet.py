@@ -8,7 +8,7 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes, vertex_positions
 
 from fx_contact import Dirichlet, Traction
-from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.fem.dirichlet import find_supports, shear_free_components
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
@@ -26,7 +26,7 @@ def test_curves(scene, axis, distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
     prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
-    prescribed = prescribed_displacements(scene, forest, prolongation)
+    prescribed = find_supports(scene, forest, prolongation).prescribed
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     position = np.empty((prolongation.owned, 3))
     position[prolongation.conforming[own]] = vertex_positions(forest)[own]
@@ -49,7 +49,7 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
         bumpy = replace(scene, dirichlet=(*scene.dirichlet, side)[order])
         forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
         prolongation = Prolongation(Space(forest, 1))
-        prescribed = prescribed_displacements(bumpy, forest, prolongation)
+        prescribed = find_supports(bumpy, forest, prolongation).prescribed
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         position = np.empty((prolongation.owned, 3))
         position[prolongation.conforming[own]] = vertex_positions(forest)[own]

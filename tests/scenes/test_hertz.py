@@ -202,7 +202,7 @@ def test_fallback(monkeypatch, name, most, solver):
         conjugate_gradients, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0)
     )
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
-    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, free: u)
+    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, supports: u)
     monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     right, last = (

@@ -3,6 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.fem.supports import Supports
 from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import merged
@@ -15,8 +16,8 @@ _SAME = 1e-9
 _FLAT = 1e-9
 
 
-def prescribed_displacements(scene, forest, prolongation):
-    """Prescribed displacement components at this rank's conforming nodes.
+def find_supports(scene, forest, prolongation):
+    """What the displacement conditions of a scene hold at this rank's conforming nodes.
 
     Collective on forest.comm.  Hanging nodes have none of their own.
 
@@ -26,7 +27,7 @@ def prescribed_displacements(scene, forest, prolongation):
         prolongation: Prolongation of the forest.
 
     Returns:
-        (owned, 3) float64 [m], NaN where the component is free.
+        Supports at the owned conforming nodes.
 
     Raises:
         SceneError: a displacement that is a function fails or is not finite somewhere, or two conditions prescribe
@@ -45,7 +46,7 @@ def prescribed_displacements(scene, forest, prolongation):
             result[ours] = merged(
                 result[ours], condition, mean[ours], same, lambda row: _position(prolongation, ours[row])
             )
-    return result
+    return Supports(result)
 
 
 def held_nodes(scene, prolongation):
