@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fx_contact import Dirichlet
-from fx_contact.problem.mirrors import Mirrors
+from fx_contact.problem.mirrors import Mirrors, mirror_group
 from fx_contact.scenes import cylinders, indentation, shrink_fit, stack
 from studies.stability.twins import scaled
 
@@ -20,7 +20,8 @@ def test_sums_over_images(across):
     """Forces at points, their moments and second moments about the centre: as of the forces and all their images."""
     random = np.random.default_rng(1)
     points, forces, at = random.normal(size=(5, 3)), random.normal(size=(5, 3)), random.normal(size=3)
-    mirrors = Mirrors(np.array(across), at)
+    normals = np.eye(3)[np.flatnonzero(across)]
+    mirrors = Mirrors(normals, normals @ at, mirror_group(normals, 8))
     centre = mirrors.centre(random.normal(size=3))
     arms, images = points - centre, [(points - centre, forces)]
     for axis in np.flatnonzero(across):
@@ -51,8 +52,8 @@ def test_sums_over_images(across):
 def test_mirrors_of_scenes(make, across):
     """Planes of symmetry that make the copies which the scene says, at their place; a slice is between two."""
     mirrors = make().mirrors
-    assert [axis for axis, on in zip("xyz", mirrors.across) if on] == list(across)
-    assert np.abs(mirrors.at[mirrors.across]).max(initial=0.0) < 1e-12
+    assert sorted("xyz"[abs(normal).argmax()] for normal in mirrors.normals) == list(across)
+    assert np.abs(mirrors.at).max(initial=0.0) < 1e-12
 
 
 def test_place_of_a_mirror():

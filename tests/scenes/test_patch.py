@@ -34,7 +34,8 @@ from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem import elasticity as elasticity_module
-from fx_contact.fem.dirichlet import find_supports, shear_free_components
+from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.supports import Supports
 from fx_contact.parallel.timing import Stages
@@ -99,7 +100,7 @@ def test_uniform_compression(degree, method, distribution, materials):
     everywhere(np.abs(contact.pressure / PRESSURE - 1).max(initial=0) < 1e-8, "the pressure is not uniform")
 
     elasticity.set_displacement(contact.displacement)
-    error = Recovery(elasticity, shear_free_components(scene, forest, prolongation), Stages()).estimate()
+    error = Recovery(elasticity, find_shear_free(scene, forest, prolongation), Stages()).estimate()
     assert error.relative < 1e-8, "the recovered stress of a linear field is that field's"
     energy = sum(4 * 2 * PRESSURE**2 / m.young for m in materials)
     assert abs(error.energy_norm**2 - energy) < 1e-9 * energy

@@ -22,9 +22,10 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import check_balance, nodal_residual
 from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.recovery import Estimate, Recovery
+from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.dirichlet import find_supports, shear_free_components
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
@@ -171,7 +172,7 @@ def _judge(settings, start, discrete, solution, system, stages):
     pairs, history, comm = problem.rows, start.history, forest.comm
     change = elasticity.change_norm(solution.displacement - start.displacement) if control.of_contact else None
     elasticity.set_displacement(solution.displacement)
-    shear_free = shear_free_components(scene, forest, start.prolongation)
+    shear_free = find_shear_free(scene, forest, start.prolongation)
     recovery = Recovery(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)

@@ -202,6 +202,6 @@ def _impose(matrix, load, supports):
             raise SolveError(
                 "the stiffness or the load is not a finite number: check the units of moduli and lengths"
             )
-        supports.add_normal_part(matrix, scale)
+        supports.add_normal_part(matrix, diagonal.array.reshape(-1, 3))
         matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
         return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)

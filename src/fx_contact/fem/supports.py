@@ -85,20 +85,22 @@ class Supports:
         matrices[cells] = half @ along[:, None]
         return matrices
 
-    def add_normal_part(self, mat, scale):
-        """Add s N to the diagonal blocks of a matrix.
+    def add_normal_part(self, mat, diagonal):
+        """Add s N to the diagonal blocks of a matrix, s the mean of K along the planes at the node.
 
         Collective on mat.comm, where there are oblique planes.
 
         Args:
             mat: PETSc Mat in blocks of 3, P K P, assembled.
-            scale: s [N/m].
+            diagonal: (n, 3) float64, its diagonal [N/m].
         """
         if not self.oblique:
             return
         nodes, normal = self._oblique
         if len(nodes):
-            blocks = scale * normal, np.arange(len(nodes)), np.arange(len(nodes) + 1)
+            free, rank = self.free[nodes], np.rint(np.trace(normal, axis1=1, axis2=2))
+            scale = np.where(free, diagonal[nodes], 0.0).sum(axis=1) / (free.sum(axis=1) - rank)
+            blocks = scale[:, None, None] * normal, np.arange(len(nodes)), np.arange(len(nodes) + 1)
             first = mat.getOwnershipRange()[0] // 3
             add_blocks(mat, bsr_matrix(blocks), (first + nodes).astype(np.int32))
         mat.assemble()
