@@ -31,13 +31,12 @@ def create_coarse_level(elasticity, supports):
     fine = elasticity.prolongation
     coarse = Prolongation(Space(fine.space.forest, 1))
     place = coarse.injected(fine.find(coarse.space.keys))
-    below = supports.ghosted(fine).at(place)
+    below = supports.ghosted(fine).at(place).in_frames()
 
     matrix = elasticity.on(coarse).stiffness(mixed=elasticity.mixed, supports=below).mat
     matrix.assemble()
     diagonal = matrix.getDiagonal()
     fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~below.free.ravel()).astype(PETSc.IntType)
-    below.add_normal_part(matrix, diagonal.array.reshape(-1, 3))
     matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)

@@ -56,7 +56,7 @@ def find_supports(scene, forest, prolongation):
 
 
 def _with_planes(scene, prolongation, prescribed, same):
-    """What is prescribed, axes that oblique planes hold among it, and for `Supports` the rest of what they hold."""
+    """Arguments of Supports: what is prescribed, axes that planes hold among it, and P of what else they hold."""
     across = np.zeros((len(prescribed), 3, 3))
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
         with together(prolongation.comm):
@@ -69,7 +69,7 @@ def _with_planes(scene, prolongation, prescribed, same):
     prescribed[nodes] = np.where(axes, 0.0, prescribed[nodes])
     span = _span(span, free & ~axes)
     some = span.any(axis=(1, 2))
-    return prescribed, (nodes[some], span[some])
+    return prescribed, (nodes[some], np.eye(3) - span[some])
 
 
 def _span(matrices, free):
