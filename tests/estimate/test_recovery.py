@@ -5,16 +5,47 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import conforming_positions, discrete, grown, pressed, roots, two_boxes
+from model_problems import ALONG, conforming_positions, discrete, grown, pressed, roots, two_boxes, wedge
 
 from fx_contact.estimate.recovery import VOIGT, Recovery
-from fx_contact.estimate.shear_free import ShearFree
+from fx_contact.estimate.shear_free import ShearFree, find_shear_free
 from fx_contact.fem.external_forces import body_force
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.boundary_conditions import BodyForce
+from fx_contact.problem.boundary_conditions import BodyForce, Traction
 from fx_contact.problem.materials import Material
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_no_shear_stress_on_oblique_planes(loaded):
+    """At nodes on planes n.s.t = 0 for all t along them, unless a plane is loaded; what has no shear stays."""
+    sides = dict(zip(("left", "front", "bottom"), np.linalg.inv(ALONG)))
+    scene = wedge(tractions=(Traction("bottom", (0.0, 0.0, 0.1)),) if loaded else ())
+    forest = grown(roots(scene), 2, share=0.1)
+    prolongation = Prolongation(Space(forest, 2))
+    position, _ = conforming_positions(forest, prolongation)
+    index = [[VOIGT.index((min(i, j), max(i, j))) for j in range(3)] for i in range(3)]
+    up, before = ALONG[:, 2], np.sin(9 * position @ np.arange(18.0).reshape(3, 6))
+    calm = np.array([(2 * np.eye(3) + 3 * np.outer(up, up))[pair] for pair in VOIGT]) + np.zeros((len(position), 1))
+    found, shear_free = before.copy(), find_shear_free(scene, forest, prolongation)
+    for stress in (found, calm):
+        kept = stress.copy()
+        shear_free.remove_shear(stress)
+        everywhere(stress is found or np.abs(stress - kept).max(initial=0.0) < 1e-13, "a stress without shear")
+    anywhere = np.zeros(len(position), dtype=bool)
+    for side, normal in sides.items():
+        normal = normal / np.linalg.norm(normal)
+        on = np.abs(position @ normal) < 1e-9
+        traction = found[on][:, index] @ normal
+        along = traction - np.outer(traction @ normal, normal)
+        if not (loaded and side == "bottom"):
+            everywhere(np.abs(along).max(initial=0.0) < 1e-13, f"shear on the plane {side}")
+            anywhere |= on
+    everywhere((found[~anywhere] == before[~anywhere]).all(), "another stress elsewhere")
+    assert WORLD.allreduce(int((~anywhere & (np.abs(position @ up) < 1e-9)).sum())) > 0 or not loaded
 
 
 @DEGREES

@@ -46,5 +46,5 @@ def _lines(head, lists):
 def _components(condition):
     """Names of the components that a condition prescribes, or the normal of an oblique plane."""
     if isinstance(condition, ObliquePlane):
-        return f"across {', '.join(f'{x:.3g}' for x in condition.normal)}"
+        return f"across {', '.join(f'{round(x, 3) + 0.0:g}' for x in condition.normal)}"
     return "".join(name for name, held in zip(COMPONENTS, condition.held) if held)
