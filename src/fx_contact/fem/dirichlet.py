@@ -40,7 +40,7 @@ def find_supports(scene, forest, prolongation):
     with together(forest.comm):
         said = [_said(condition, scene, prolongation) for condition in conditions]
     largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
-    same = _SAME * forest.comm.allreduce(largest, op=MPI.MAX)
+    largest = forest.comm.allreduce(largest, op=MPI.MAX)
     result = np.full((prolongation.owned, 3), np.nan)
     for condition, (at, values) in zip(conditions, said):
         # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
@@ -48,19 +48,19 @@ def find_supports(scene, forest, prolongation):
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
         with together(forest.comm):
             result[ours] = merged(
-                result[ours], condition, mean[ours], same, lambda row: _position(prolongation, ours[row])
+                result[ours], condition, mean[ours], _SAME * largest, lambda row: _position(prolongation, ours[row])
             )
     if not scene.oblique_planes:
         return Supports(result)
-    return Supports(*_with_planes(scene, prolongation, result, same))
+    return Supports(*_with_planes(scene, prolongation, result, largest))
 
 
-def _with_planes(scene, prolongation, prescribed, same):
+def _with_planes(scene, prolongation, prescribed, largest):
     """Arguments of Supports: what is prescribed, axes that planes hold among it, and P of what else they hold."""
     across = np.zeros((len(prescribed), 3, 3))
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
         with together(prolongation.comm):
-            plane.check(prescribed[nodes], same, lambda row: _position(prolongation, nodes[row]))
+            plane.check(prescribed[nodes], largest, lambda row: _position(prolongation, nodes[row]))
         across[nodes] += plane.across
     nodes = np.flatnonzero(across.any(axis=(1, 2)))
     free, across = np.isnan(prescribed[nodes]), across[nodes]

@@ -162,21 +162,22 @@ class ObliquePlane:
         """(3, 3) float64, n n^T [-]."""
         return np.outer(self.normal, self.normal)
 
-    def check(self, values, same, position):
+    def check(self, values, largest, position):
         """See that what others prescribe at points of the plane is along it.
 
         Local.
 
         Args:
             values: (n, 3) float64 [m], NaN where free.
-            same: largest displacement that counts as none [m].
+            largest: largest prescribed displacement [m]; across the plane `PLANE` of it counts as none, for the plane
+                is no better known.
             position: function of the number of a point that gives where it is (3,) [m].
 
         Raises:
             SceneError: it is not.
         """
         moved = np.nan_to_num(values) @ self.normal
-        away = np.flatnonzero(np.abs(moved) > same)
+        away = np.flatnonzero(np.abs(moved) > PLANE * largest)
         if len(away):
             raise SceneError(
                 f"the symmetry plane {self.where!r} holds the displacement across it, and another condition prescribes "

@@ -238,7 +238,7 @@ class Scene:
             result[nodes] = merged(result[nodes], condition, values, _SAME * largest, points[nodes].__getitem__)
         for plane in self.oblique_planes:
             nodes = self.place(plane.where)
-            plane.check(result[nodes], _SAME * largest, points[nodes].__getitem__)
+            plane.check(result[nodes], largest, points[nodes].__getitem__)
         return result
 
 
