@@ -53,8 +53,14 @@ def last(scene, tolerance, **options):
     return step
 
 
-@pytest.mark.whole_run(2, 3)
-@pytest.mark.parametrize("degree, poisson", [(1, 0.3), (2, 0.3), (2, 0.45)])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "degree, poisson",
+    [
+        pytest.param(degree, poisson, marks=pytest.mark.whole_run(ranks))
+        for degree, poisson, ranks in ((1, 0.3, 3), (2, 0.3, 1), (2, 0.45, 2))
+    ],
+)
 def test_turned_hertz(degree, poisson):
     """A quarter of two spheres turned by 30 degrees about z is what it was, hanging nodes and rubber too."""
     scene = hertz(order=2, coarse=2, material=Material(1.0, poisson))
@@ -105,6 +111,7 @@ def sector_of_ball(degrees):
     return place
 
 
+@pytest.mark.slow
 @pytest.mark.whole_run(2)
 def test_sector_of_two_spheres():
     """A twelfth gives the force, pressure and radius of the whole that a computation with axial symmetry gives."""
