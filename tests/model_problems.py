@@ -22,13 +22,15 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.hexahedron import CORNERS
 from fx_contact.problem.lattice import BITS, SIDE
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.shapes import root_mesh_from_shapes, rotation
+from fx_contact.problem.solids import block
 from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.2)
@@ -372,11 +374,12 @@ def conforming_positions(forest, prolongation):
     return position, body
 
 
-def solved(elasticity, pairs, prescribed, enforcement=None, forces=None, start=None):
+def solved(elasticity, pairs, supports, enforcement=None, forces=None, start=None):
     """ContactSolution, from zero displacement on if there is no start, as exact as rounding permits."""
-    zero = np.zeros_like(prescribed)
+    zero = np.zeros_like(supports.prescribed)
     start, forces = zero if start is None else start, zero if forces is None else forces
-    problem = ContactProblem(elasticity.stiffness(pairs), forces, prescribed, elasticity.energy_norm, pairs)
+    matrix = elasticity.stiffness(pairs, supports=supports)
+    problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, pairs)
     return solve_contact(problem, start, SolveOptions(EXACT, enforcement or Enforcement()), Stages())
 
 
@@ -439,3 +442,18 @@ def find_leaves(forest, cell, anchor):
     wanted = leaf_code(cell, anchor)
     slot = np.minimum(np.searchsorted(code[order], wanted), len(code) - 1)
     return np.where(code[order[slot]] == wanted, order[slot], -1)
+
+
+#: Unit vectors along the sides of a wedge of 30 degrees and along its edge, oblique to the axes: columns.
+ALONG = rotation((1.0, 2.0, 3.0), 20.0) @ np.array([[1.0, np.sqrt(0.75), 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 1.0]])
+
+
+PLANES = SymmetryPlane("left"), SymmetryPlane("front"), SymmetryPlane("bottom")
+
+
+def wedge(material=STEEL, held=PLANES, distortion=0.1, **parts):
+    """A wedge from the origin, `ALONG` times the unit cube, inner nodes out of place; its planes meet at its edges."""
+    shape = block((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (3, 3, 3), 1)
+    shape = shape.placed(lambda x: ALONG @ (x + distortion * np.sin(np.pi * x).prod(axis=0)))
+    mesh = root_mesh_from_shapes({"wedge": shape}, {side: f"wedge {side}" for side in shape.sides})
+    return Scene("wedge", mesh, {"wedge": material}, tuple(held), **parts)

@@ -23,7 +23,7 @@ from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz, indentation
@@ -34,27 +34,27 @@ SCENES = {"hertz": hertz, "indentation": indentation}
 STAGES = ("assemble", "system", "setup", "solve")
 
 
-def with_contact(step, forces, prescribed):
+def with_contact(step, forces, supports):
     """Assemble and solve the contact problem of a step."""
     elasticity, stages = step.elasticity, step.stages
     with stages("assemble"):
         pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
         matrix = elasticity.stiffness(pairs)
-    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, pairs, step.scene)
+    problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, pairs, step.scene)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
 
-def glued(step, forces, prescribed):
+def glued(step, forces, supports):
     """Assemble and solve the same with the closed pairs glued."""
     elasticity, stages = step.elasticity, step.stages
     pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
-        PenaltyTerm(Jump(pairs, prescribed)).reserve(matrix.mat)  # hypre's format wants every entry that has room
+        PenaltyTerm(Jump(pairs, supports)).reserve(matrix.mat)  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
-            PenaltyTerm(Jump(tie, prescribed)).change(matrix.mat, np.zeros(len(pairs), bool), step.solution.active)
-    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm)
+            PenaltyTerm(Jump(tie, supports)).change(matrix.mat, np.zeros(len(pairs), bool), step.solution.active)
+    problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
 
@@ -76,7 +76,7 @@ def rows(name, arguments):
     for step in adapt(SCENES[name](), arguments.tolerance, degree=1, partition_kind=arguments.partition):
         given = (
             load(step.scene, step.forest, step.elasticity),
-            prescribed_displacements(step.scene, step.forest, step.elasticity.prolongation),
+            find_supports(step.scene, step.forest, step.elasticity.prolongation),
         )
         both = np.array([[seconds(step, f, *given) for f in (with_contact, glued)] for _ in range(arguments.repeats)])
         total += both

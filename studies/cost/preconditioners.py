@@ -23,7 +23,7 @@ from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
@@ -87,7 +87,7 @@ def steps(name):
     return list(adapt(make(), tolerance, degree=2, control=ErrorControl("energy"), **how))[-2:]
 
 
-def low_order_refined(step, elasticity, prescribed):
+def low_order_refined(step, elasticity, supports):
     """The matrix of degree 1 on the leaves refined once, in the place of a coarse level: CoarseLevel.  On one rank."""
     fine, stages = elasticity.prolongation, Stages()
     forest, _ = step.forest.refined(np.ones(len(step.forest), dtype=bool))
@@ -97,7 +97,7 @@ def low_order_refined(step, elasticity, prescribed):
     matrix = Elasticity(leaf_mesh, materials, body, refined, stages).stiffness().mat
     matrix.assemble()
     place = refined.injected(fine.find(refined.space.keys))
-    fixed = ~np.isnan(prescribed[place]).ravel()
+    fixed = ~supports.free[place].ravel()
     matrix.zeroRowsColumns(np.flatnonzero(fixed).astype(np.int32), diag=matrix.getDiagonal().sum() / len(fixed))
     entries = (~fixed).astype(float), (3 * place[:, None] + np.arange(3)).ravel(), np.arange(len(fixed) + 1)
     interpolation = csr_matrix(entries, shape=(len(fixed), len(fixed))).T.tocsr()
@@ -108,21 +108,21 @@ def low_order_refined(step, elasticity, prescribed):
 def cost(step, solver, below=create_coarse_level):
     """Iterations, and CPU microseconds an unknown, of one set-up and one solve."""
     elasticity, rows, prolongation = step.elasticity, step.pairs, step.elasticity.prolongation
-    prescribed = prescribed_displacements(step.scene, step.forest, prolongation)
+    supports = find_supports(step.scene, step.forest, prolongation)
     multigrid = solver.preconditioner == "p-multigrid"
-    coarse = below(elasticity, prescribed) if multigrid else None
+    coarse = below(elasticity, supports) if multigrid else None
     forces = load(step.scene, step.forest, elasticity)
-    matrix = elasticity.stiffness(rows)
-    problem = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, rows, step.scene, coarse=coarse)
+    matrix = elasticity.stiffness(rows, supports=supports)
+    problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, rows, step.scene, coarse=coarse)
     stages, active = Stages(), step.solution.active
     with PetscObjects(matrix.mat, *([coarse] if multigrid else [])) as objects:
-        jump = Jump(rows, prescribed)
+        jump = Jump(rows, supports)
         PenaltyTerm(jump).reserve(matrix.mat)
         matrix.mat.assemble()
-        base, _ = _impose(matrix.mat, forces, prescribed)
+        base, _ = _impose(matrix.mat, forces, supports)
         PenaltyTerm(jump, rows.bounded_stiffness).change(matrix.mat, np.zeros_like(active), active)
         system = ContactSystem(problem, base, jump, active, SolveOptions(solver), Environment(stages, objects))
-        start = np.where(np.isnan(prescribed), step.start, prescribed)
+        start = supports.admissible(step.start)
         system.solve(active, start, solver.tolerance)
     seconds = stages.costs(step.forest.comm)["cpu_seconds"]
     micro = {f"{name}_us": 1e6 * seconds[name] / step.record.dofs for name in ("setup", "solve")}

@@ -20,7 +20,7 @@ import numpy as np
 from fx_contact import Solver
 from fx_contact.contact.constraint_rows import force_components
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
@@ -130,9 +130,9 @@ class State:
         stiffness.mult(x, y)
         inner = y.array.reshape(-1, 3).copy()
         prolongation = step.elasticity.prolongation
-        prescribed = prescribed_displacements(step.scene, step.forest, prolongation)
+        supports = find_supports(step.scene, step.forest, prolongation)
         self._load = load(step.scene, step.forest, step.elasticity)
-        held = ~np.isnan(prescribed)
+        held = ~supports.free
         self._contact = np.zeros_like(u)
         push = contact.force[:, None] * self.pairs.normal
         np.add.at(self._contact, self.pairs.first, -push)
@@ -156,7 +156,7 @@ class State:
         self._resultants = force_components(step.scene, self.pairs, contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
-        moved = held & (prescribed != 0)
+        moved = supports.values != 0
         self.potential = self.energy - (2 * float((u * self._load).sum()) if moved.any() else 0.0)
         self.yielded = float(contact.force @ self.penetration)
         self.size = float(np.abs(u).max())

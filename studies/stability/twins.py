@@ -68,15 +68,12 @@ def turned(scene, rotation):
         """A pressure: the value stays, its place turns."""
         return (lambda x: value(rotation.T @ x)) if callable(value) else value
 
-    def turned_condition(given, condition):
-        """A plane of symmetry stays one, where another direction of it can be told."""
-        turned = _turned_condition(condition, rotation)
-        return given if isinstance(given, SymmetryPlane) else turned
-
     return replace(
         scene,
         mesh=replace(scene.mesh, points=scene.mesh.points @ rotation.T),
-        dirichlet=tuple(map(turned_condition, scene.dirichlet, scene.conditions)),
+        dirichlet=tuple(
+            c if isinstance(c, SymmetryPlane) else _turned_condition(c, rotation) for c in scene.dirichlet
+        ),
         contact=tuple(
             pair if pair.direction is None else replace(pair, direction=turn(pair.direction))
             for pair in scene.contact

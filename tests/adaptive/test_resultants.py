@@ -14,7 +14,7 @@ from scenes.test_ready_scenes import READY
 from fx_contact import BodyForce, Dirichlet, Material, Pressure, StepRecord, Traction, solve
 from fx_contact.adaptive.contact_figures import _is_round
 from fx_contact.adaptive.resultants import _resultant
-from fx_contact.problem.mirrors import Mirrors
+from fx_contact.problem.mirrors import Mirrors, mirror_group
 from fx_contact.scenes import hertz, indentation, shrink_fit, stack
 
 pytestmark = pytest.mark.whole_run
@@ -164,7 +164,8 @@ def test_images_of_a_resultant():
 
     Of planes of symmetry, and in the balance of a body, it is that of the modelled part.
     """
-    scene = SimpleNamespace(mirrors=Mirrors(np.array([True, False, False]), np.zeros(3)))
+    normal = np.eye(3)[:1]
+    scene = SimpleNamespace(mirrors=Mirrors(normal, np.zeros(1), mirror_group(normal, 2)))
     row = np.arange(1.0, 7.0)
     for kind in ("contact", "traction", "pressure", "body force", "reaction"):
         whole = _resultant("it", kind, row, (0.0, 0.0, 0.0), scene)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
 from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.node_pairs import create_node_pairs
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,8 @@ def test_rows_of_four_vertices(distribution, method):
     elasticity, enforcement = discrete(scene, forest), Enforcement(method, gap_tolerance=1e-6)
     prolongation = elasticity.prolongation
     pairs = create_node_pairs(scene, forest, prolongation, enforcement)
-    rows, prescribed = MixedRows.of(pairs), prescribed_displacements(scene, forest, prolongation)
-    one, other = (solved(elasticity, some, prescribed, enforcement) for some in (pairs, rows))
+    rows, supports = MixedRows.of(pairs), find_supports(scene, forest, prolongation)
+    one, other = (solved(elasticity, some, supports, enforcement) for some in (pairs, rows))
     everywhere(one.active.all() and other.active.all(), "a row that is open")
     mixed = bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01  # a rank with one row has none to mix it with
     assert WORLD.allreduce(bool(mixed), op=MPI.LOR), "rows that are not mixed"

@@ -46,7 +46,7 @@ from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.contact.jump import Jump  # noqa: E402
 from fx_contact.contact.node_pairs import create_node_pairs  # noqa: E402
 from fx_contact.contact.projection import Projection  # noqa: E402
-from fx_contact.fem.dirichlet import prescribed_displacements  # noqa: E402
+from fx_contact.fem.dirichlet import find_supports  # noqa: E402
 from fx_contact.parallel.errors import SolveError  # noqa: E402
 from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
 from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, stack  # noqa: E402
@@ -83,8 +83,8 @@ def test_projection(contact, distribution):
     ends = [gathered(WORLD, local_to_global(column.astype(np.int32))) for column in (pairs.first, pairs.second)]
     shared = any(len(np.unique(column)) < len(column) for column in ends)
     assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
-    prescribed = prescribed_displacements(scene, forest, prolongation)
-    jump = Jump(pairs, prescribed)
+    supports = find_supports(scene, forest, prolongation)
+    jump = Jump(pairs, supports)
     projection = Projection(jump)
     active = noisy(len(pairs), 5) > 0
     projection.close(active)
@@ -100,7 +100,7 @@ def test_projection(contact, distribution):
     everywhere(np.abs(again - projected).max() < 1e-12, "not a projection")
     assert abs(dot(projected, y) - dot(x, transposed)) < 1e-10 * dot(x, x)
     assert dot(projected - x, projected - x) > 0.01
-    held = ~np.isnan(prescribed)
+    held = ~supports.free
     everywhere((projected[held] == x[held]).all(), "a prescribed displacement is changed")
     closed = projection.onto_closed(x)
     everywhere(
@@ -334,8 +334,8 @@ def test_two_pairs_share_a_seam_by_area(method):
         forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 1, share=1.0))
         elasticity = discrete(scene, forest)
         pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
-        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-        contact = solved(elasticity, pairs, prescribed, enforcement)
+        supports = find_supports(scene, forest, elasticity.prolongation)
+        contact = solved(elasticity, pairs, supports, enforcement)
         columns = pairs.position, (contact.force / pairs.area)[:, None], pairs.area[:, None]
         found.append(gathered(WORLD, np.concatenate(columns, axis=1)))
     one, two = found
@@ -350,10 +350,10 @@ def test_start_that_is_no_number():
     """Where a displacement is no number on one rank, all say so."""
     scene = pressed(two_boxes(), contact=False)
     elasticity = discrete(scene, roots(scene))
-    prescribed = prescribed_displacements(scene, roots(scene), elasticity.prolongation)
-    start = np.full(prescribed.shape, np.nan if WORLD.rank == WORLD.size - 1 else 0.0)
+    supports = find_supports(scene, roots(scene), elasticity.prolongation)
+    start = np.full(supports.free.shape, np.nan if WORLD.rank == WORLD.size - 1 else 0.0)
     with pytest.raises(SolveError, match="the energy norm of the displacement that PCG goes on from is nan"):
-        solved(elasticity, None, prescribed, start=start)
+        solved(elasticity, None, supports, start=start)
 
 
 def test_penalty_too_soft_for_the_tolerance():
@@ -460,11 +460,11 @@ def test_contact_that_is_lost(method):
     elasticity = discrete(scene, forest)
     enforcement = Enforcement(method)
     pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
-    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    supports = find_supports(scene, forest, elasticity.prolongation)
     position, body = conforming_positions(forest, elasticity.prolongation)
     overlapping = np.where(body[:, None] == 1, [0.0, 0.0, -0.05], 0.0)
     everywhere((pairs.penetration(overlapping) > 0).all(), "a pair that does not overlap at first")
-    contact = solved(elasticity, pairs, prescribed, enforcement, start=overlapping)
+    contact = solved(elasticity, pairs, supports, enforcement, start=overlapping)
     everywhere(not contact.active.any() and not contact.force.any(), "contact is left")
     everywhere(np.abs(contact.displacement[body == 0]).max(initial=0.0) < 1e-9, "the lower body is deformed")
 

@@ -15,9 +15,9 @@ def moved(monkeypatch):
     """A list that gets the displacements before and after the bodies are moved, and what is free."""
     found, move = [], initial_guess.RigidModes.move
 
-    def seen(self, matrix, base, jump, stiffness, u, free):
-        result = move(self, matrix, base, jump, stiffness, u, free)
-        found.extend([u, result, free])
+    def seen(self, matrix, base, jump, stiffness, u, supports):
+        result = move(self, matrix, base, jump, stiffness, u, supports)
+        found.extend([u, result, supports.free])
         return result
 
     monkeypatch.setattr(initial_guess.RigidModes, "move", seen)

@@ -8,7 +8,7 @@ from fx_contact import Enforcement, Material
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.projection import Projection
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 
 
 def test_the_softer_body_follows_the_stiffer():
@@ -18,7 +18,7 @@ def test_the_softer_body_follows_the_stiffer():
     forest = grown(roots(scene), 2, share=0.2)
     prolongation = discrete(scene, forest).prolongation
     pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
-    jump = Jump(pairs, prescribed_displacements(scene, forest, prolongation))
+    jump = Jump(pairs, find_supports(scene, forest, prolongation))
     projection = Projection(jump.with_gap(np.full(len(pairs), 0.05)))
     projection.close(np.ones(len(pairs), dtype=bool))
     u = prolongation.ghosted(projection.onto_closed(np.zeros((prolongation.owned, 3))))

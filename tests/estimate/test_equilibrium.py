@@ -9,7 +9,7 @@ from model_problems import EXACT
 from fx_contact import Material, adapt
 from fx_contact.estimate.equilibrium import check_balance, nodal_residual, unbalanced
 from fx_contact.estimate.solved_state import SolvedState
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.parallel.errors import SolveError
 from fx_contact.scenes import stack
 
@@ -20,13 +20,13 @@ def solution():
     scene = stack((Material(1.0, 0.0),) * 2)
     step = next(adapt(scene, 0.1, solver=EXACT))
     prolongation = step.elasticity.prolongation
-    prescribed = prescribed_displacements(scene, step.forest, prolongation)
+    supports = find_supports(scene, step.forest, prolongation)
 
     def with_factor(factor):
         solution = replace(step.solution, force=factor * step.solution.force)
         state = SolvedState(scene, step.forest, step.elasticity, step.pairs, solution, step.estimate)
         load = np.zeros((prolongation.owned, 3))
-        return state, nodal_residual(state, load), load, prescribed
+        return state, nodal_residual(state, load), load, supports
 
     return with_factor
 

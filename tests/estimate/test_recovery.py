@@ -5,15 +5,47 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import conforming_positions, discrete, grown, pressed, roots, two_boxes
+from model_problems import ALONG, conforming_positions, discrete, grown, pressed, roots, two_boxes, wedge
 
 from fx_contact.estimate.recovery import VOIGT, Recovery
+from fx_contact.estimate.shear_free import ShearFree, find_shear_free
 from fx_contact.fem.external_forces import body_force
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.boundary_conditions import BodyForce
+from fx_contact.problem.boundary_conditions import BodyForce, Traction
 from fx_contact.problem.materials import Material
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_no_shear_stress_on_oblique_planes(loaded):
+    """At nodes on planes n.s.t = 0 for all t along them, unless a plane is loaded; what has no shear stays."""
+    sides = dict(zip(("left", "front", "bottom"), np.linalg.inv(ALONG)))
+    scene = wedge(tractions=(Traction("bottom", (0.0, 0.0, 0.1)),) if loaded else ())
+    forest = grown(roots(scene), 2, share=0.1)
+    prolongation = Prolongation(Space(forest, 2))
+    position, _ = conforming_positions(forest, prolongation)
+    index = [[VOIGT.index((min(i, j), max(i, j))) for j in range(3)] for i in range(3)]
+    up, before = ALONG[:, 2], np.sin(9 * position @ np.arange(18.0).reshape(3, 6))
+    calm = np.array([(2 * np.eye(3) + 3 * np.outer(up, up))[pair] for pair in VOIGT]) + np.zeros((len(position), 1))
+    found, shear_free = before.copy(), find_shear_free(scene, forest, prolongation)
+    for stress in (found, calm):
+        kept = stress.copy()
+        shear_free.remove_shear(stress)
+        everywhere(stress is found or np.abs(stress - kept).max(initial=0.0) < 1e-13, "a stress without shear")
+    anywhere = np.zeros(len(position), dtype=bool)
+    for side, normal in sides.items():
+        normal = normal / np.linalg.norm(normal)
+        on = np.abs(position @ normal) < 1e-9
+        traction = found[on][:, index] @ normal
+        along = traction - np.outer(traction @ normal, normal)
+        if not (loaded and side == "bottom"):
+            everywhere(np.abs(along).max(initial=0.0) < 1e-13, f"shear on the plane {side}")
+            anywhere |= on
+    everywhere((found[~anywhere] == before[~anywhere]).all(), "another stress elsewhere")
+    assert WORLD.allreduce(int((~anywhere & (np.abs(position @ up) < 1e-9)).sum())) > 0 or not loaded
 
 
 @DEGREES
@@ -25,7 +57,7 @@ def test_energies_add_up(degree):
     position, _ = conforming_positions(forest, elasticity.prolongation)
     u = 0.1 * np.sin(3 * position)
     elasticity.set_displacement(u)
-    nowhere = np.zeros(u.shape, dtype=bool)
+    nowhere = ShearFree(np.zeros(u.shape, dtype=bool))
     estimate = Recovery(elasticity, nowhere, Stages()).estimate()
     energy, error2 = WORLD.allreduce(np.array([estimate.energy.sum(), (estimate.error**2).sum()]))
     assert estimate.relative > 0.04, "hardly an error"
@@ -45,7 +77,7 @@ def test_no_shear_stress_where_symmetry_forbids_it(degree):
     elasticity.set_displacement(position @ np.array([[1.0, 0.5, 0.2], [0.3, 2.0, 0.4], [0.6, 0.1, 3.0]]))
     plane = np.zeros(position.shape, dtype=bool)
     plane[:, 0] = np.abs(position[:, 0]) < 1e-9
-    free, held = (Recovery(elasticity, which, Stages()).estimate() for which in (np.zeros_like(plane), plane))
+    free, held = (Recovery(elasticity, ShearFree(which), Stages()).estimate() for which in (0 * plane > 0, plane))
     on = elasticity.at_blocks(elasticity.prolongation.prolong(np.repeat(plane[:, :1], 6, axis=1).astype(float)))
     on, free, held = (values.reshape(-1, 6) for values in (on, free.stress.x.array, held.stress.x.array))
     on = np.abs(on - 1).max(axis=1) < 1e-12
@@ -65,7 +97,7 @@ def test_rigid_motions_have_no_error(degree):
     elasticity = discrete(scene, forest, degree=degree)
     position, _ = conforming_positions(forest, elasticity.prolongation)
     elasticity.set_displacement(np.cross([0.3, -0.2, 0.5], position) + [1.0, 2.0, 3.0])
-    estimate = Recovery(elasticity, np.zeros(position.shape, dtype=bool), Stages()).estimate()
+    estimate = Recovery(elasticity, ShearFree(np.zeros(position.shape, dtype=bool)), Stages()).estimate()
     assert estimate.energy_norm < 1e-12
     everywhere(np.abs(estimate.stress.x.array).max(initial=0) < 1e-12, "a stress")
 
@@ -78,7 +110,7 @@ def unit_cells(hanging, force=None):
         scene = replace(scene, body_forces=tuple(BodyForce(body, force) for body in scene.mesh.bodies))
     elasticity = discrete(scene, forest, degree=2)
     position, _ = conforming_positions(forest, elasticity.prolongation)
-    nowhere = np.zeros(position.shape, dtype=bool)
+    nowhere = ShearFree(np.zeros(position.shape, dtype=bool))
     return elasticity, position, Recovery(elasticity, nowhere, Stages(), body_force(scene, elasticity))
 
 

@@ -8,9 +8,10 @@ from petsc4py import PETSc
 
 from fx_contact import SceneError, Solver, adapt
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.fem.supports import Supports
 from fx_contact.linalg.krylov_solver import KrylovSolver
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.petsc_options import PetscOptions
@@ -29,7 +30,7 @@ def problem(request):
 
 def free(elasticity):
     """Nothing prescribed."""
-    return np.full((elasticity.prolongation.owned, 3), np.nan)
+    return Supports(np.full((elasticity.prolongation.owned, 3), np.nan))
 
 
 def aij(matrix):
@@ -63,13 +64,13 @@ def test_linear_fields_are_interpolated_exactly(problem):
 def test_prescribed_components_are_not_interpolated(problem):
     """Neither to those of degree 2 nor from those of degree 1; the others are what they are without."""
     scene, forest, elasticity = problem
-    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-    held = create_coarse_level(elasticity, prescribed).interpolation
+    supports = find_supports(scene, forest, elasticity.prolongation)
+    held = create_coarse_level(elasticity, supports).interpolation
     x, y = held.createVecs()
     x.set(1.0)
     held.mult(x, y)
     position, _ = conforming_positions(forest, elasticity.prolongation)
-    fixed = ~np.isnan(prescribed)
+    fixed = ~supports.free
     assert WORLD.allreduce(int(fixed.sum())) > 50
     moved, near = y.array.reshape(-1, 3), np.minimum(np.abs(position[:, 2] + 1), np.abs(position[:, 2] - 2)) < 1
     everywhere((moved[fixed] == 0).all(), "a prescribed component moves")
@@ -82,10 +83,10 @@ def test_prescribed_components_are_not_interpolated(problem):
 def test_preconditioner_is_symmetric_and_positive(problem):
     """x . M^-1 y = y . M^-1 x and x . M^-1 x > 0, as conjugate gradients need it."""
     scene, forest, elasticity = problem
-    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-    matrix, coarse = elasticity.stiffness().mat, create_coarse_level(elasticity, prescribed)
+    supports = find_supports(scene, forest, elasticity.prolongation)
+    matrix, coarse = elasticity.stiffness().mat, create_coarse_level(elasticity, supports)
     matrix.assemble()
-    rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(PETSc.IntType)
+    rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~supports.free.ravel()).astype(PETSc.IntType)
     matrix.zeroRowsColumns(rows, diag=1.0)
     with PetscObjects(matrix, coarse) as objects:
         options = PetscOptions(WORLD, "fx_", preconditioner_options("p-multigrid", matrix.getSize()[0]), {})

@@ -8,7 +8,8 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes, vertex_positions
 
 from fx_contact import Dirichlet, Traction
-from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
@@ -26,7 +27,7 @@ def test_curves(scene, axis, distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
     prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
-    prescribed = prescribed_displacements(scene, forest, prolongation)
+    prescribed = find_supports(scene, forest, prolongation).prescribed
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     position = np.empty((prolongation.owned, 3))
     position[prolongation.conforming[own]] = vertex_positions(forest)[own]
@@ -49,7 +50,7 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
         bumpy = replace(scene, dirichlet=(*scene.dirichlet, side)[order])
         forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
         prolongation = Prolongation(Space(forest, 1))
-        prescribed = prescribed_displacements(bumpy, forest, prolongation)
+        prescribed = find_supports(bumpy, forest, prolongation).prescribed
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         position = np.empty((prolongation.owned, 3))
         position[prolongation.conforming[own]] = vertex_positions(forest)[own]
@@ -91,7 +92,7 @@ def test_planes_without_shear_stress(held, free):
     scene = held_above(*held)
     forest = grown(roots(scene), 1)
     prolongation = Prolongation(Space(forest, 1))
-    along_z = shear_free_components(scene, forest, prolongation)[:, 2]
+    along_z = find_shear_free(scene, forest, prolongation).across[:, 2]
     own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
     height = np.empty(prolongation.owned)
     height[prolongation.conforming[own]] = vertex_positions(forest)[own, 2]
@@ -104,7 +105,7 @@ def test_a_plane_under_a_traction_has_shear_stress():
     scene = replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),))
     forest = grown(roots(scene), 1)
     everywhere(
-        not shear_free_components(scene, forest, Prolongation(Space(forest, 1)))[:, 2].any(), "no shear stress"
+        not find_shear_free(scene, forest, Prolongation(Space(forest, 1))).across[:, 2].any(), "no shear stress"
     )
 
 
@@ -115,4 +116,4 @@ def test_a_curved_facet_is_no_plane():
     points[:, 2] += np.where(points[:, 2] > 1.5, 0.1 * np.sin(np.pi * points[:, 0]) ** 2, 0.0)
     scene = replace(scene, mesh=replace(scene.mesh, points=points))
     forest = grown(roots(scene), 1)
-    everywhere(not shear_free_components(scene, forest, Prolongation(Space(forest, 1)))[:, 2].any(), "a plane")
+    everywhere(not find_shear_free(scene, forest, Prolongation(Space(forest, 1))).across[:, 2].any(), "a plane")

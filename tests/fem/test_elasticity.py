@@ -32,10 +32,11 @@ from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.fem.supports import Supports
 from fx_contact.problem.boundary_conditions import Traction
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import Scene
@@ -116,7 +117,7 @@ def test_contact_term_is_the_product(distribution, contact):
     pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
     names = numbered(prolongation)
     keys = np.sort(names)
-    prescribed = prescribed_displacements(scene, forest, prolongation)
+    supports = find_supports(scene, forest, prolongation)
     first, second = (
         prolongation.index_map.local_to_global(column.astype(np.int32)) for column in (pairs.first, pairs.second)
     )
@@ -130,7 +131,7 @@ def test_contact_term_is_the_product(distribution, contact):
     plain.assemble()
     stiff = gathered_matrix(plain, names, keys)
     matrix = elasticity.stiffness(pairs).mat
-    term = PenaltyTerm(Jump(pairs, prescribed))
+    term = PenaltyTerm(Jump(pairs, supports))
     term.reserve(matrix)
     matrix.assemble()
     assert matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["mallocs"] == 0
@@ -139,7 +140,7 @@ def test_contact_term_is_the_product(distribution, contact):
     # B of the gathered pairs on the components that are free: rows +n at the first and -n at the second vertex.
     free = np.zeros((len(keys), 3))
     free[np.searchsorted(keys, gathered(WORLD, names[slice(*prolongation.index_map.local_range)]))] = np.isnan(
-        gathered(WORLD, prescribed)
+        gathered(WORLD, supports.prescribed)
     )
     normal, k, on = (gathered(WORLD, column) for column in (pairs.normal, pairs.stiffness, active))
     count = len(normal)
@@ -172,7 +173,7 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")
     active, none = np.ones(len(pairs), dtype=bool), np.zeros(len(pairs), dtype=bool)
     matrix = elasticity.stiffness(pairs).mat
-    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
+    term = PenaltyTerm(Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan))))
     term.reserve(matrix)
     matrix.assemble()
     silent, before = matrix.duplicate(copy=True), matrix.norm()
@@ -191,7 +192,7 @@ def test_hypre_copy_follows_the_blocks(distribution):
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
     pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
-    term = PenaltyTerm(Jump(pairs, np.full((prolongation.owned, 3), np.nan)))
+    term = PenaltyTerm(Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan))))
     blocks = elasticity.stiffness(pairs)
     term.reserve(blocks.mat)
     blocks.mat.assemble()
@@ -360,7 +361,7 @@ def test_prescribed_values_at_surfaces_and_vertices():
     for distribution in DISTRIBUTIONS.values():
         forest = distribution(grown(roots(scene), 3))
         prolongation = Prolongation(Space(forest, 1))
-        prescribed = prescribed_displacements(scene, forest, prolongation)
+        prescribed = find_supports(scene, forest, prolongation).prescribed
         own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
         place = prolongation.conforming[own]
         x = vertex_positions(forest)[own]

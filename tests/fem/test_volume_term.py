@@ -6,6 +6,7 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, STEEL, conforming_positions, discrete, grown, pressed, roots, two_boxes
 
 from fx_contact import Material
+from fx_contact.fem.supports import Supports
 
 #: Of the upper box, and its volume [m^3].
 RUBBER, UPPER = Material(1.0, 0.49), 8.0
@@ -36,7 +37,7 @@ def test_matrix_and_volume_term_are_the_stiffness(problem):
     elasticity, position, _ = problem
     u = np.sin(3 * position + [0.0, 1.0, 2.0])
     free = position[:, [2, 0, 1]] > 0.3
-    volume = elasticity.volume_term(free)
+    volume = elasticity.volume_term(Supports(np.where(free, np.nan, 0.0)))
     whole, diagonal = product(elasticity, u)
     rest, part = product(elasticity, u, mixed=True)
     forces = volume.forces(volume.missing * volume.strains(u))
@@ -50,7 +51,7 @@ def test_matrix_and_volume_term_are_the_stiffness(problem):
 def test_moments_are_orthonormal(problem):
     """|D u|^2 is the integral of (div u)^2 over the soft body: 9 V of a dilatation, 0 of a shear or the other body."""
     elasticity, position, body = problem
-    volume = elasticity.volume_term(np.ones_like(position, dtype=bool))
+    volume = elasticity.volume_term(Supports(np.full_like(position, np.nan)))
     shear, other = position[:, 2:] * [1.0, 0.0, 0.0], (body == 0)[:, None] * position
     for u, square in ((position, 9 * UPPER), (shear, 0.0), (other, 0.0)):
         assert abs(WORLD.allreduce(float((volume.strains(u) ** 2).sum())) - square) < 1e-12 * 9 * UPPER
@@ -59,7 +60,7 @@ def test_moments_are_orthonormal(problem):
 def test_moduli_of_the_rows(problem):
     """C = lambda - lambda_A, and S = C^-1 + (2 mu + lambda_A)^-1, with lambda_A of Poisson's ratio 0.3."""
     elasticity, position, _ = problem
-    volume = elasticity.volume_term(np.ones_like(position, dtype=bool))
+    volume = elasticity.volume_term(Supports(np.full_like(position, np.nan)))
     mu = 1 / (2 * 1.49)
     first, of_matrix = 2 * mu * 0.49 / 0.02, 2 * mu * 0.3 / 0.4
     everywhere(np.abs(volume.missing / (first - of_matrix) - 1).max(initial=0) < 1e-12, "another C")

@@ -10,7 +10,7 @@ from fx_contact.contact.contact_problem import ContactProblem, Environment, Solv
 from fx_contact.contact.contact_solver import solve_contact, solve_system
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
@@ -25,25 +25,25 @@ class Problem:
         self.forest = strewn(grown(roots(self.scene), 2, share=0.15))
         self.elasticity = discrete(self.scene, self.forest, degree=2)
         self.prolongation = self.elasticity.prolongation
-        self.prescribed = prescribed_displacements(self.scene, self.forest, self.prolongation)
+        self.supports = find_supports(self.scene, self.forest, self.prolongation)
 
     def problem(self, mixed, enforcement):
         """ContactProblem, in the mixed form or with the whole stiffness assembled."""
         rows = create_node_pairs(self.scene, self.forest, self.prolongation, enforcement)
         return ContactProblem(
-            matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed),
-            load=np.zeros_like(self.prescribed),
-            prescribed=self.prescribed,
+            matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed, supports=self.supports),
+            load=np.zeros_like(self.supports.prescribed),
+            supports=self.supports,
             energy_norm=self.elasticity.energy_norm,
             rows=rows,
-            coarse=create_coarse_level(self.elasticity, self.prescribed),
-            volume=self.elasticity.volume_term(np.isnan(self.prescribed)) if mixed else None,
+            coarse=create_coarse_level(self.elasticity, self.supports),
+            volume=self.elasticity.volume_term(self.supports) if mixed else None,
         )
 
     def solution(self, mixed, solver=EXACT, enforcement=Enforcement()):
         """ContactSolution, by the mixed form or by PCG."""
         problem, options = self.problem(mixed, enforcement), SolveOptions(solver, enforcement)
-        return solve_contact(problem, np.zeros_like(self.prescribed), options, Stages())
+        return solve_contact(problem, np.zeros_like(self.supports.prescribed), options, Stages())
 
 
 @pytest.mark.parametrize("enforcement", ["exact", ("penalty", 10.0), ("penalty", 1e8), "augmented-lagrangian"], ids=str)
@@ -102,7 +102,7 @@ def test_pressures_of_rubber_have_no_checkerboard():
 def test_adjoint_problems_start_from_nothing():
     """An adjoint of a gap has no displacement to start with, and no energy to which its tolerance could be relative."""
     problem = Problem(0.49)
-    options, load = SolveOptions(Solver()), np.zeros_like(problem.prescribed)
+    options, load = SolveOptions(Solver()), np.zeros_like(problem.supports.prescribed)
     load[:, 2] = 1.0
     with PetscObjects() as objects:
         whole = problem.problem(True, Enforcement())

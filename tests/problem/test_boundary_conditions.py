@@ -142,12 +142,14 @@ def test_quadratic_displacement():
 
 
 def test_symmetry_plane_is_a_condition():
-    """A plane across an axis holds the component along it."""
+    """A plane across an axis holds the component along it, another one that along its outward normal."""
     assert scene_of(box()).conditions[0] == Dirichlet("upper z low", z=0.0)
-    tilt = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
-    mesh = box()
-    with pytest.raises(SceneError, match="across x, y or z"):
-        scene_of(replace(mesh, points=mesh.points @ tilt.T))
+    mesh, tilt = box(), np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+    scene = scene_of(replace(mesh, points=mesh.points @ tilt.T))
+    assert scene.oblique_planes == (scene.conditions[0], scene.conditions[2])
+    assert np.allclose([plane.normal for plane in scene.oblique_planes], -tilt.T[[2, 1]], atol=1e-15)
+    assert scene.conditions[1] == Dirichlet("upper x low", x=0.0)
+    assert "'upper z low' (across 0, 0.6, -0.8)" in repr(scene) and scene_parts(scene) != scene_parts(scene_of(mesh))
     with pytest.raises(SceneError, match="plane facets only"):
         scene_of(box(order=2, bend=0.1))
     with pytest.raises(SceneError, match="unknown surface 'upper z lwo'.*did you mean 'upper z low'"):

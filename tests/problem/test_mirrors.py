@@ -5,9 +5,11 @@ from itertools import product
 
 import numpy as np
 import pytest
+from model_problems import ALONG, PLANES, wedge
 
-from fx_contact import Dirichlet
-from fx_contact.problem.mirrors import Mirrors
+from fx_contact import Dirichlet, SymmetryPlane
+from fx_contact.problem.mirrors import Mirrors, mirror_group
+from fx_contact.problem.shapes import rotation
 from fx_contact.scenes import cylinders, indentation, shrink_fit, stack
 from studies.stability.twins import scaled
 
@@ -20,7 +22,8 @@ def test_sums_over_images(across):
     """Forces at points, their moments and second moments about the centre: as of the forces and all their images."""
     random = np.random.default_rng(1)
     points, forces, at = random.normal(size=(5, 3)), random.normal(size=(5, 3)), random.normal(size=3)
-    mirrors = Mirrors(np.array(across), at)
+    normals = np.eye(3)[np.flatnonzero(across)]
+    mirrors = Mirrors(normals, normals @ at, mirror_group(normals, 8))
     centre = mirrors.centre(random.normal(size=3))
     arms, images = points - centre, [(points - centre, forces)]
     for axis in np.flatnonzero(across):
@@ -31,6 +34,43 @@ def test_sums_over_images(across):
     assert np.allclose(mirrors.force(forces.sum(axis=0)), f.sum(axis=0))
     assert np.allclose(mirrors.moment(np.cross(arms, forces).sum(axis=0)), np.cross(x, f).sum(axis=0))
     assert np.allclose(mirrors.second_moment(arms.T @ arms), x.T @ x)
+
+
+@pytest.mark.parametrize("degrees, parts", [(90, 4), (60, 6), (45, 8), (30, 12), (20, 18)])
+@pytest.mark.parametrize("third", [False, True], ids=["two planes", "three planes"])
+def test_sums_over_images_in_oblique_planes(degrees, parts, third):
+    """Between planes at 180 degrees / m there are 2 m parts: as of a particle that is mirrored until it comes again."""
+    random, tilt = np.random.default_rng(2), rotation((1.0, 2.0, 3.0), 40.0)
+    angle = np.radians(degrees)
+    normals = np.array([[0.0, 1.0, 0.0], [np.sin(angle), -np.cos(angle), 0.0], [0.0, 0.0, 1.0]])[: 2 + third] @ tilt.T
+    mirrors = Mirrors(normals, normals @ random.normal(size=3), mirror_group(normals, 100))
+    point, force = random.normal(size=3), random.normal(size=3)
+    centre = mirrors.centre(point)
+    assert np.allclose(normals @ centre, mirrors.at) and (third or abs((centre - point) @ tilt[:, 2]) < 1e-12)
+    arms, forces = [point - centre], [force]
+    for arm, push in zip(arms, forces):  # they grow
+        for normal in normals:
+            image = arm - 2 * (arm @ normal) * normal
+            if np.linalg.norm(np.array(arms) - image, axis=1).min() > 1e-9:
+                arms.append(image)
+                forces.append(push - 2 * (push @ normal) * normal)
+    assert mirrors.parts == len(arms) == parts * (1 + third)
+    x, f = np.array(arms), np.array(forces)
+    assert np.allclose(mirrors.force(force), f.sum(axis=0))
+    assert np.allclose(mirrors.moment(np.cross(arms[0], force)), np.cross(x, f).sum(axis=0))
+    assert np.allclose(mirrors.second_moment(np.outer(arms[0], arms[0])), x.T @ x)
+
+
+def test_mirrors_of_a_wedge():
+    """Three planes at 30 and 90 degrees make 24 copies, two 12, also of a slice; others are not known."""
+    mirrors = wedge(symmetry=24).mirrors
+    assert mirrors.parts == 24 and np.abs(mirrors.centre(np.ones(3))).max() < 1e-12
+    sliced = wedge(held=(*PLANES, SymmetryPlane("top")), symmetry=12).mirrors
+    assert sliced.parts == 12
+    assert np.allclose(sliced.centre(np.ones(3)), ALONG[:, 2] * (ALONG[:, 2] @ np.ones(3)))
+    for scene in (wedge(), wedge(symmetry=12), wedge(held=(*PLANES, SymmetryPlane("right")), symmetry=24)):
+        assert scene.mirrors.parts == 1
+        assert np.array_equal(scene.mirrors.force(np.ones(3)), np.ones(3))
 
 
 @pytest.mark.parametrize(
@@ -51,8 +91,8 @@ def test_sums_over_images(across):
 def test_mirrors_of_scenes(make, across):
     """Planes of symmetry that make the copies which the scene says, at their place; a slice is between two."""
     mirrors = make().mirrors
-    assert [axis for axis, on in zip("xyz", mirrors.across) if on] == list(across)
-    assert np.abs(mirrors.at[mirrors.across]).max(initial=0.0) < 1e-12
+    assert sorted("xyz"[abs(normal).argmax()] for normal in mirrors.normals) == list(across)
+    assert np.abs(mirrors.at).max(initial=0.0) < 1e-12
 
 
 def test_place_of_a_mirror():

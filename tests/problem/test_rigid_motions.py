@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from model_problems import ALONG, PLANES, wedge
 
+from fx_contact import Dirichlet, SceneError
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.solids import block
@@ -35,3 +37,18 @@ def test_what_held_vertices_leave_free(size, held, free):
         assert np.abs(moved[list(held)]).max(initial=0.0) < 1e-9 < 0.1 < np.abs(moved).max()
         apart, going = x[:, None] - x, moved[:, None] - moved
         assert np.abs((apart * going).sum(axis=2)).max() < 1e-9
+
+
+def test_what_oblique_planes_leave_free():
+    """A plane leaves two translations and a rotation, two leave the translation along their line, three none."""
+    scene = wedge()
+    planes, nothing = scene.oblique_planes, np.full(scene.mesh.points.shape, np.nan)
+    for count, free in enumerate((6, 3, 1, 0)):
+        given = [(scene.place(plane.where), np.array(plane.normal)) for plane in planes[:count]]
+        motions = RigidMotions(scene.mesh, nothing, given)
+        assert motions.free.shape == (free, 1, 6)
+        if free == 1:
+            assert np.allclose(np.abs(motions.free[0, 0]), np.abs([*ALONG[:, 2], 0, 0, 0]))
+    with pytest.raises(SceneError, match="nothing holds body 'wedge': of 1 rigid motions"):
+        wedge(held=PLANES[:2])
+    wedge(held=(*PLANES[:2], Dirichlet("top", z=0.0)))

@@ -14,7 +14,7 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact import contact_solver
 from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.estimate.recovery import Recovery
-from fx_contact.fem.dirichlet import shear_free_components
+from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.linalg import conjugate_gradients
 from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.parallel import memory
@@ -140,7 +140,7 @@ def test_reference_values(scene):
     assert abs(record.contact_radius / 0.0716222 - 1) < 0.03
     assert record.max_penetration < 1e-12 * 0.01, "the default leaves no penetration"
     assert record.partition.split_pairs == 0
-    shear_free = shear_free_components(scene, step.forest, step.elasticity.prolongation)
+    shear_free = find_shear_free(scene, step.forest, step.elasticity.prolongation)
     again = Recovery(step.elasticity, shear_free, step.stages).estimate()
     assert abs(again.relative / record.estimate - 1) < 1e-12
 
@@ -202,7 +202,7 @@ def test_fallback(monkeypatch, name, most, solver):
         conjugate_gradients, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0)
     )
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
-    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, free: u)
+    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, supports: u)
     monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     right, last = (

@@ -34,8 +34,10 @@ from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.recovery import Recovery
 from fx_contact.fem import elasticity as elasticity_module
-from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
+from fx_contact.fem.supports import Supports
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
@@ -85,9 +87,9 @@ def test_uniform_compression(degree, method, distribution, materials):
     assert largest > 4 * smallest, "contact is not refined unevenly"
     if method == "penalty":
         pairs = replace(pairs, gap=-PRESSURE * pairs.area / pairs.stiffness)
-    prescribed = prescribed_displacements(scene, forest, prolongation)
+    supports = find_supports(scene, forest, prolongation)
     forces = load(scene, forest, elasticity)
-    contact = solved(elasticity, pairs, prescribed, enforcement, forces)
+    contact = solved(elasticity, pairs, supports, enforcement, forces)
     position, body = conforming_positions(forest, prolongation)
     exact = position * strain[body]
     size = WORLD.allreduce(np.abs(exact).max(), MPI.MAX)
@@ -98,7 +100,7 @@ def test_uniform_compression(degree, method, distribution, materials):
     everywhere(np.abs(contact.pressure / PRESSURE - 1).max(initial=0) < 1e-8, "the pressure is not uniform")
 
     elasticity.set_displacement(contact.displacement)
-    error = Recovery(elasticity, shear_free_components(scene, forest, prolongation), Stages()).estimate()
+    error = Recovery(elasticity, find_shear_free(scene, forest, prolongation), Stages()).estimate()
     assert error.relative < 1e-8, "the recovered stress of a linear field is that field's"
     energy = sum(4 * 2 * PRESSURE**2 / m.young for m in materials)
     assert abs(error.energy_norm**2 - energy) < 1e-9 * energy
@@ -113,8 +115,8 @@ def test_penalty_gap():
     for factor in (100.0, 1000.0):
         enforcement = Enforcement("penalty", factor)
         pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
-        prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-        contact = solved(elasticity, pairs, prescribed, enforcement)
+        supports = find_supports(scene, forest, elasticity.prolongation)
+        contact = solved(elasticity, pairs, supports, enforcement)
         short.append(1 - WORLD.allreduce(contact.force.sum()) / (4 * PRESSURE))
         everywhere((contact.penetration[contact.active] > 0).all(), "an active pair that does not overlap")
     assert 0 < short[1] < short[0] < 0.01
@@ -135,8 +137,8 @@ def test_translation(order):
     forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest, order)
     assert elasticity.prolongation.hanging_global > 50
-    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
-    contact = solved(elasticity, None, prescribed)
+    supports = find_supports(scene, forest, elasticity.prolongation)
+    contact = solved(elasticity, None, supports)
     everywhere(np.abs(contact.displacement - list(shift.values())).max() < 1e-10, "not a translation")
     assert contact.contact_iterations == 1 and len(contact.active) == 0
 
@@ -158,9 +160,9 @@ def linear_boundary_error(mesh, rounds):
     outside[forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]] = 1
     outside = prolongation.restrict(outside)[:, 0] > 0
     position, _ = conforming_positions(forest, prolongation)
-    prescribed = np.where(outside[:, None], position @ GRADIENT.T, np.nan)
+    supports = Supports(np.where(outside[:, None], position @ GRADIENT.T, np.nan))
     assert WORLD.allreduce(int((~outside).sum())) > 0
-    contact = solved(elasticity, None, prescribed)
+    contact = solved(elasticity, None, supports)
     elasticity.set_displacement(contact.displacement)
     strain = ufl.as_matrix(((GRADIENT + GRADIENT.T) / 2).tolist())
     energies = []
@@ -210,9 +212,9 @@ def indented(rounds, poisson, degree=1):
         forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
     forest = DISTRIBUTIONS["contact-sfc"](forest)
     elasticity = discrete(scene, forest, degree=degree)
-    prescribed = prescribed_displacements(scene, forest, elasticity.prolongation)
+    supports = find_supports(scene, forest, elasticity.prolongation)
     forces = load(scene, forest, elasticity)
-    return WORLD.allreduce(float((forces * solved(elasticity, None, prescribed, forces=forces).displacement).sum()))
+    return WORLD.allreduce(float((forces * solved(elasticity, None, supports, forces=forces).displacement).sum()))
 
 
 def test_nearly_incompressible_cells_do_not_lock(monkeypatch):

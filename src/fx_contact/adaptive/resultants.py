@@ -2,8 +2,8 @@
 
 All are of the undeformed bodies, about one point c, the contact's centre.  Nodes are where the leaves of the mesh have
 them.  The residual at the conforming nodes x_i is r = K u - L + B^T f.  The reaction of a condition is the sum of r_i
-over the components that it prescribes, its moment that of (x_i - c) x r_i.  What several conditions prescribe is shared
-among them equally.
+over the components that it prescribes, its moment that of (x_i - c) x r_i.  What several conditions hold is shared
+among them, equally or by least squares (`fem.dirichlet.shared_forces`).
 
 On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  So do their
 moments where the order of the leaves' geometry is at most the degree, for then rotations are among the displacements.
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_contact.fem.dirichlet import held_nodes
+from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.problem.boundary_conditions import SymmetryPlane
 
 #: Length of the sum of a pair's forces over the sum of their lengths from which on the pair has one direction: the
@@ -135,14 +135,13 @@ def _of_contact(state, centre):
 
 def _of_conditions(state, residual, centre):
     """Reactions at this rank's nodes: (conditions, bodies, 6).  Collective."""
-    conditions, count = state.scene.conditions, np.zeros(residual.shape)
+    conditions = state.scene.conditions
     held = held_nodes(state.scene, state.elasticity.prolongation)
-    for nodes, condition in zip(held, conditions):
-        count[nodes] += condition.held
+    shared = shared_forces(conditions, held, residual)
     entry = np.repeat(np.arange(len(held)), list(map(len, held)))
     nodes = np.concatenate([np.zeros(0, dtype=np.int64), *held])
-    on = np.array([condition.held for condition in conditions]).reshape(-1, 3)[entry]
-    force = np.where(on, residual[nodes] / np.maximum(count[nodes], 1), 0.0)
+    across = np.array([condition.across for condition in conditions]).reshape(-1, 3, 3)[entry]
+    force = np.einsum("nij,nj->ni", across, shared[nodes])
     return _on_bodies(state, nodes, force, entry, len(conditions), centre)
 
 

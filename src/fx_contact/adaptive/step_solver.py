@@ -22,9 +22,10 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import check_balance, nodal_residual
 from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.recovery import Estimate, Recovery
+from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.dirichlet import prescribed_displacements, shear_free_components
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
@@ -137,18 +138,18 @@ def _discretise(settings, start, stages):
         elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
         pairs = create_node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
     with stages("system"):
-        prescribed = prescribed_displacements(scene, forest, prolongation)
+        supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
-        matrix = elasticity.stiffness(pairs, copied=not settings.multigrid, mixed=elasticity.mixed)
-        coarse = create_coarse_level(elasticity, prescribed) if settings.multigrid else None
-        volume = elasticity.volume_term(np.isnan(prescribed)) if elasticity.mixed else None
+        matrix = elasticity.stiffness(pairs, not settings.multigrid, elasticity.mixed, supports)
+        coarse = create_coarse_level(elasticity, supports) if settings.multigrid else None
+        volume = elasticity.volume_term(supports) if elasticity.mixed else None
     problem = ContactProblem(
         matrix=matrix,
         load=forces,
-        prescribed=prescribed,
+        supports=supports,
         energy_norm=elasticity.energy_norm,
         rows=pairs,
         scene=scene,
@@ -171,7 +172,7 @@ def _judge(settings, start, discrete, solution, system, stages):
     pairs, history, comm = problem.rows, start.history, forest.comm
     change = elasticity.change_norm(solution.displacement - start.displacement) if control.of_contact else None
     elasticity.set_displacement(solution.displacement)
-    shear_free = shear_free_components(scene, forest, start.prolongation)
+    shear_free = find_shear_free(scene, forest, start.prolongation)
     recovery = Recovery(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)
@@ -179,7 +180,7 @@ def _judge(settings, start, discrete, solution, system, stages):
     state = SolvedState(scene, forest, elasticity, pairs, solution, estimate)
     residual = nodal_residual(state, problem.load)
     if estimate.energy_norm:
-        check_balance(state, residual, problem.load, problem.prescribed)
+        check_balance(state, residual, problem.load, problem.supports)
     doubts = find_doubts(state, discrete.load_totals)
     check_doubts(doubts, settings.allow)
     if control.of_contact:

@@ -24,7 +24,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError, ValidityError
 from fx_contact.parallel.validation import check_name, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import BodyForce
+from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet
 from fx_contact.problem.lattice import SIDE
 
 #: Strain and rotation from which on there is a doubt: 2.5 % of it, or of the stress, is left out.
@@ -123,7 +123,7 @@ def doubts_of_scene(scene):
     Returns:
         list of Doubt, the same on all ranks.
     """
-    prescribed = (value for condition in scene.conditions for value in (condition.x, condition.y, condition.z))
+    prescribed = (value for c in scene.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
     applied = (force.value for force in (*scene.tractions, *scene.body_forces))
     if any(callable(value) or np.any(value) for value in (*applied, *prescribed) if value is not None):
         return []

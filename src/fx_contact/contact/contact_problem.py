@@ -8,6 +8,7 @@ import numpy as np
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.initial_guess import RigidModes
+from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.conjugate_gradients import ConjugateGradients
 from fx_contact.linalg.matrix import BlockMatrix
@@ -24,9 +25,10 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
 
     Attributes:
-        matrix: BlockMatrix, K on the conforming unknowns, or A with a `volume`, not yet assembled; it is used up.
+        matrix: BlockMatrix, K on the conforming unknowns, or A with a `volume`, made with the same supports, not yet
+            assembled; it is used up.
         load: (owned, 3) float64, L [N].
-        prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
+        supports: Supports at the owned conforming nodes.
         energy_norm: function of a displacement (owned, 3) float64 [m]: its energy norm omega (4) [J^(1/2)]; collective.
         rows: ConstraintRows, B and D; None without contact.
         scene: Scene, to name the bodies that an active set leaves loose; None: not checked.
@@ -37,7 +39,7 @@ class ContactProblem:
 
     matrix: BlockMatrix
     load: np.ndarray
-    prescribed: np.ndarray
+    supports: Supports
     energy_norm: Callable[[np.ndarray], float]
     rows: ConstraintRows | None = None
     scene: Scene | None = None

@@ -78,13 +78,13 @@ def solve_system(problem, start, options, environment):
             the contact opens, or conditions press nodes into each other.
     """
     rows, stages, matrix = problem.rows, environment.stages, problem.matrix.mat
-    u = np.where(np.isnan(problem.prescribed), start, problem.prescribed)
+    u = problem.supports.admissible(start)
     with stages("system"):
-        jump = None if rows is None else Jump(rows, problem.prescribed)
+        jump = None if rows is None else Jump(rows, problem.supports)
         if jump is not None:
             PenaltyTerm(jump).reserve(matrix)
         matrix.assemble()
-        base, scale = _impose(matrix, problem.load, problem.prescribed)
+        base, scale = _impose(matrix, problem.load, problem.supports)
     if jump is None:
         u, system = _solve_linear(problem, base, u, options, environment)
         active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
@@ -122,7 +122,7 @@ def _solve_linear(problem, base, u, options, environment):
     with stages("setup"):
         cg.set_up()
     with stages("solve"):
-        system = LinearSystem(cg, problem.prescribed, options.solver)
+        system = LinearSystem(cg, problem.supports, options.solver)
         return system.solve(base, u, options.solver.tolerance), system
 
 
@@ -137,7 +137,7 @@ def _first_guess(problem, base, jump, u, options, carried):
     bounded = PenaltyTerm(jump, rows.bounded_stiffness)
     if problem.motions is not None:
         stiffness = status.active * rows.bounded_stiffness
-        u = problem.motions.move(matrix, base, jump, stiffness, u, np.isnan(problem.prescribed))
+        u = problem.motions.move(matrix, base, jump, stiffness, u, problem.supports)
     bounded.change(matrix, np.zeros_like(status.active), status.active)
     if carried and problem.volume is None:  # the matrix alone is too soft
         u = relax(matrix, base, bounded, u, status)
@@ -183,8 +183,8 @@ def _settle(system, status, u, options):
             return u, trial, status.updates + augmentations
 
 
-def _impose(matrix, load, prescribed):
-    """Eliminate prescribed components symmetrically, identity rows scaled like the others.
+def _impose(matrix, load, supports):
+    """Eliminate what is held symmetrically, identity rows scaled like the others.
 
     Returns:
         (owned, 3) float64 right-hand side [N], and the roots of the diagonal.
@@ -194,13 +194,14 @@ def _impose(matrix, load, prescribed):
     """
     with PetscObjects() as objects:
         x, b = map(objects.add, matrix.createVecs())
-        x.array[:], b.array[:] = np.nan_to_num(prescribed).ravel(), load.ravel()
-        rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~np.isnan(prescribed).ravel()).astype(np.int32)
+        x.array[:], b.array[:] = supports.values.ravel(), supports.along_planes(load).ravel()
+        rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~supports.free.ravel()).astype(np.int32)
         diagonal = objects.add(matrix.getDiagonal())
         scale = diagonal.sum() / diagonal.getSize()
         if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
             raise SolveError(
                 "the stiffness or the load is not a finite number: check the units of moduli and lengths"
             )
+        supports.add_normal_part(matrix, diagonal.array.reshape(-1, 3))
         matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
         return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)

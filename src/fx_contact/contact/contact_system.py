@@ -28,12 +28,12 @@ class LinearSystem:
 
     Args:
         cg: ConjugateGradients, set up.
-        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
+        supports: Supports.
         solver: Solver.
     """
 
-    def __init__(self, cg, prescribed, solver):
-        self._cg, self._free, self._solver = cg, np.isnan(prescribed), solver
+    def __init__(self, cg, supports, solver):
+        self._cg, self._supports, self._solver = cg, supports, solver
 
     @property
     def iterations(self):
@@ -52,12 +52,12 @@ class LinearSystem:
 
     def solve(self, base, u, tolerance):
         """The displacement (owned, 3) float64 [m] for forces (owned, 3) float64 [N], from a first guess."""
-        return self._cg.solve(base, u, tolerance)
+        return self._supports.along_planes(self._cg.solve(base, u, tolerance))
 
     def dual(self, load, _=None):
         """As `ContactSystem.dual`, without rows."""
-        load = np.where(self._free, load, 0.0)
-        return self._cg.solve(load, np.zeros_like(load), dual_tolerance(self._solver)), np.zeros(0)
+        load = self._supports.free_part(load)
+        return self.solve(load, np.zeros_like(load), dual_tolerance(self._solver)), np.zeros(0)
 
 
 class ContactSystem:
@@ -80,7 +80,7 @@ class ContactSystem:
 
     def __init__(self, problem, base, jump, active, options, environment):
         self._base, self._jump, self._stages = base, jump, environment.stages
-        self._free = np.isnan(problem.prescribed)
+        self._supports = problem.supports
         self._solver, self._enforcement = options.solver, options.enforcement
         self._rows, self._comm, self._energy_norm = jump.rows, problem.matrix.comm, problem.energy_norm
         exact = self._enforcement.method == "exact"
@@ -149,7 +149,7 @@ class ContactSystem:
                 self._projection.close(active & self._projected)
                 u = self._projection.onto_closed(u)
         with self._stages("solve"):
-            return self._cg.solve(right_hand_side, u, tolerance, self._projection)
+            return self._supports.along_planes(self._cg.solve(right_hand_side, u, tolerance, self._projection))
 
     def dual(self, load, penetration):
         """The dual solution z of K z + B^T f = l, B z = d on the closed rows, with nothing prescribed.
@@ -158,14 +158,14 @@ class ContactSystem:
         and forces g on open rows that of the gaps there.
 
         Args:
-            load: (owned, 3) float64, l; what it has at prescribed components does not matter [N].
+            load: (owned, 3) float64, l; what it has in held directions does not matter [N].
             penetration: (n,) float64, d [m].
 
         Returns:
             (owned, 3) float64 z [m], and (n,) float64, the forces f of closed rows [N].
         """
         bounded, term, projection = self._enforced(self._jump.with_gap(penetration))
-        right_hand_side = bounded.right_hand_side(self._known) + np.where(self._free, load, 0.0)
+        right_hand_side = bounded.right_hand_side(self._known) + self._supports.free_part(load)
         u = np.zeros_like(right_hand_side)
         if projection is not None:
             projection.close(self._active & self._projected)
@@ -174,10 +174,12 @@ class ContactSystem:
         try:
             z = self._cg.solve(right_hand_side, u, dual_tolerance(self._solver), projection)
             if projection is None:
-                return z, self._active * term.force(z)
-            self._cg.correct(bounded.difference(self._active, bounded, self._known))
-            residual = self._cg.residual(right_hand_side, z)
-            return z, self._active * (bounded.force(z) + projection.apply_transpose(residual))
+                force = term.force(z)
+            else:
+                self._cg.correct(bounded.difference(self._active, bounded, self._known))
+                residual = self._cg.residual(right_hand_side, z)
+                force = bounded.force(z) + projection.apply_transpose(residual)
+            return self._supports.along_planes(z), self._active * force
         finally:
             self._correct(self._term)
 

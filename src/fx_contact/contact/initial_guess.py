@@ -36,7 +36,7 @@ class RigidModes:
         positions = prolongation.injected(space.positions())
         self._modes = np.ascontiguousarray(scene.rigid_motions.modes(positions, self._body).swapaxes(0, 1))
 
-    def move(self, matrix, base, jump, stiffness, u, free):
+    def move(self, matrix, base, jump, stiffness, u, supports):
         """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
 
         Collective on matrix.comm.
@@ -47,13 +47,13 @@ class RigidModes:
             jump: Jump.
             stiffness: (n,) float64, k [N/m].
             u: (owned, 3) float64, the displacement so far [m].
-            free: (owned, 3) bool, components that no condition prescribes.
+            supports: Supports at the owned conforming nodes.
 
         Returns:
             (owned, 3) float64 [m].
         """
         rows, bodies = jump.rows, len(self._scene.mesh.bodies)
-        modes = self._modes * free
+        modes = np.stack([supports.free_part(mode) for mode in self._modes])
         with PetscObjects() as objects:
             x, y = map(objects.add, matrix.createVecs())
 

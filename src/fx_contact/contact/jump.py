@@ -75,17 +75,17 @@ class Products:
 
 
 class Jump:
-    """B on the components that no condition prescribes, and D less what the prescribed ones contribute.
+    """B on what conditions leave free, and D less what prescribed components contribute.
 
     Collective on the prolongation's comm.
 
     Args:
         rows: ConstraintRows.
-        prescribed: (owned, 3) float64, prescribed displacements [m], NaN where free.
+        supports: Supports at the owned conforming nodes.
 
     Attributes:
         rows: as given.
-        blocks: Blocks of B, 0 at prescribed components.
+        blocks: Blocks of B, 0 in held directions.
         matrix: Products with these.
         gap: (n,) float64 [m].
         movable: (n,) bool, where conditions leave the jump free.
@@ -94,14 +94,14 @@ class Jump:
     #: Entries up to this one are the rounding of unit normals along an axis.
     _ROUNDING = 1e-8
 
-    def __init__(self, rows, prescribed):
+    def __init__(self, rows, supports):
         self.rows, blocks = rows, rows.blocks
-        free = np.isnan(rows.prolongation.ghosted(prescribed))[blocks.node]
-        values = np.where(free & (np.abs(blocks.values) > self._ROUNDING), blocks.values, 0.0)
+        values = supports.ghosted(rows.prolongation).free_part(blocks.values, blocks.node)
+        values = np.where(np.abs(values) > self._ROUNDING, values, 0.0)
         self.blocks = replace(blocks, values=values)
         self.matrix = Products(rows, self.blocks)
         self.movable = blocks.sums(values.any(axis=1), len(rows)) > 0
-        self.gap, self._whole_gap = rows.gap - rows.jump(np.nan_to_num(prescribed)), rows.gap
+        self.gap, self._whole_gap = rows.gap - rows.jump(supports.values), rows.gap
 
     def penetration(self, u):
         """B u - D of all components: (n,) float64 [m].  Collective.  Args: u: (owned, 3) float64 [m]."""

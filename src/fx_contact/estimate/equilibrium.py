@@ -31,44 +31,44 @@ def nodal_residual(state, load):
     return residual
 
 
-def unbalanced(state, residual, load, prescribed):
+def unbalanced(state, residual, load, supports):
     """Share of the forces that no reaction balances.
 
     Collective on state.forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads,
-    contact forces and reactions is the sum of the residuals where no condition prescribes the displacement.
+    contact forces and reactions is the sum of the residuals in directions that no condition holds.
 
     Args:
         state: SolvedState.
         residual: (owned, 3) float64, its `nodal_residual` [N].
         load: (owned, 3) float64 external forces [N].
-        prescribed: (owned, 3) float64 prescribed displacements [m], NaN where free.
+        supports: Supports at the owned conforming nodes.
 
     Returns:
         float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
         of the reactions where those are less [-].
     """
-    forest, prolongation, free = state.forest, state.elasticity.prolongation, np.isnan(prescribed)
+    forest, prolongation, free = state.forest, state.elasticity.prolongation, supports.free_part(residual)
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
     sums = np.zeros((len(forest.mesh.bodies) + 1, 3))
-    np.add.at(sums, body, np.where(free, residual, 0.0))
-    sums[-1] = state.solution.force.sum(), np.abs(load).sum(), _REACTIONS * np.abs(residual[~free]).sum()
+    np.add.at(sums, body, free)
+    sums[-1] = state.solution.force.sum(), np.abs(load).sum(), _REACTIONS * np.abs(residual - free).sum()
     sums = forest.comm.allreduce(sums)
     return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
 
 
-def check_balance(state, residual, load, prescribed):
+def check_balance(state, residual, load, supports):
     """See that a solution is in balance.
 
     Collective on state.forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
     products have lost it too.
 
     Args:
-        state, residual, load, prescribed: as `unbalanced` takes them.
+        state, residual, load, supports: as `unbalanced` takes them.
 
     Raises:
         SolveError: more than `MOST` of the forces is not balanced.
     """
-    left = unbalanced(state, residual, load, prescribed)
+    left = unbalanced(state, residual, load, supports)
     if left > MOST:
         raise SolveError(
             f"linear solver and rounding leave {percent(left)} of the forces on a body unbalanced: rigid motions are "

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import force_components
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
-from fx_contact.fem.dirichlet import held_nodes
+from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name, check_number, check_vector, shown
 from fx_contact.problem.boundary_conditions import Dirichlet
@@ -278,17 +278,16 @@ class Reaction(Quantity):
 
     def functional(self, state, residual):
         """As `Quantity.functional`; w shares the direction among the conditions of a node, as the resultants do."""
-        scene, prolongation = state.scene, state.elasticity.prolongation
-        held, count = held_nodes(scene, prolongation), np.zeros(residual.shape)
-        share = np.zeros(residual.shape)
+        scene, direction = state.scene, self._unit_direction(state.scene)
+        held = held_nodes(scene, state.elasticity.prolongation)
+        shared, w = shared_forces(scene.conditions, held, residual), np.zeros(residual.shape)
+        image, vector = scene.mirrors.force(direction), np.zeros(3)
         for nodes, condition in zip(held, scene.conditions):
-            count[nodes] += condition.held
             if condition.where == self.where:
-                share[nodes] += condition.held
-        share /= np.maximum(count, 1)
-        vector = scene.mirrors.force(state.forest.comm.allreduce((share * residual).sum(axis=0)))
-        direction = self._unit_direction(scene)
-        w = share * scene.mirrors.force(direction)
+                vector += condition.across @ shared[nodes].sum(axis=0)
+                w[nodes] += condition.across @ image
+        w = shared_forces(scene.conditions, held, w)
+        vector = scene.mirrors.force(state.forest.comm.allreduce(vector))
         return Functional(float(direction @ vector), float(np.linalg.norm(vector)), prescribed=w)
 
 

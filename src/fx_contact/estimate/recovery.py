@@ -13,12 +13,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.estimate.element_residual import ElementResidual
+from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.space import child_error
 from fx_contact.parallel.errors import SolveError
 
-#: Rows and columns of the six components of a symmetric stress in recovered fields.
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 #: Position in `VOIGT` of each component of a symmetric tensor.
 TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
 #: Degree of the Gauss rule with 2 x 2 x 2 points, at which stresses of degree 2 are superconvergent.
@@ -68,7 +67,7 @@ class Recovery:
 
     Args:
         elasticity: Elasticity.
-        shear_free: (owned, 3) bool, where the shear stress on planes across an axis is zero by symmetry.
+        shear_free: ShearFree, where there is no shear stress by symmetry.
         stages: Stages, for the times.
         body_force: UFL vector on the mesh [N/m^3]; None: there is none.
     """
@@ -111,9 +110,7 @@ class Recovery:
         """
         prolongation = self._prolongation
         sums = prolongation.restrict(self._elasticity.at_nodes(fem.assemble_vector(self._moments).array))
-        for component, (i, j) in enumerate(VOIGT):
-            if i != j:
-                sums[self._shear_free[:, i] | self._shear_free[:, j], component] = 0
+        self._shear_free.remove_shear(sums)
         values = prolongation.prolong(sums[:, :6] / sums[:, 6:])
         self._recovered.x.array[:] = self._elasticity.at_blocks(values)
 

@@ -7,7 +7,7 @@ here assembled at degree 1.  The idea: E. M. Ronquist, A. T. Patera, J. Sci. Com
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix, identity, kron
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -16,14 +16,14 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.problem import hexahedron
 
 
-def create_coarse_level(elasticity, prescribed):
+def create_coarse_level(elasticity, supports):
     """The level of degree 1 of an elasticity of degree 2.
 
     Collective.
 
     Args:
         elasticity: Elasticity.
-        prescribed: (owned, 3) float64, prescribed displacements, NaN where free [m].
+        supports: Supports at the owned conforming nodes.
 
     Returns:
         CoarseLevel.
@@ -31,20 +31,20 @@ def create_coarse_level(elasticity, prescribed):
     fine = elasticity.prolongation
     coarse = Prolongation(Space(fine.space.forest, 1))
     place = coarse.injected(fine.find(coarse.space.keys))
-    free = fine.ghosted(np.isnan(prescribed).astype(float))[place] > 0
+    below = supports.ghosted(fine).at(place).in_frames()
 
-    matrix = elasticity.on(coarse).stiffness(mixed=elasticity.mixed).mat
+    matrix = elasticity.on(coarse).stiffness(mixed=elasticity.mixed, supports=below).mat
     matrix.assemble()
     diagonal = matrix.getDiagonal()
-    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~free.ravel()).astype(PETSc.IntType)
+    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~below.free.ravel()).astype(PETSc.IntType)
     matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)
-    return CoarseLevel(matrix, _interpolation(fine, coarse, free))
+    return CoarseLevel(matrix, _interpolation(fine, coarse, below))
 
 
-def _interpolation(fine, coarse, free):
-    """I from the coarse unknowns, those that are not free left out: PETSc AIJ."""
+def _interpolation(fine, coarse, below):
+    """I from what supports leave free of the coarse unknowns: PETSc AIJ."""
     leaf, node = fine.injected(fine.space.example).T
     corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
     weights = np.kron(corners, np.kron(corners, corners))[node]
@@ -53,7 +53,6 @@ def _interpolation(fine, coarse, free):
         (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
     )
     values.eliminate_zeros()
-    mask = coarse.ghosted(free.astype(float)).ravel()
-    matrix = kron(values @ coarse.matrix, identity(3), format="csr") @ diags(mask)
+    matrix = kron(values @ coarse.matrix, identity(3), format="csr") @ below.ghosted(coarse).projector()
     matrix.eliminate_zeros()
     return distributed(fine.comm, matrix, coarse.index_map)

@@ -223,7 +223,7 @@ class Elasticity:
         """Whether the pressure of nearly incompressible bodies is an unknown: at degree 2, where that is stable."""
         return bool(self.projects and self.prolongation.space.degree > 1)
 
-    def stiffness(self, rows=None, copied=True, mixed=False):
+    def stiffness(self, rows=None, copied=True, mixed=False, supports=None):
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
         Collective on mesh.comm.
@@ -232,12 +232,14 @@ class Elasticity:
             rows: ConstraintRows, or None without contact.
             copied: as `create_matrix` has it.
             mixed: whether the volume strain of nearly incompressible bodies has the weight that `volume_term` leaves.
+            supports: Supports at the owned conforming nodes, by which it is projected on oblique planes; None: not.
 
         Returns:
             BlockMatrix, not yet assembled: `mat.assemble` ends it.
         """
         matrix, imap = create_matrix(self.prolongation, self.cells, rows, copied), self.prolongation.index_map
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
+        supports = supports.ghosted(self.prolongation) if supports is not None and supports.oblique else None
         hangs = (self.prolongation.conforming[self.cells] < 0).any(axis=1)
         degree = self.prolongation.space.degree
         element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
@@ -255,6 +257,8 @@ class Elasticity:
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
                     matrices = constrained(matrices, weights)
+                if supports is not None:
+                    matrices = supports.in_cells(matrices, nodes)
                 add_cells(matrix.mat, matrices, number[nodes])
         give_back()
         return matrix
@@ -272,13 +276,13 @@ class Elasticity:
         stress = self.stress(trial, self._pointwise * ufl.div(trial) if self.projects else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells=cells)
 
-    def volume_term(self, free):
+    def volume_term(self, supports):
         """What the matrix of the mixed form lacks of the stiffness.
 
         Collective on mesh.comm.
 
         Args:
-            free: (owned, 3) bool, components that no condition prescribes.
+            supports: Supports at the owned conforming nodes.
 
         Returns:
             VolumeTerm.
@@ -294,7 +298,7 @@ class Elasticity:
             cells.append(np.repeat(part, d.shape[1]))
         first, second = (np.concatenate([self._of_cells(lame, part) for part in cells]) for lame in self.lame)
         held = _first_lame(second)
-        return VolumeTerm(self.prolongation, parts, first - held, 2 * second + held, free)
+        return VolumeTerm(self.prolongation, parts, first - held, 2 * second + held, supports)
 
     def _of_cells(self, lame, cells):
         """A Lame coefficient of cells: (n,) float64."""

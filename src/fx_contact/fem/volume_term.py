@@ -23,7 +23,7 @@ class VolumeTerm:
         moments: list of parts of the cells: (n,) int64 nodes of the space (n, k) and D of each cell (n, q, 3 k).
         missing: (m,) float64, C of each row [Pa].
         wave: (m,) float64, 2 mu + lambda_A [Pa].
-        free: (owned, 3) bool, components that no condition prescribes.
+        supports: Supports at the owned conforming nodes.
 
     Attributes:
         comm: MPI communicator.
@@ -31,8 +31,8 @@ class VolumeTerm:
         schur: (m,) float64, S^-1 of the Schur complement's approximation S = C^-1 + (2 mu + lambda_A)^-1 [Pa].
     """
 
-    def __init__(self, prolongation, moments, missing, wave, free):
-        self._prolongation, self._free, self.comm = prolongation, free, prolongation.comm
+    def __init__(self, prolongation, moments, missing, wave, supports):
+        self._prolongation, self._supports, self.comm = prolongation, supports, prolongation.comm
         columns = 3 * len(prolongation.space)
         parts = [_rows(nodes, values, columns) for nodes, values in moments]
         constraint = kron(prolongation.matrix, identity(3), format="csr")
@@ -54,10 +54,10 @@ class VolumeTerm:
         Returns:
             (m,) float64 [m^(3/2)].
         """
-        return self._matrix @ self._prolongation.ghosted(u).ravel()
+        return self._matrix @ self._prolongation.ghosted(self._supports.along_planes(u)).ravel()
 
     def forces(self, pressure):
-        """D^T s, 0 at prescribed components.
+        """D^T s, 0 in held directions.
 
         Collective.
 
@@ -67,12 +67,12 @@ class VolumeTerm:
         Returns:
             (owned, 3) float64 [N].
         """
-        return self._free * self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3))
+        return self._supports.free_part(self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3)))
 
     def diagonal(self):
-        """The diagonal of D^T C D: (owned, 3) float64 [N/m].  Collective."""
+        """The diagonal of D^T C D, on oblique planes without their projector: (owned, 3) float64 [N/m].  Collective."""
         squares = self._transposed.power(2) @ self.missing
-        return self._free * self._prolongation.summed(squares.reshape(-1, 3))
+        return self._supports.free * self._prolongation.summed(squares.reshape(-1, 3))
 
 
 def _rows(nodes, values, columns):

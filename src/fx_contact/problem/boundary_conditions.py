@@ -44,6 +44,11 @@ class Dirichlet:
         """(3,) bool, which components are prescribed."""
         return np.array([value is not None for value in (self.x, self.y, self.z)])
 
+    @property
+    def across(self):
+        """(3, 3) float64, the projector on what is held [-]."""
+        return np.diag(self.held.astype(float))
+
     def at(self, points):
         """Displacement at points.
 
@@ -98,7 +103,7 @@ class SymmetryPlane:
     """A plane surface in which the body is cut by symmetry: no displacement across it, free along it.
 
     Attributes:
-        surface: name of a surface of the root mesh, plane and across x, y or z.
+        surface: name of a surface of the root mesh, in one plane, whose normal is found from its facets.
     """
 
     surface: str
@@ -117,19 +122,67 @@ class SymmetryPlane:
             mesh: RootMesh.
 
         Returns:
-            Dirichlet.
+            Dirichlet across x, y or z, else ObliquePlane.
 
         Raises:
-            SceneError: an unknown surface, one that is not plane, or not across an axis.
+            SceneError: an unknown surface, or one that is not plane.
         """
-        extent = np.ptp(mesh.facet_points(mesh.surface(self.surface)).reshape(-1, 3), axis=0)
+        facets = mesh.surface(self.surface)
+        points = mesh.facet_points(facets).reshape(-1, 3)
+        extent = np.ptp(points, axis=0)
         axis = int(extent.argmin())
-        if extent[axis] > PLANE * extent.max():
+        if extent[axis] <= PLANE * extent.max():
+            return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})
+        normals = mesh.outward_normals(facets)
+        normal = np.linalg.svd(normals, full_matrices=False)[2][0]
+        normal *= np.sign(normal @ normals[0])
+        height = np.ptp(points @ normal)
+        if height > PLANE * extent.max():
             raise SceneError(
-                f"the symmetry plane {self.surface!r} must be a plane across x, y or z, and extends over {extent}: "
-                "name plane facets only, those of each plane by themselves, or turn the whole model"
+                f"the symmetry plane {self.surface!r} must be plane: its facets extend over {extent}, and over "
+                f"{height:.3g} along their mean normal; name plane facets only, those of each plane by themselves"
             )
-        return Dirichlet(self.surface, **{COMPONENTS[axis]: 0.0})
+        return ObliquePlane(self.surface, tuple(normal.tolist()))
+
+
+@dataclass(frozen=True)
+class ObliquePlane:
+    """What a symmetry plane holds that is not across an axis: u . n = 0.
+
+    Attributes:
+        where: name of its surface.
+        normal: n, unit vector out of its first facet [-].
+    """
+
+    where: str
+    normal: tuple[float, float, float]
+
+    @property
+    def across(self):
+        """(3, 3) float64, n n^T [-]."""
+        return np.outer(self.normal, self.normal)
+
+    def check(self, values, largest, position):
+        """See that what others prescribe at points of the plane is along it.
+
+        Local.
+
+        Args:
+            values: (n, 3) float64 [m], NaN where free.
+            largest: largest prescribed displacement [m]; across the plane `PLANE` of it counts as none, for the plane
+                is no better known.
+            position: function of the number of a point that gives where it is (3,) [m].
+
+        Raises:
+            SceneError: it is not.
+        """
+        moved = np.nan_to_num(values) @ self.normal
+        away = np.flatnonzero(np.abs(moved) > PLANE * largest)
+        if len(away):
+            raise SceneError(
+                f"the symmetry plane {self.where!r} holds the displacement across it, and another condition prescribes "
+                f"{moved[away[0]]:.3g} there, at {position(away[0])}: prescribe none across it, or leave one out"
+            )
 
 
 #: Largest distance from a plane, relative to the surface's size: rounding of the mesh generator.

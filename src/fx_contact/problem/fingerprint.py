@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from fx_contact.problem.boundary_conditions import Traction, evaluated
+from fx_contact.problem.boundary_conditions import ObliquePlane, Traction, evaluated
 
 
 def scene_parts(scene):
@@ -22,7 +22,12 @@ def scene_parts(scene):
         "root mesh": mesh_digest(scene.mesh),
         "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
         "displacement conditions": [
-            [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))] for c in scene.conditions
+            (
+                [c.where, "oblique plane"]
+                if isinstance(c, ObliquePlane)
+                else [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))]
+            )
+            for c in scene.conditions
         ],
         "contact pairs": [
             [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact

@@ -17,6 +17,7 @@ class RigidMotions:
     Args:
         mesh: RootMesh.
         prescribed: (npoints, 3) float64, prescribed displacements of its nodes [m], NaN where free.
+        planes: oblique planes of symmetry, (nodes, normal (3,)) of each.
 
     Attributes:
         free: (k, nbodies, 6) float64, coefficients [-] of an orthonormal basis of the motions that homogeneous
@@ -25,7 +26,7 @@ class RigidMotions:
             squares).
     """
 
-    def __init__(self, mesh, prescribed):
+    def __init__(self, mesh, prescribed, planes=()):
         self._mesh = mesh
         body = np.zeros(len(mesh.points), dtype=np.int64)
         body[mesh.corners] = mesh.body[:, None]
@@ -34,6 +35,9 @@ class RigidMotions:
             nodes = np.flatnonzero(~np.isnan(prescribed[:, component]))
             rows.append(self.along(mesh.points[nodes], body[nodes], direction))
             values.append(prescribed[nodes, component])
+        for nodes, normal in planes:
+            rows.append(self.along(mesh.points[nodes], body[nodes], normal))
+            values.append(np.zeros(len(nodes)))
         held = np.concatenate(rows)
         _, strength, motions = np.linalg.svd(held.T @ held)
         free = strength <= _ROUNDING * max(strength[0], 1e-300)

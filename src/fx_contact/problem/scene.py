@@ -9,7 +9,15 @@ import numpy as np
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_direction, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction, merged
+from fx_contact.problem.boundary_conditions import (
+    BodyForce,
+    Dirichlet,
+    ObliquePlane,
+    Pressure,
+    SymmetryPlane,
+    Traction,
+    merged,
+)
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import mirrors_of
@@ -78,8 +86,8 @@ class Scene:
 
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
-            place, a prescribed displacement that is not finite, a symmetry plane that is none across an axis, a body
-            that nothing holds.
+            place, a prescribed displacement that is not finite or across a symmetry plane, a symmetry plane that is not
+            plane, a body that nothing holds.
     """
 
     name: str
@@ -122,8 +130,13 @@ class Scene:
 
     @cached_property
     def conditions(self):
-        """Tuple of Dirichlet: `dirichlet`, symmetry planes among them as what they prescribe."""
+        """Tuple of Dirichlet and ObliquePlane: `dirichlet`, symmetry planes among them as what they hold."""
         return tuple(c.on(self.mesh) if isinstance(c, SymmetryPlane) else c for c in self.dirichlet)
+
+    @cached_property
+    def oblique_planes(self):
+        """Tuple of ObliquePlane, those among the `conditions`."""
+        return tuple(c for c in self.conditions if isinstance(c, ObliquePlane))
 
     @cached_property
     def mirrors(self):
@@ -138,7 +151,8 @@ class Scene:
     @cached_property
     def rigid_motions(self):
         """Rigid motions of the bodies, and which of them conditions stop (`RigidMotions`)."""
-        return RigidMotions(self.mesh, self.prescribed(self.mesh.points))
+        planes = [(self.place(plane.where), np.array(plane.normal)) for plane in self.oblique_planes]
+        return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes)
 
     def place(self, name):
         """Corner nodes of a named surface, curve or vertex of the root mesh.
@@ -213,14 +227,18 @@ class Scene:
             (npoints, 3) float64 [m], NaN where free.
 
         Raises:
-            SceneError: an unknown place, or two values for one component at one node.
+            SceneError: an unknown place, two values for one component at one node, or one across a symmetry plane.
         """
-        places = [self.place(condition.where) for condition in self.conditions]
-        said = [condition.at(points[nodes]) for condition, nodes in zip(self.conditions, places)]
+        conditions = [condition for condition in self.conditions if isinstance(condition, Dirichlet)]
+        places = [self.place(condition.where) for condition in conditions]
+        said = [condition.at(points[nodes]) for condition, nodes in zip(conditions, places)]
         largest = max((np.nanmax(np.abs(values), initial=0.0) for values in said), default=0.0)
         result = np.full((len(points), 3), np.nan)
-        for condition, nodes, values in zip(self.conditions, places, said):
+        for condition, nodes, values in zip(conditions, places, said):
             result[nodes] = merged(result[nodes], condition, values, _SAME * largest, points[nodes].__getitem__)
+        for plane in self.oblique_planes:
+            nodes = self.place(plane.where)
+            plane.check(result[nodes], largest, points[nodes].__getitem__)
         return result
 
 

@@ -4,7 +4,7 @@ from textwrap import fill, indent
 
 import numpy as np
 
-from fx_contact.problem.boundary_conditions import COMPONENTS
+from fx_contact.problem.boundary_conditions import COMPONENTS, ObliquePlane
 
 
 def mesh_summary(mesh):
@@ -44,5 +44,7 @@ def _lines(head, lists):
 
 
 def _components(condition):
-    """Names of the components that a condition prescribes."""
+    """Names of the components that a condition prescribes, or the normal of an oblique plane."""
+    if isinstance(condition, ObliquePlane):
+        return f"across {', '.join(f'{round(x, 3) + 0.0:g}' for x in condition.normal)}"
     return "".join(name for name, held in zip(COMPONENTS, condition.held) if held)
