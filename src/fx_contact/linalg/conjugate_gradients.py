@@ -75,7 +75,8 @@ class ConjugateGradients:
         self.iterations, self._failures, self._best = [], [], None
         self._unknowns = matrix.mat.getSize()[0]
         name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
-        defaults = preconditioner_options(name, self._unknowns, self._CYCLES)
+        blocks = coarse is not None and coarse.blocks is not None
+        defaults = preconditioner_options(name, self._unknowns, self._CYCLES, blocks)
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         self._krylov = self._create_krylov()
