@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, identity, kron
 
+from fx_contact.fem.flat_cells import strong_blocks
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.linalg.matrix import distributed
@@ -40,7 +41,7 @@ def create_coarse_level(elasticity, supports):
     matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)
-    return CoarseLevel(matrix, _interpolation(fine, coarse, below))
+    return CoarseLevel(matrix, _interpolation(fine, coarse, below), strong_blocks(elasticity))
 
 
 def _interpolation(fine, coarse, below):

@@ -13,6 +13,8 @@ Where the solution has less than half the energy norm that this was relative to,
 on with w = omega(u).  As omega(u) >= omega(u_0) - |u - u_0|_A, omega(u) is seldom needed.
 """
 
+import math
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -26,6 +28,11 @@ from fx_contact.parallel.memory import check_memory, shortage
 _PREFIX, _FALLBACK_PREFIX = "fx_", "fx_fallback_"
 #: Bytes that a Cholesky factor of n unknowns in three dimensions takes, over n^(4/3), as measured.
 _FACTOR_BYTES = 300
+#: Iterations without convergence, after which Cholesky's factors take over if they take at most so many bytes an
+#: unknown.  They then cost about as much time as these iterations (`studies.cost.flat --factors`).
+_LOOKS = ((50, 4e3), (150, 8e3))
+#: A limit of memory that MUMPS can work with on any mesh [MB].
+_LEAST_LIMIT = 50
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
@@ -72,12 +79,15 @@ class ConjugateGradients:
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
         self._solver, self._energy_norm, self._comm, self._objects = solver, energy_norm, matrix.comm, objects
-        self.iterations, self._failures, self._best = [], [], None
+        self.iterations, self._failures, self._best, self._looks = [], [], None, []
         self._unknowns = matrix.mat.getSize()[0]
         name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
-        defaults = preconditioner_options(name, self._unknowns, self._CYCLES)
+        blocks = coarse is not None and coarse.blocks is not None
+        defaults = preconditioner_options(name, self._unknowns, self._CYCLES, blocks)
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
+        if solver.preconditioner is None and "pc_type" not in self._options.of_user:
+            self._looks += _LOOKS
         self._krylov = self._create_krylov()
         self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:
@@ -87,7 +97,7 @@ class ConjugateGradients:
             self._hold(matrix.mat)
         else:
             hypre = kind == PETSc.PC.Type.HYPRE
-            self._hold(matrix.in_hypre_format() if hypre else matrix.mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
+            self._hold(matrix.in_hypre_format() if hypre else _as_aij(matrix.mat))
             matrix.mat.destroy()
         self._x, self._b = map(objects.add, self.matrix.createVecs())
         self._scale = objects.add(self._x.duplicate())
@@ -161,12 +171,17 @@ class ConjugateGradients:
             SolveError: divergence, or too many iterations, also with a stronger preconditioner, or with one that
                 cannot be set up; an energy that is no number.
         """
-        spent = 0
+        spent, u = 0, start
         while True:
-            u, reason, count = self._attempt(right_hand_side, start, tolerance, held)
+            most, look = self._solver.max_krylov, self._looks[0] if self._looks else (np.inf, 0)
+            u, reason, count = self._attempt(right_hand_side, u, tolerance, held, min(most, look[0]))
             spent += count
             if reason > 0:
                 break
+            if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT and look[0] < most:
+                self._looks.pop(0)
+                self._factorise(look[1])
+                continue
             self._failures.append(f"with {self.preconditioner} (iterations: {count}, PETSc reason {reason})")
             if not self._fall_back():
                 raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE}")
@@ -174,8 +189,8 @@ class ConjugateGradients:
         self._best = spent if self._best is None else self._best
         return u
 
-    def _attempt(self, right_hand_side, u, tolerance, held):
-        """PCG by the stopping rule above.
+    def _attempt(self, right_hand_side, u, tolerance, held, most):
+        """PCG by the stopping rule above, of some iterations at most.
 
         Returns:
             The solution, or where PCG has failed what it has gone on from; PETSc's reason for the end, negative for a
@@ -192,8 +207,10 @@ class ConjugateGradients:
                 )
             b.array[:] = self.residual(right_hand_side, u).ravel()
             least = max(tolerance * reference, rounding)
-            reason, iterations, first = self._krylov.solve(b, x, tolerance, least, self._solver.max_krylov, held)
+            reason, iterations, first = self._krylov.solve(b, x, tolerance, least, most, held)
             count += iterations
+            if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
+                u = u + x.array.reshape(-1, 3)
             if reason < 0:
                 break
             reference, self.energy_error = max(reference, first), max(least, tolerance * first)
@@ -214,25 +231,60 @@ class ConjugateGradients:
         return ROUNDING * self._x.norm()
 
     def _fall_back(self):
-        """Go on with a stronger preconditioner: whether there is one.  Monitors of the user go on too."""
+        """Go on with a stronger preconditioner: whether there is one."""
         direct = PETSc.Sys.hasExternalPackage("mumps") and shortage(self._comm, self._factor_bytes()) is None
         name = _FALLBACKS[0 if direct else 1]
         if self._options.prefix == _FALLBACK_PREFIX or self.preconditioner in (_FALLBACKS[0], name):
             return False
-        options = {option: value for option, value in self._options.of_user.items() if option.startswith("ksp_")}
-        self._options = PetscOptions(self._comm, _FALLBACK_PREFIX, options | PRECONDITIONERS[name], {})
+        convert = self.matrix.type != PETSc.Mat.Type.AIJ and (direct or self.matrix.type != PETSc.Mat.Type.HYPRE)
         self._krylov.pc.reset()
-        self._krylov = self._create_krylov()
-        self.preconditioner = name
-        if self.matrix.type != PETSc.Mat.Type.AIJ and (direct or self.matrix.type != PETSc.Mat.Type.HYPRE):
-            before, correction = self.matrix, self._product.correction
-            self._operator.destroy()
-            self._hold(before.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()))
-            self.matrix.setBlockSizes(*before.getBlockSizes())  # hypre's rows forget it, blocks are added by it
-            self.correct(correction)
-            before.destroy()
+        self._take_over(name, *self._solver_of(PRECONDITIONERS[name]), _as_aij(self.matrix) if convert else self.matrix)
         self.set_up()
         return True
+
+    def _factorise(self, most):
+        """Go on with Cholesky's factors if these take so many bytes an unknown: MUMPS knows before it computes them."""
+        most *= self._unknowns / self._comm.size
+        known = self.preconditioner in _FALLBACKS
+        if known or not PETSc.Sys.hasExternalPackage("mumps") or shortage(self._comm, most) is not None:
+            return
+        limit = {"mat_mumps_icntl_23": max(math.ceil(most / 1e6), _LEAST_LIMIT)}
+        options, krylov = self._solver_of(PRECONDITIONERS["cholesky"] | limit)
+        matrix = _as_aij(self.matrix)
+        krylov.set_up(matrix, matrix)
+        if krylov.pc.getFailedReason():
+            krylov.pc.reset()
+            matrix.destroy()
+            return
+        krylov.pc.getFactorMatrix().setMumpsIcntl(23, 0)  # later set-ups take what they need
+        self._krylov.pc.reset()
+        self._take_over("cholesky", options, krylov, matrix)
+        self.set_up()
+
+    def _solver_of(self, options):
+        """PetscOptions and KrylovSolver of a preconditioner that takes over.  Monitors of the user go on too."""
+        kept = {option: value for option, value in self._options.of_user.items() if option.startswith("ksp_")}
+        self._options, before = PetscOptions(self._comm, _FALLBACK_PREFIX, kept | options, {}), self._options
+        krylov, self._options, options = self._create_krylov(), before, self._options
+        return options, krylov
+
+    def _take_over(self, name, options, krylov, matrix):
+        """Let another preconditioner, and perhaps a copy of the matrix, take the place of the present ones."""
+        self.preconditioner, self._options, self._krylov = name, options, krylov
+        if matrix is not self.matrix:
+            before, correction = self.matrix, self._product.correction
+            self._operator.destroy()
+            self._hold(matrix)
+            self.correct(correction)
+            before.destroy()
+
+
+def _as_aij(matrix):
+    """A copy of a matrix in PETSc's own format, for which MUMPS need not look for pivots."""
+    copy = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    copy.setBlockSizes(*matrix.getBlockSizes())  # hypre's rows forget it, blocks are added by it
+    copy.setOption(PETSc.Mat.Option.SPD, True)
+    return copy
 
 
 def _name(pc, asked):

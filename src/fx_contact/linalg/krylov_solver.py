@@ -6,6 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.linalg.matrix import clear_hypre_errors
+from fx_contact.linalg.p_multigrid import within_blocks
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.mpi import together
 
@@ -110,6 +111,10 @@ class KrylovSolver:
         if self.pc.getType() == PETSc.PC.Type.MG and coarse is not None:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
+            if coarse.blocks is not None:
+                blocks = within_blocks(matrix, coarse.blocks)
+                self.pc.getMGSmoother(1).setOperators(matrix, blocks)
+                blocks.destroy()  # the smoother has a reference
         with self._options.there(), self._errors_on_all_ranks():
             self._set_up(operator, matrix)
         self._options.check_read()

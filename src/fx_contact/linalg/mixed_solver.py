@@ -62,7 +62,7 @@ class MixedSolver(ConjugateGradients):
         self._root_of_matrix = self._scale.array.reshape(-1, 3).copy()
         self._scale.array[:] = np.sqrt(self._scale.array**2 + self.volume.diagonal().ravel())
 
-    def _attempt(self, right_hand_side, u, tolerance, held):
+    def _attempt(self, right_hand_side, u, tolerance, held, most):
         """As `ConjugateGradients._attempt`, by the stopping rule above.  Collective."""
         volume, strains = self.volume, self.volume.strains(u)
         self.pressure = self._first_pressure(strains)
@@ -76,7 +76,7 @@ class MixedSolver(ConjugateGradients):
 
         residual = forces, self.pressure / volume.missing - strains
         reason, count, change, more = self._krylov.solve_mixed(
-            system, residual, tolerance, allowed, self._solver.max_krylov
+            system, residual, tolerance, allowed, most
         )
         self.pressure = self.pressure + more
         return u + change, reason, count

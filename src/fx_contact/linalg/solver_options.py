@@ -46,6 +46,12 @@ PRECONDITIONERS = {
         "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
     },
 }
+#: Options of p-multigrid where the smoother solves for blocks of nodes.
+_BLOCKS = {
+    "mg_levels_pc_type": "bjacobi",
+    "mg_levels_sub_pc_type": "lu",
+    "mg_levels_sub_pc_factor_mat_ordering_type": "nd",
+}
 #: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity.  Levels cost nothing there, and
 #: aggressive coarsening leaves too few unknowns, 6 of 162, to represent several bodies.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
@@ -54,7 +60,7 @@ _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_str
 _LOOSEST = 1e-3
 
 
-def preconditioner_options(name, unknowns, cycles=1):
+def preconditioner_options(name, unknowns, cycles=1, blocks=False):
     """PETSc options of a preconditioner for a system of some size, without prefix.
 
     Local.
@@ -63,6 +69,7 @@ def preconditioner_options(name, unknowns, cycles=1):
         name: a key of `PRECONDITIONERS`.
         unknowns: int, on all ranks.
         cycles: of BoomerAMG below p-multigrid.
+        blocks: whether the smoother of p-multigrid solves for blocks of nodes.
 
     Returns:
         dict.
@@ -70,6 +77,7 @@ def preconditioner_options(name, unknowns, cycles=1):
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
         below = preconditioner_options("boomeramg", unknowns // 8) | {"pc_hypre_boomeramg_max_iter": cycles}
+        options = options | _BLOCKS if blocks else options
         return options | {f"mg_coarse_{option}": value for option, value in below.items()}
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 

@@ -1,0 +1,51 @@
+"""Blocks of nodes that flat cells couple strongly, for the smoother of p-multigrid.
+
+A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  Where a cell is much longer than one of
+its axes, point relaxation reduces errors across that axis alone.  A smoother that solves for all nodes along it at once
+takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and Applications, 1985, section 10.1).
+"""
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+#: Length of a cell over its length along an axis from which on the nodes along this axis are a block
+#: (`studies.cost.flat`).
+FLAT = 3.0
+
+
+def strong_blocks(elasticity):
+    """Blocks of the conforming nodes of a rank that lie on lines along the short axes of flat cells, one after another.
+
+    Collective.  Nodes that hang have no unknowns; a line ends where another rank's nodes begin.
+
+    Args:
+        elasticity: Elasticity.
+
+    Returns:
+        (owned,) int32, block of each owned node; None where no cell of any rank is flat.
+    """
+    prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
+    lengths = _lengths(leaf_mesh, len(prolongation.space.cells))
+    short = FLAT * lengths <= lengths.max(axis=1, keepdims=True)
+    if not prolongation.comm.allreduce(bool(short.any()), op=MPI.LOR):
+        return None
+    side = prolongation.space.degree + 1
+    nodes = prolongation.conforming[prolongation.space.cells].reshape(-1, side, side, side)
+    links = []
+    for axis in range(3):
+        along = np.moveaxis(nodes[short[:, axis]], 3 - axis, 1)
+        links.append(np.stack([along[:, :-1].ravel(), along[:, 1:].ravel()]))
+    links = np.concatenate(links, axis=1)
+    links = links[:, ((links >= 0) & (links < prolongation.owned)).all(axis=0)]
+    graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(prolongation.owned,) * 2)
+    return connected_components(graph, directed=False)[1]
+
+
+def _lengths(leaf_mesh, count):
+    """Mean length of the edges of each leaf along its three axes: (count, 3) float64 [m]."""
+    leaf, corner = np.repeat(np.arange(count), 8), np.tile(np.arange(8), count)
+    corners = leaf_mesh.positions(leaf, corner, 1).reshape(-1, 2, 2, 2, 3)
+    edges = [np.diff(corners, axis=3 - axis) for axis in range(3)]
+    return np.stack([np.linalg.norm(edge, axis=-1).reshape(-1, 4).mean(axis=1) for edge in edges], axis=1)

@@ -1,0 +1,134 @@
+"""Flat cells and thin bodies at degree 2: iterations of the last solve by the aspect of the cells.
+
+    python3 -m studies.cost.flat               # a few minutes
+    python3 -m studies.cost.flat --factors     # what Cholesky's factors take, of plates and of cubes
+    mpirun -n 3 python3 -m studies.cost.flat --scene slab layers    # where ranks cut lines
+
+"slab": three layers of cells on a rigid base; "layers": a cube of cells that get flatter towards its face; both pressed
+in the middle.  "plate": one layer of cells between clamped rims, "thick plate": three, both under pressure: they bend.
+"point blocks" are iterations with a smoother that knows nothing of flat cells.  CPU microseconds an unknown are those
+of set-up and solves.
+"""
+
+import argparse
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction, adapt
+from fx_contact.contact.contact_solver import _impose
+from fx_contact.fem import coarse_level
+from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.parallel.timing import Stages
+from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.tables import plain, write
+
+ASPECTS, POISSON = (1.0, 2.0, 4.0, 16.0, 100.0, 1000.0), (0.3, 0.49, 0.4999)
+#: Layers of cells of the scenes.
+LAYERS = {"slab": 3, "layers": 6, "plate": 1, "thick plate": 3}
+#: Most iterations with point blocks.
+MOST = 2000
+
+
+def scene(name, aspect, poisson=0.3, side=12):
+    """A body of cells as wide as 1, `side` of them along x and y."""
+    boxes, layers = Boxes(1), LAYERS[name]
+    boxes.add("body", (-side / 2, -side / 2, 0), (side / 2, side / 2, layers), (side, side, layers))
+    thickness = np.geomspace(1, 1 / aspect, layers) if name == "layers" else np.full(layers, 1 / aspect)
+    height = np.concatenate([[0], np.cumsum(thickness)])
+    rims = [boxes.facets(face, at * side / 2) for face, at in ((LEFT, -1), (RIGHT, 1), (FRONT, -1), (BACK, 1))]
+    bends = "plate" in name
+    surfaces = {
+        "held": np.concatenate(rims) if bends else boxes.facets(DOWN, 0.0),
+        "top": boxes.facets(UP, float(layers), within=np.inf if bends else 2.1),
+    }
+
+    def place(_, points):
+        return np.column_stack([points[:, :2], np.interp(points[:, 2], np.arange(layers + 1), height)])
+
+    conditions, loads = (Dirichlet("held", 0.0, 0.0, 0.0),), (Traction("top", (0.0, 0.0, -1e-6)),)
+    mesh = boxes.mesh(surfaces, place=place)
+    # The load does not matter to the solver: small strains are not looked at.
+    return Scene(name, mesh, {"body": Material(1.0, poisson)}, conditions, (), loads)
+
+
+def solved(problem, **solver):
+    """The step on the root cells, and CPU microseconds an unknown of set-up and solves."""
+    allow = ("large strain", "large rotation")
+    (step,) = adapt(problem, 0.9, degree=2, max_steps=1, geometry_order=1, allow=allow, solver=Solver(**solver))
+    costs = step.stages.costs(MPI.COMM_WORLD)["cpu_seconds"]
+    return step, 1e6 * (costs["setup"] + costs["solve"]) / step.record.dofs
+
+
+def by_aspect(name, aspect, poisson):
+    """A row of the table."""
+    problem = scene(name, aspect, poisson)
+    row = {"scene": name, "aspect": f"1:{aspect:g}", "nu": poisson}
+    with mock.patch.object(coarse_level, "strong_blocks", lambda elasticity: None):
+        before = outcome(problem, preconditioner="p-multigrid", max_krylov=MOST)
+    after = outcome(problem)
+    return row | {"point_blocks": before["iterations"]} | after
+
+
+def outcome(problem, **solver):
+    """Unknowns, iterations of the last solve, or that it fails, the last preconditioner, and microseconds."""
+    try:
+        step, micro = solved(problem, **solver)
+    except SolveError:
+        return {"iterations": "fails"}
+    record = step.record
+    stays = not solver or record.preconditioner == solver["preconditioner"]
+    iterations = record.krylov_iterations[-1] if stays else f"> {MOST}"
+    return {"iterations": iterations, "at_the_end": record.preconditioner, "us": micro}
+
+
+def factors(name, aspect, side):
+    """What Cholesky's factors of a matrix take.  On one rank."""
+    step, _ = solved(scene(name, aspect, side=side))
+    elasticity, iterations = step.elasticity, step.record.krylov_iterations[-1]
+    prescribed = prescribed_displacements(step.scene, step.forest, elasticity.prolongation)
+    matrix = elasticity.stiffness().mat
+    matrix.assemble()
+    _impose(matrix, np.zeros_like(prescribed), prescribed)
+    matrix = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    pc, stages = PETSc.PC().create(matrix.comm), Stages()
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("mumps")
+    with stages("setup"):
+        pc.setUp()
+    dofs, bytes_ = step.record.dofs, 1e6 * pc.getFactorMatrix().getMumpsInfog(22)
+    spent = 1e6 * stages.costs(MPI.COMM_WORLD)["cpu_seconds"]["setup"] / dofs
+    return {"scene": name, "side": side, "dofs": dofs, "kB": bytes_ / dofs / 1e3, "us": spent, "iterations": iterations}
+
+
+def main():
+    """Measure; print the table and keep it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", choices=LAYERS, nargs="+", default=list(LAYERS), help="(all)")
+    parser.add_argument("--poisson", type=float, nargs="+", default=POISSON, help="(%(default)s)")
+    parser.add_argument("--factors", action="store_true", help="what factors take")
+    arguments = parser.parse_args()
+    if arguments.factors:
+        cases = [("plate", 16.0, side) for side in (16, 32, 48)]
+        cases += [("thick plate", 16.0, side) for side in (12, 24)] + [("layers", 1.0, side) for side in (6, 12)]
+        found, name = (factors(*case) for case in cases), "factors"
+    else:
+        cases = [(name, a, nu) for name in arguments.scene for nu in arguments.poisson for a in ASPECTS]
+        found, name = (by_aspect(*case) for case in cases), "flat"
+    rows = []
+    for row in found:
+        rows.append(row)
+        if MPI.COMM_WORLD.rank == 0:
+            command = "python3 -m studies.cost.flat" + " --factors" * arguments.factors
+            write(Path(f"results/cost/{name}.csv"), rows, command)
+    if MPI.COMM_WORLD.rank == 0:
+        print(plain(rows))
+
+
+if __name__ == "__main__":
+    main()

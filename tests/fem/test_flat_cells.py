@@ -1,0 +1,90 @@
+"""Blocks of nodes that flat cells couple: which they are, and iterations that do not depend on the aspect."""
+
+import numpy as np
+import pytest
+from conftest import WORLD, everywhere
+from model_problems import conforming_positions, discrete, grown, roots, strewn
+from petsc4py import PETSc
+
+from fx_contact import Dirichlet, Material, Scene, Traction, adapt
+from fx_contact.fem.flat_cells import FLAT, strong_blocks
+from fx_contact.linalg.p_multigrid import within_blocks
+from fx_contact.scenes.boxes import DOWN, UP, Boxes
+
+
+def slab(aspect, poisson=0.3):
+    """Three layers of flat cells on a rigid base, pressed in the middle."""
+    boxes, height = Boxes(1), 3 / aspect
+    boxes.add("slab", (-3, -3, 0), (3, 3, height), (6, 6, 3))
+    surfaces = {"base": boxes.facets(DOWN, 0.0), "top": boxes.facets(UP, height, within=1.1)}
+    conditions = (Dirichlet("base", 0.0, 0.0, 0.0),)
+    loads = (Traction("top", (0.0, 0.0, -1e-6)),)
+    return Scene("slab", boxes.mesh(surfaces), {"slab": Material(1.0, poisson)}, conditions, (), loads)
+
+
+def elasticity_of(scene, distribute=lambda forest: forest):
+    """Elasticity of degree 2 on the root cells."""
+    return discrete(scene, distribute(roots(scene)), degree=2)
+
+
+def test_cubes_have_no_blocks():
+    """Nor have cells of less than the limit."""
+    assert strong_blocks(elasticity_of(slab(1.0))) is None
+    assert strong_blocks(elasticity_of(slab(0.99 * FLAT))) is None
+
+
+@pytest.mark.parametrize("aspect, lines", [(1.01 * FLAT, (0, 1)), (0.99 / FLAT, (2,))])
+def test_blocks_are_lines_along_short_axes(aspect, lines):
+    """Nodes above each other are a block in flat cells, those of a layer in tall ones; several where ranks cut it."""
+    scene = slab(aspect)
+    elasticity = elasticity_of(scene)
+    blocks = strong_blocks(elasticity)
+    position, _ = conforming_positions(elasticity.prolongation.space.forest, elasticity.prolongation)
+    for block in range(blocks.max(initial=-1) + 1):
+        assert np.ptp(position[blocks == block][:, lines], axis=0).max() < 1e-12
+    count = WORLD.allreduce(int(blocks.max(initial=-1)) + 1)
+    expected = 13**2 if len(lines) == 2 else 7
+    assert count == expected if WORLD.size == 1 else count >= expected
+
+
+def test_hanging_nodes_are_in_no_block():
+    """Blocks of a refined mesh are of conforming nodes; all of these have one."""
+    scene = slab(4.0)
+    elasticity = discrete(scene, strewn(grown(roots(scene), 1, share=0.2)), degree=2)
+    assert elasticity.prolongation.hanging_global > 0
+    blocks = strong_blocks(elasticity)
+    assert len(blocks) == elasticity.prolongation.owned
+    everywhere(len(blocks) == 0 or blocks.min() >= 0, "a node without a block")
+
+
+def test_entries_within_blocks():
+    """They are those of the matrix, and no others are kept."""
+    elasticity = elasticity_of(slab(4.0))
+    matrix = elasticity.stiffness().mat
+    matrix.assemble()
+    blocks = strong_blocks(elasticity)
+    kept = within_blocks(matrix, blocks)
+    first, last = kept.getOwnershipRange()
+    local = np.arange(first, last, dtype=PETSc.IntType)
+    whole, part = (m.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()).getValues(local, local) for m in (matrix, kept))
+    block = np.repeat(blocks, 3)
+    same = block[:, None] == block
+    rounding = 1e-14 * np.abs(whole).max(initial=1)
+    everywhere((np.abs(part - np.where(same, whole, 0.0)) <= rounding).all(), "other entries")
+    everywhere((part[~same] == 0).all(), "blocks are coupled")
+
+
+def iterations(aspect, poisson=0.3):
+    """Of the last solve of the slab."""
+    (step,) = adapt(slab(aspect, poisson), 0.9, degree=2, max_steps=1, geometry_order=1)
+    assert WORLD.size > 1 or step.record.preconditioner == "p-multigrid"
+    return step.record.krylov_iterations[-1]
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+def test_iterations_hardly_depend_on_the_aspect(poisson):
+    """At most twice those on cubes; on several ranks, which cut lines, five times."""
+    cubes = iterations(1.0, poisson)
+    assert cubes > 5
+    found = [iterations(aspect, poisson) for aspect in (4.0, 16.0, 100.0, 1000.0)]
+    assert max(found) < (2 if WORLD.size == 1 else 5) * cubes, (cubes, found)
