@@ -128,8 +128,22 @@ PRECONDITIONERS = {
     "set-up": "{setup_us:.1f}",
     "solve": "{solve_us:.0f}",
 }
-
-
+FLAT = {
+    "scene": "{scene}",
+    "aspect": "{aspect}",
+    "nu": "{nu}",
+    "iterations, point blocks": ("{point_blocks}",),
+    "iterations": ("{iterations}",),
+    "at the end": ("{at_the_end}", ""),
+    "set-up and solves, us an unknown": ("{us:.0f}", ""),
+}
+FACTORS = {
+    "scene": "{scene}",
+    "cells along a side": "{side:d}",
+    "unknowns": "{dofs:,}",
+    "kB an unknown": "{kB:.1f}",
+    "us an unknown": "{us:.0f}",
+}
 INCOMPRESSIBLE = {
     "scene": "{scene}",
     "nu": "{nu}",
@@ -237,6 +251,8 @@ TABLES = {
     "studies/work_precision/points.csv#three": lambda rows: markdown(three(rows), POINTS_OF_README),
     "studies/effectivity/table.csv": partial(markdown, columns=EFFECTIVITY),
     "studies/cost/preconditioners.csv": partial(markdown, columns=PRECONDITIONERS),
+    "studies/cost/flat.csv": partial(markdown, columns=FLAT),
+    "studies/cost/factors.csv": partial(markdown, columns=FACTORS),
     "studies/work_precision/promises.csv": partial(
         markdown, columns={"promise": "{promise}", "measured": "{measured}"}
     ),
