@@ -30,7 +30,7 @@ _PREFIX, _FALLBACK_PREFIX = "fx_", "fx_fallback_"
 _FACTOR_BYTES = 300
 #: Iterations without convergence, after which Cholesky's factors take over if they take at most so many bytes an
 #: unknown.  They then cost about as much time as these iterations (`studies.cost.flat --factors`).
-_LOOKS = ((50, 4e3), (150, 8e3))
+_LOOKS = ((50, 5e3), (150, 8e3))
 #: A limit of memory that MUMPS can work with on any mesh [MB].
 _LEAST_LIMIT = 50
 #: Kinds of preconditioner that factorise the whole matrix.
