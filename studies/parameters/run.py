@@ -17,7 +17,7 @@ from fx_contact.results import true_error
 from fx_contact.scenes import hertz, indentation
 from studies.runs import STAGES
 from studies.stability.references import HERTZ_A
-from studies.stability.shapes import beam, films
+from studies.stability.shapes import beam, films, four_supports
 from studies.tables import plain, write
 from studies.work_precision.points import INDENT_A, true_error_of_indentation
 
@@ -29,6 +29,7 @@ SCENES = {
     "indentation": (indentation, 0.06, INDENT_A),
     "film, whose weight is the load": (partial(films, order=1, weight=4.0), 0.2, 1e-3),
     "wavy film beside a pressure": (partial(films, 1e-4, pressure=0.1), 0.3, 1.16e-3),
+    "beam on four supports": (four_supports, 0.07, 9e-4),
     "beam, gap that closes late": (partial(beam, 0.98), 0.2, 1.04e-6),
     "beam, wide gap beside the wall": (partial(beam, 0.9, tension=3e-3, near=1e-3), 0.3, 3.98e-6),
     "beam, a heavier load far away": (partial(beam, 0.8, beside=0.1), 0.1, 2.29e-5),
@@ -37,6 +38,7 @@ SCENES = {
 #: Values that are tried; a share is at most 1.
 VALUES = {
     "target": (0.45, 1.0),
+    "lowest_threshold": (0.25, 1.0),
     "trusted_effectivity": (0.4, 1.0),
     "least_effectivity": (0.2, 0.8),
 }

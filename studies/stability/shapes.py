@@ -243,6 +243,31 @@ def beam(closing, cells=10, poisson=0.0, tension=0.0, near=None, beside=0.0, afa
     )
 
 
+def four_supports(cells=18):
+    """Half the width of a beam 9 m long and half a metre high, on four supports of 1 m, under a pressure.
+
+    Args:
+        cells: root cells along the beam, a multiple of 18.
+    """
+    boxes, long, thick = Boxes(1), 9.0, 0.5
+    boxes.add("beam", (0.0, 0.0, 0.0), (long, 1.0, thick), (cells, 2, 1))
+    below, wide = boxes.facets(DOWN, 0.0, "beam"), cells // 9
+    surfaces = {"load": boxes.facets(UP, thick, "beam"), "end": boxes.facets(LEFT, 0.0)}
+    surfaces |= {"side": boxes.facets(FRONT, 0.0)}
+    held, pairs = [Dirichlet("end", x=0.0), SymmetryPlane("side")], []
+    for place in (0.0, 2.5, 5.5, 8.0):
+        name, first = f"support at {place:g}", round(place * cells / long)
+        boxes.add(name, (place, 0.0, -1.0), (place + 1.0, 1.0, 0.0), (wide, 2, 2))
+        under = below[(below[:, 0] % cells >= first) & (below[:, 0] % cells < first + wide)]
+        surfaces |= {f"above {name}": under, f"head of {name}": boxes.facets(UP, 0.0, name)}
+        surfaces |= {f"foot of {name}": boxes.facets(DOWN, -1.0, name)}
+        held.append(Dirichlet(f"foot of {name}", 0.0, 0.0, 0.0))
+        pairs.append(ContactPair(f"above {name}", f"head of {name}", direction=(0, 0, -1)))
+    mesh = boxes.mesh(surfaces)
+    materials = {body: Material(1.0 if body == "beam" else 10.0, 0.3) for body in mesh.bodies}
+    return Scene("four supports", mesh, materials, tuple(held), tuple(pairs), (Pressure("load", 1e-4),))
+
+
 def sinking(deeper):
     """A round body that lightly touches a block, which sinks under a pressure of 0.1 Pa beside it, a quarter of both.
 

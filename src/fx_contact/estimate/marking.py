@@ -5,9 +5,8 @@ from mpi4py import MPI
 
 from fx_contact.fem.space import child_error
 
-#: How many thresholds are tried, and the lowest, relative to that of criterion (2): a solve on a mesh of intermediate
-#: size costs more than the cells that it would spare.  Half and double of each change nothing (studies/parameters).
-_THRESHOLDS, _LOWEST = 1024, 0.25
+#: How many thresholds are tried.
+_THRESHOLDS = 1024
 #: The lowest one for goals, relative to the largest error.
 _LOWEST_FOR_GOALS = 1e-12
 
@@ -45,7 +44,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    half, lowest = _THRESHOLDS // 2, _LOWEST * criterion
+    half, lowest = _THRESHOLDS // 2, control.lowest_threshold * criterion
     low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
     thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
