@@ -1,4 +1,4 @@
-"""What the model of `scaling_model` needs to know of this machine, measured with the package's objects at degree 1."""
+"""What the model of `scaling_model` needs to know of this machine, measured with the package's objects."""
 
 import ctypes
 import os
@@ -51,7 +51,7 @@ class Counting(MPI.Intracomm):
         return counted, away
 
 
-def measure(comm, tolerance):
+def measure(comm, tolerance, degree=1):
     """Run the Hertz problem some times and take the shortest seconds that its last step's stages needed.
 
     Collective on comm.
@@ -59,21 +59,22 @@ def measure(comm, tolerance):
     Args:
         comm: MPI communicator.
         tolerance: of the run.
+        degree: of the displacements.
 
     Returns:
         Kernels.
     """
     with between_partners():
-        runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
+        runs = [_measured(comm, tolerance, degree) for _ in range(REPEATS)]
     best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
-    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc")
+    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree, partition_kind="sfc")
     by_keys, away = Counting.last_step(steps)
     with as_for_many_parts():
-        counted, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
+        counted, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree))
     counts = {"exchanges": tuple(by_keys.tolist()), "straightening": tuple((counted - by_keys).tolist())}
     # Of hashed keys one in as many as there are ranks stays.
-    counts["volume"] = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS
-    return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance) if comm.size == 1 else None)
+    counts["volume"] = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS[degree]
+    return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance, degree) if comm.size == 1 else None)
 
 
 @contextmanager
@@ -97,9 +98,9 @@ def between_partners():
         exchange.FEW_RANKS = before
 
 
-def _measured(comm, tolerance):
+def _measured(comm, tolerance, degree):
     """Kernels of one run, but for levels and exchanges."""
-    *_, step = adapt(hertz(comm=comm), tolerance, comm, degree=1)
+    *_, step = adapt(hertz(comm=comm), tolerance, comm, degree=degree)
     record = step.record
     cell, dof = comm.size / record.cells, comm.size / record.dofs
     seconds, iterations = record.seconds, sum(record.krylov_iterations)
@@ -143,16 +144,18 @@ def _seconds(comm, work, times):
     return comm.allreduce(time.perf_counter() - start, op=MPI.MAX) / times
 
 
-def _levels(comm, tolerance):
-    """Unknowns relative to the finest, and entries a row, of the levels of hypre's hierarchy, as hypre prints them."""
-    options = {"pc_hypre_boomeramg_print_statistics": 1}
+def _levels(comm, tolerance, degree):
+    """Unknowns relative to the finest, and entries a row, of the levels of hypre's hierarchy, as hypre prints them.
+
+    At degree 2 that hierarchy is below the finest level, which has the neighbours of the first below it.
+    """
+    options = {"mg_coarse_" * (degree > 1) + "pc_hypre_boomeramg_print_statistics": 1}
     with tempfile.TemporaryFile("w+") as printed:
         ctypes.CDLL(None).fflush(None)
         screen = os.dup(1)
         os.dup2(printed.fileno(), 1)
         try:
-            for _ in adapt(hertz(comm=comm), tolerance, comm, degree=1, solver=Solver(options=options)):
-                pass
+            *_, step = adapt(hertz(comm=comm), tolerance, comm, degree=degree, solver=Solver(options=options))
             ctypes.CDLL(None).fflush(None)
         finally:
             os.dup2(screen, 1)
@@ -161,4 +164,5 @@ def _levels(comm, tolerance):
         table = printed.read().split("Operator Matrix Information")[-1].split("Interpolation Matrix")[0]
     rows = re.findall(r"^ +\d+ +(\d+) +(\d+) +[\d.]+ +\d+ +\d+ ", table, flags=re.MULTILINE)
     unknowns, entries = np.array(rows, dtype=float).T
-    return np.stack([unknowns / unknowns[0], entries / unknowns], axis=1)
+    levels = np.stack([unknowns / step.record.dofs, entries / unknowns], axis=1)
+    return levels if degree == 1 else np.concatenate([[[1.0, levels[0, 1]]], levels])

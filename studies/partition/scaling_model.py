@@ -59,8 +59,9 @@ class Kernels:
     levels: np.ndarray
 
 
-#: Bytes a cell of the keys of nodes, edges and faces: in a large mesh of hexahedra there are 1, 3 and 3 a cell.
-KEYS = 8 * 7
+#: Bytes a cell of the keys of nodes, edges and faces, by degree: in a large mesh of hexahedra there are 1 or 8, 3 and 3
+#: a cell.
+KEYS = {1: 8 * 7, 2: 8 * 14}
 #: Matrix products in a V-cycle on a level: Chebyshev of second order before and after, residual, and two transfers.
 PRODUCTS = 7
 #: Exchanges on a level while the hierarchy is set up: strength, coarsening, interpolation, triple product.
@@ -99,7 +100,7 @@ def predict(score, cells, dofs, kernels, network, scale=1.0):
     messages = exchange() + PRODUCTS * levels.sum() + (REDUCTIONS + 1) * reduction
     iteration = most_dofs * (kernels.product + kernels.cycle) + messages
     exchanges = _exchanges(score, kernels, network, scale) * (parts > 1)
-    reductions = score.partners.reductions * (reduction + 2 * 8 * parts / network.bandwidth)
+    reductions = score.partners.reductions * reduction + 2 * 8 * score.partners.summed / network.bandwidth
     seconds = {
         "tree": most_cells * kernels.tree + exchanges + reductions,
         "assemble": most_cells * kernels.assemble + exchange(),

@@ -21,7 +21,7 @@ def study(monkeypatch):
 
     small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.3, 0.3), 2: (0.3, 0.3)}, 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
-    monkeypatch.setattr(partition_study, "TOLERANCES", (0.3, 0.3))
+    monkeypatch.setattr(partition_study, "TOLERANCES", {1: (0.3, 0.3)})
     return partition_study
 
 
@@ -48,8 +48,8 @@ def test_study(study, kernels, monkeypatch, tmp_path):
     assert len(rows) == 5 * (len(KINDS) + 1)
     for row in rows:
         assert (row["kind"] == "sfc") == (row["split_pairs"] > 0), row
-    _, rows = read(folder / "prediction.csv")
-    assert len(rows) == len(KINDS) + 1
+    _, rows = read(folder / "model.csv")
+    assert [row["parts"] for row in rows] == [32]
     from studies.partition.scaling_model import STAGES
 
     for row in rows:
