@@ -1,15 +1,15 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
 The forests are those of adaptive runs of both benchmarks, every leaf refined once more, at degree 2 twice: over a
-million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time:
+million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time. A million leaves at
+degree 2 take 10 GB a rank and an hour, so that the pages show what --quick gives there:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
-    mpirun -n 2 python3 -m studies.partition.run --degree 2
+    mpirun -n 2 python3 -m studies.partition.run --degree 2 --quick
 
-Kernels of the prediction are measured, or their seconds taken from a quiet hour with --seconds. It leaves in
-results/partition table.csv, model.csv, kernels.csv (at degree 2 table_degree2.csv and so on), quality.csv, targets.md,
-cost.md, prediction.md and pictures.
+It leaves in results/partition table.csv, model.csv, kernels.csv (at degree 2 table_degree2.csv and so on), quality.csv,
+targets.md, cost.md, prediction.md and pictures.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
 from studies.partition.measures import Judge, Quality
 from studies.partition.partitions import CURVE, REPEATED, history, of_middle_cut, parents, partitions
 from studies.partition.partners import Exchanges, Partners
-from studies.partition.scaling_kernels import TIMES, measure, migration
+from studies.partition.scaling_kernels import TIMES, counted, measure, migration
 from studies.partition.scaling_model import Network, predict
 from studies.partition.tables import model, prediction, quality, table, targets
 
@@ -190,18 +190,11 @@ def cost_table(costs, rows, moved):
 
 def kernel_table(kernels):
     """The measured kernels, in Markdown."""
-    names = [field.name for field in fields(kernels[0]) if field.name not in ("ranks", "levels")]
-    lines = [
-        "| kernel | " + " | ".join(f"{k.ranks} rank(s)" for k in kernels) + " |",
-        "|---|" + "--:|" * len(kernels),
-    ]
-    for name in names:
-        values = (getattr(k, name) for k in kernels)
-        lines.append(
-            f"| {name} | "
-            + " | ".join(f"{1e6 * v:.3g} us" if name in TIMES else f"{v}" for v in values)
-            + " |"
-        )
+    lines = ["| kernel | |", "|---|--:|"]
+    for field in fields(kernels):
+        value = getattr(kernels, field.name)
+        if field.name != "levels":
+            lines.append(f"| {field.name} | {f'{1e6 * value:.3g} us' if field.name in TIMES else value} |")
     return "\n".join(lines)
 
 
@@ -211,7 +204,6 @@ def main():
     options.add_argument("--quick", action="store_true", help="forests of some 100,000 leaves: two minutes")
     options.add_argument("--degree", type=int, choices=(1, 2), default=1, help="of the displacements (%(default)s)")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
-    options.add_argument("--seconds", type=Path, help="file of kernels to take the seconds from (default: measure)")
     options.add_argument("--output", type=Path, default=Path("results/partition"), help="folder (%(default)s)")
     arguments = options.parse_args()
     if arguments.parts < 32 or arguments.parts & (arguments.parts - 1):
@@ -245,7 +237,6 @@ def study(arguments):
     rows = [row for name in BENCHMARKS for row in found[name][0]]
     made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
     made_by += f" --degree {degree}" * (degree > 1) + " --quick" * arguments.quick
-    made_by += f" --seconds {arguments.seconds}" * bool(arguments.seconds)
     if COMM.rank == 0:
         tables.write(folder / "quality.csv", list(quality(rows)), made_by)
         keep(folder, "table", degree, table(rows), made_by)
@@ -271,29 +262,21 @@ def forecast(arguments, rows, costs, made_by):
     del last
     write(cost_table(costs, rows, moved), folder / "cost.md")
 
-    kernels = [measure(COMM, tolerance, degree)]
-    if COMM.rank == 0 and COMM.size > 1:
-        alone = measure(MPI.COMM_SELF, tolerance, degree)
-        kernels = [alone, replace(kernels[0], levels=alone.levels)]
-    kernels = COMM.bcast(kernels)
-    if COMM.rank == 0 and not arguments.seconds:
-        keep(folder, "kernels", degree, [{name: 1e6 * getattr(kernels[-1], name) for name in TIMES}], made_by)
-    text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
-    if arguments.seconds:
-        known = {name: 1e-6 * value for name, value in tables.read(arguments.seconds)[1][0].items()}
-        kernels[-1] = replace(kernels[-1], **known)
-        text += [f"\nwith the seconds of {arguments.seconds}:\n", kernel_table(kernels[-1:])]
-    seconds = predicted(rows, kernels[-1])
-    if COMM.size == 1:
-        text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
-    for name, kinds in seconds.items():
-        dofs = f"{name}, {BENCHMARKS[name][2] / 1e6:.1f} million dofs"
-        text += ["", prediction(dofs, kinds)]
-        if COMM.rank == 0:
-            draw_prediction(kinds, dofs, folder / f"prediction_{name}.png")
-    write("\n".join(text), folder / "prediction.md")
+    counts = counted(COMM, tolerance, degree)
     if COMM.rank == 0:
-        keep(folder, "model", degree, list(model(seconds, {name: BENCHMARKS[name][2] for name in seconds})), made_by)
+        kernels = replace(measure(tolerance, degree), **counts)
+        dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}
+        keep(folder, "kernels", degree, [{name: 1e6 * getattr(kernels, name) for name in TIMES}], made_by)
+        seconds = predicted(rows, kernels)
+        text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
+        if COMM.size == 1:
+            text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
+        for name, kinds in seconds.items():
+            title = f"{name}, {dofs[name] / 1e6:.1f} million dofs"
+            text += ["", prediction(title, kinds)]
+            draw_prediction(kinds, title, folder / f"prediction_{name}.png")
+        write("\n".join(text), folder / "prediction.md")
+        keep(folder, "model", degree, list(model(seconds, dofs)), made_by)
 
 
 def write(text, path):

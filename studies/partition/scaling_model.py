@@ -30,13 +30,12 @@ class Network:
 
 @dataclass(frozen=True)
 class Kernels:
-    """What was measured on this machine, on a number of ranks.
+    """What was measured on this machine.
 
     Attributes:
-        ranks: number of ranks.
-        tree, assemble, estimate: seconds a cell of a rank: partition, mesh, hanging nodes and refinement; assembly of
-            the matrix; recovery and indicator.
-        setup, product, cycle: seconds a dof of a rank: set-up of the preconditioner, matrix times vector, V-cycle.
+        tree, assemble, estimate: CPU seconds a cell: partition, mesh, hanging nodes and refinement; assembly of the
+            matrix; recovery and indicator.
+        setup, product, cycle: CPU seconds a dof: set-up of the preconditioner, matrix times vector, V-cycle.
         iterations: of PCG, all solves of an adaptive step together.
         exchanges: of an adaptive step: how often ranks tell each other how many rows will come, and how often rows
             travel, which they never do on one rank.
@@ -45,7 +44,6 @@ class Kernels:
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
 
-    ranks: int
     tree: float
     assemble: float
     estimate: float
