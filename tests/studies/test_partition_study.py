@@ -37,7 +37,7 @@ def kernels():
 @pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="each rank scores a benchmark by itself: two show all")
 def test_study(study, kernels, monkeypatch, tmp_path):
-    """It runs; contact-sfc splits no pair; what is predicted is positive and adds up."""
+    """It runs; sfc alone splits pairs; sums are of up to P numbers; what is predicted is positive and adds up."""
     folder = Path(WORLD.bcast(str(tmp_path)))
     monkeypatch.setattr(sys, "argv", ["run.py", "--quick", "--parts", "32", "--output", str(folder)])
     monkeypatch.setattr(study, "measure", lambda *known: kernels)
@@ -48,6 +48,8 @@ def test_study(study, kernels, monkeypatch, tmp_path):
     assert len(rows) == 5 * (len(KINDS) + 1)
     for row in rows:
         assert (row["kind"] == "sfc") == (row["split_pairs"] > 0), row
+        assert (row["kind"] == "equidistributed") == (row["reductions"] == 0), row
+        assert row["reductions"] <= row["summed"] <= row["reductions"] * row["parts"], row
     _, rows = read(folder / "model.csv")
     assert [row["parts"] for row in rows] == [32]
     from studies.partition.scaling_model import STAGES
