@@ -260,7 +260,7 @@ TABLES = {
     "studies/partition/table_degree2.csv#partners": partial(markdown, columns=PARTNERS),
     **{
         f"studies/partition/{name}{degree}.csv{choice}": make
-        for degree in ("",)
+        for degree in ("", "_degree2")
         for name, choice, make in (
             ("model", "", lambda rows: markdown(in_milliseconds(rows), MODEL)),
             ("model", "#claims", lambda rows: plain(claims(rows))),

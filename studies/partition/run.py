@@ -2,7 +2,7 @@
 
 The forests are those of adaptive runs of both benchmarks, every leaf refined once more, at degree 2 twice: over a
 million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time. A million leaves at
-degree 2 take 10 GB a rank and an hour, so that the pages show what --quick gives there:
+degree 2 take 10 GB a rank, so that the pages show what --quick gives there:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
