@@ -18,6 +18,7 @@ from math import log
 from pathlib import Path
 from string import Formatter
 
+from studies.partition.claims import claims, in_milliseconds
 from studies.stability.figures import counts
 
 TOP = Path(__file__).parents[1]
@@ -87,6 +88,28 @@ PARTNERS = {
     "equidistributed": "{partners_max_equidistributed:d} ({partners_mean_equidistributed:.1f})",
     "keys a part, contact-sfc": "{keys_KiB:.0f} KiB",
     "keys a part, equidistributed": "{keys_KiB_equidistributed:.0f} KiB",
+    "reductions, curve": "{reductions_curve_only:d} ({summed_curve_only:.1f} P)",
+    "contact-sfc, reductions": "{reductions_contact_sfc:d} ({summed_contact_sfc:.1f} P)",
+}
+MODEL = {
+    "benchmark": "{benchmark}",
+    "processors": "{parts:d}",
+    **{name: f"{{{name}_ms:,.0f}}" for name in ("tree", "assemble", "setup", "solve", "estimate", "total")},
+    "gain": ("{gain:.2f}", ""),
+    "exchanges of the tree": "{exchanges_ms:,.1f}",
+    "its reductions": "{reductions_ms:,.1f}",
+    "messages in the solver": "{waiting:.0%}",
+    "curve only": "{curve_only_ms:,.0f}",
+    "sfc": "{sfc_ms:,.0f}",
+    "equidistributed": "{equidistributed_ms:,.0f}",
+}
+KERNELS = {
+    "tree": "{tree:.1f}",
+    "assemble": "{assemble:.1f}",
+    "estimate": "{estimate:.1f}",
+    "set-up": "{setup:.2g}",
+    "product": "{product:.2g}",
+    "cycle": "{cycle:.2g}",
 }
 
 
@@ -260,6 +283,15 @@ TABLES = {
     "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
     "studies/partition/table.csv#partners": partial(markdown, columns=PARTNERS),
     "studies/partition/table_degree2.csv#partners": partial(markdown, columns=PARTNERS),
+    **{
+        f"studies/partition/{name}{degree}.csv{choice}": make
+        for degree in ("", "_degree2")
+        for name, choice, make in (
+            ("model", "", lambda rows: markdown(in_milliseconds(rows), MODEL)),
+            ("model", "#claims", lambda rows: plain(claims(rows))),
+            ("kernels", "", partial(markdown, columns=KERNELS)),
+        )
+    },
     "studies/stability/scores.csv": counts,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),

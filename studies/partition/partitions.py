@@ -31,7 +31,7 @@ class Made:
         seconds: to make it, once keys and graph are there.
         cuts: (parts - 1,) int64, of the curve; None if it has none.
         rows: name -> (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
-        reductions: how often a number for each part is summed over the ranks.
+        sums: `reductions`, `summed` and `weighed`, as `Partners` has them.
     """
 
     kind: str
@@ -39,7 +39,19 @@ class Made:
     seconds: float
     cuts: np.ndarray | None
     rows: dict
-    reductions: int
+    sums: dict
+
+
+class Summing(MPI.Intracomm):
+    """A communicator that notes of how many numbers the sums over its ranks are."""
+
+    __module__ = MPI.Intracomm.__module__  # others take communicators of mpi4py by the name of their module
+    noted = []
+
+    def Allreduce(self, there, here, *how, **named):  # noqa: N802
+        """As MPI's, and note."""
+        Summing.noted.append(len(here))
+        return super().Allreduce(there, here, *how, **named)
 
 
 def in_curve_order(forest):
@@ -103,22 +115,23 @@ def before(forests, lineage, parts, kind):
 
 def partitions(forests, lineage, parts, pieces):
     """Yield all partitions into a number of parts as `Made`; `pieces` are Units with and without pairs."""
+    for units in (pieces[True].graph, *pieces.values()):
+        units.comm = Summing(units.comm)
     for kind in (CURVE, *KINDS):
         about = KINDS["contact-sfc" if kind == CURVE else kind]
-        units, rows, cuts, reductions = pieces[about.pairs], {}, None, 0
+        units, rows, cuts, loads = pieces[about.pairs], {}, None, []
         present = before(forests, lineage, parts, kind)
+        Summing.noted.clear()
         start = time.perf_counter()
         if kind == "equidistributed":
             part = dealt_out_again(forests, lineage, parts)
         else:
             part, cuts = along_curve(units, parts, None)
             rows = {"move": (present, part[units.of_leaf])}
-            reductions = int(units.keys.max()).bit_length()  # rounds of bisection
             if kind != CURVE and len(about.stages) > 1:
                 curve = part
                 with straightening(cuts, parts) as (asked, loads):
                     part, _ = about.stages[1](units, parts, part)
-                reductions += len(loads)
                 rows["graph along the curve"] = curve[units.graph.rows], curve[units.graph.matrix.indices]
                 rows["straightening"] = most_pairs(asked, parts)
                 rows["move from the curve"] = curve[units.of_leaf], part[units.of_leaf]
@@ -128,7 +141,8 @@ def partitions(forests, lineage, parts, pieces):
             rows = {"move": (present, part)}
         if present is None:
             rows.pop("move")
-        yield Made(kind, part, seconds, cuts, rows, reductions)
+        sums = {"reductions": len(Summing.noted), "summed": sum(Summing.noted), "weighed": len(loads)}
+        yield Made(kind, part, seconds, cuts, rows, sums)
 
 
 def of_middle_cut(units, parts, first):

@@ -31,7 +31,9 @@ class Partners:
         partners_mean: mean over the parts.
         key_bytes: of the keys that all parts together send away to make their nodes, edges and faces known once.
         key_bytes_max: sent and received by the part that moves most.
-        reductions: how often a number for each part is summed over the ranks while the partition is made.
+        reductions: how often numbers are summed over the ranks while the partition is made.
+        summed: how many numbers these are in all.
+        weighed: how often the weights of all parts are taken, over the ranks or, of small graphs, by each for itself.
     """
 
     exchange: str
@@ -39,7 +41,9 @@ class Partners:
     partners_mean: float
     key_bytes: int
     key_bytes_max: int
-    reductions: int
+    reductions: int = 0
+    summed: int = 0
+    weighed: int = 0
 
 
 class Exchanges:
@@ -65,7 +69,7 @@ class Exchanges:
         }
         self._leaves = _facing(forest)
 
-    def count(self, parts, part, cuts, others, reductions=0):
+    def count(self, parts, part, cuts, others, sums=None):
         """Partners of a partition.
 
         Args:
@@ -73,7 +77,7 @@ class Exchanges:
             part: (n,) int, part of each leaf.
             cuts: (parts - 1,) int64, of the curve, by which homes are given; None: by a hash.
             others: dict, name -> (k,) int and (k,) int parts, between which rows go in an exchange that is not by keys.
-            reductions: as `Partners` has them.
+            sums: dict, `reductions`, `summed` and `weighed` of `Partners`, if there are any.
 
         Returns:
             Partners.
@@ -100,7 +104,7 @@ class Exchanges:
             partners_mean=float(found[most].mean()),
             key_bytes=int(key_bytes.sum()) // 2,
             key_bytes_max=int(key_bytes.max()),
-            reductions=reductions,
+            **(sums or {}),
         )
 
 
@@ -194,7 +198,7 @@ def straightening(cuts, parts):
 
     Yields:
         list of (k,) int64 pairs, first part times `parts` plus second, and list of the weights of all parts, as often
-        as they are summed over the ranks.
+        as they are taken.
     """
     before, sums, found, loads = interface_smoothing._admitted, interface_smoothing._loads, [], []
 

@@ -1,14 +1,15 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
 The forests are those of adaptive runs of both benchmarks, every leaf refined once more, at degree 2 twice: over a
-million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time:
+million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time. A million leaves at
+degree 2 take 10 GB a rank, so that the pages show what --quick gives there:
 
     mpirun -n 2 python3 -m studies.partition.run --quick
     mpirun -n 2 python3 -m studies.partition.run
-    mpirun -n 2 python3 -m studies.partition.run --degree 2
+    mpirun -n 2 python3 -m studies.partition.run --degree 2 --quick
 
-The prediction is of degree 1, whose kernels are measured. It leaves table.csv
-(table_degree2.csv), quality.csv, targets.md, cost.md, prediction.md, prediction.csv and pictures in results/partition.
+It leaves in results/partition table.csv, model.csv, kernels.csv (at degree 2 table_degree2.csv and so on), quality.csv,
+targets.md, cost.md, prediction.md and pictures.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.interface_smoothing import FEW, WORTHWHILE
+from fx_contact.forest.interface_smoothing import BOXES, FEW, MOST_BOXES, WORTHWHILE
 from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import KINDS
 from fx_contact.forest.super_elements import Units, curve_keys
@@ -38,9 +39,9 @@ from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
 from studies.partition.measures import Judge, Quality
 from studies.partition.partitions import CURVE, REPEATED, history, of_middle_cut, parents, partitions
 from studies.partition.partners import Exchanges, Partners
-from studies.partition.scaling_kernels import TIMES, measure, migration
+from studies.partition.scaling_kernels import TIMES, counted, measure, migration
 from studies.partition.scaling_model import Network, predict
-from studies.partition.tables import prediction, quality, seconds_by_stage, table, targets
+from studies.partition.tables import model, prediction, quality, table, targets
 
 #: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the quick one at degree 1 and 2,
 #: unknowns in the paper, half width of the picture [m].
@@ -48,8 +49,8 @@ BENCHMARKS = {
     "hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.035, 0.07), 2: (0.004, 0.01)}, 18.3e6, 0.25),
     "indentation": (indentation, {1: (0.051, 0.1), 2: (0.03, 0.06)}, 295.9e6, 1.0),
 }
-#: Tolerance of the runs in which the kernels are measured, and of those of --quick.
-TOLERANCES = (0.05, 0.12)
+#: Tolerances of the runs in which the kernels are measured, and of those of --quick, at degree 1 and 2.
+TOLERANCES = {1: (0.05, 0.12), 2: (0.01, 0.05)}
 COMM = MPI.COMM_WORLD
 
 
@@ -129,7 +130,7 @@ def scored(name, degree, quick, most, folder):
             if made.kind == "graph" and parts <= REPEATED:
                 part = of_middle_cut(pieces[KINDS[made.kind].pairs], int(parts), part)
             cuts = None if parts <= FEW_RANKS else made.cuts  # as in a run
-            partners = exchanges.count(int(parts), part, cuts, made.rows, made.reductions)
+            partners = exchanges.count(int(parts), part, cuts, made.rows, made.sums)
             quality = judge.score(part, int(parts))
             rows.append(Score(name, len(forest), dofs, made.kind, quality, partners, made.seconds))
         cuts = ", ".join(f"{row.kind} {row.quality.cut_facets:,}" for row in rows[-1 - len(KINDS) :])
@@ -145,14 +146,26 @@ def predicted(rows, kernels):
             continue
         dofs = BENCHMARKS[row.scene][2]
         scale = dofs / row.dofs
-        if row.kind == "contact-sfc" and scale * row.leaves >= WORTHWHILE * row.quality.parts:
-            # There interfaces flow, as they do where the scored mesh has such parts: at most so many reductions.
-            many = (other for other in rows if other.scene == row.scene and other.quality.parts > FEW)
-            most = max(other.partners.reductions for other in many)
-            row = replace(row, partners=replace(row.partners, reductions=most))
-        seconds = predict(row, scale * row.leaves, dofs, kernels, Network(), scale)
+        partners = with_sums(row, rows, scale)
+        seconds = predict(replace(row, partners=partners), scale * row.leaves, dofs, kernels, Network(), scale)
         result.setdefault(row.scene, {}).setdefault(row.kind, {})[row.quality.parts] = seconds
     return result
+
+
+def with_sums(row, rows, scale):
+    """The Partners of a Score with the sums over ranks that a mesh larger by a factor takes."""
+    partners, parts = row.partners, row.quality.parts
+    if row.kind == "equidistributed":
+        return partners
+    if row.kind == "contact-sfc" and scale * row.leaves >= WORTHWHILE * parts and parts * BOXES[0] > MOST_BOXES:
+        # There interfaces flow, on graphs that no rank has as a whole: at most so many sums as on others.
+        here = [other for other in rows if other.scene == row.scene]
+        most = max(other.partners.weighed for other in here if other.quality.parts > FEW)
+        curve = next(o.partners for o in here if (o.kind, o.quality.parts) == (CURVE, parts))
+        partners = replace(partners, reductions=curve.reductions + most, summed=curve.summed + most * parts)
+    # A part has more leaves, and each cut of the curve is found so many rounds later.
+    later = max(np.log2(scale), 0)
+    return replace(partners, reductions=partners.reductions + later, summed=partners.summed + later * (parts - 1))
 
 
 def cost_table(costs, rows, moved):
@@ -177,18 +190,11 @@ def cost_table(costs, rows, moved):
 
 def kernel_table(kernels):
     """The measured kernels, in Markdown."""
-    names = [field.name for field in fields(kernels[0]) if field.name not in ("ranks", "levels")]
-    lines = [
-        "| kernel | " + " | ".join(f"{k.ranks} rank(s)" for k in kernels) + " |",
-        "|---|" + "--:|" * len(kernels),
-    ]
-    for name in names:
-        values = (getattr(k, name) for k in kernels)
-        lines.append(
-            f"| {name} | "
-            + " | ".join(f"{1e6 * v:.3g} us" if name in TIMES else f"{v}" for v in values)
-            + " |"
-        )
+    lines = ["| kernel | |", "|---|--:|"]
+    for field in fields(kernels):
+        value = getattr(kernels, field.name)
+        if field.name != "levels":
+            lines.append(f"| {field.name} | {f'{1e6 * value:.3g} us' if field.name in TIMES else value} |")
     return "\n".join(lines)
 
 
@@ -221,53 +227,56 @@ def folder_for(path):
 
 def study(arguments):
     """Score, measure, predict; all is written as soon as it is known.  Collective."""
-    folder = folder_for(arguments.output)
+    folder, degree = folder_for(arguments.output), arguments.degree
     with together(COMM):
         mine = {
-            name: scored(name, arguments.degree, arguments.quick, arguments.parts, folder)
+            name: scored(name, degree, arguments.quick, arguments.parts, folder)
             for name in list(BENCHMARKS)[COMM.rank :: COMM.size]
         }
     found = {name: result for part in COMM.allgather(mine) for name, result in part.items()}
     rows = [row for name in BENCHMARKS for row in found[name][0]]
     made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
-    made_by += f" --degree {arguments.degree}" * (arguments.degree > 1) + " --quick" * arguments.quick
+    made_by += f" --degree {degree}" * (degree > 1) + " --quick" * arguments.quick
     if COMM.rank == 0:
-        short, name = table(rows), "table.csv" if arguments.degree == 1 else "table_degree2.csv"
         tables.write(folder / "quality.csv", list(quality(rows)), made_by)
-        tables.write(folder / name, short, made_by)
+        keep(folder, "table", degree, table(rows), made_by)
         draw_cuts(rows, folder / "cut.png")
-        show(tables.TABLES[f"studies/partition/{name}"](short))
     write(targets(rows), folder / "targets.md")
-    if arguments.degree == 1:
-        forecast(arguments.quick, rows, {name: found[name][1] for name in BENCHMARKS}, made_by, folder)
+    forecast(arguments, rows, {name: found[name][1] for name in BENCHMARKS}, made_by)
     show(f"results in {folder}")
 
 
-def forecast(quick, rows, costs, made_by, folder):
-    """Measure kernels, and predict the time of a step at degree 1; made_by is the command.  Collective."""
-    tolerance = TOLERANCES[quick]
-    *_, last = adapt(hertz(), tolerance, degree=1)
+def keep(folder, name, degree, rows, made_by):
+    """Write rows to NAME.csv, at degree 2 NAME_degree2.csv, and show them as the page does.  Rank 0."""
+    path = folder / f"{name}{'_degree2' * (degree > 1)}.csv"
+    tables.write(path, rows, made_by)
+    show(tables.TABLES[f"studies/partition/{path.name}"](rows))
+
+
+def forecast(arguments, rows, costs, made_by):
+    """Measure kernels, and predict the time of a step; made_by is the command.  Collective."""
+    folder, degree = arguments.output, arguments.degree
+    tolerance = TOLERANCES[degree][arguments.quick]
+    *_, last = adapt(hertz(), tolerance, degree=degree)
     moved = (*migration(COMM, last.forest), last.forest.size_global)
     del last
     write(cost_table(costs, rows, moved), folder / "cost.md")
 
-    kernels = [measure(COMM, tolerance)]
-    if COMM.rank == 0 and COMM.size > 1:
-        alone = measure(MPI.COMM_SELF, tolerance)
-        kernels = [alone, replace(kernels[0], levels=alone.levels)]
-    kernels = COMM.bcast(kernels)
-    seconds = predicted(rows, kernels[-1])
-    text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
-    if COMM.size == 1:
-        text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
-    for name, kinds in seconds.items():
-        dofs = f"{name}, {BENCHMARKS[name][2] / 1e6:.1f} million dofs"
-        text += ["", prediction(dofs, kinds)]
-        if COMM.rank == 0:
-            draw_prediction(kinds, dofs, folder / f"prediction_{name}.png")
+    counts = counted(COMM, tolerance, degree)
     if COMM.rank == 0:
-        tables.write(folder / "prediction.csv", list(seconds_by_stage(seconds)), made_by)
-    write("\n".join(text), folder / "prediction.md")
+        kernels = replace(measure(tolerance, degree), **counts)
+        dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}
+        keep(folder, "kernels", degree, [{name: 1e6 * getattr(kernels, name) for name in TIMES}], made_by)
+        seconds = predicted(rows, kernels)
+        text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
+        if COMM.size == 1:
+            text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
+        for name, kinds in seconds.items():
+            title = f"{name}, {dofs[name] / 1e6:.1f} million dofs"
+            text += ["", prediction(title, kinds)]
+            draw_prediction(kinds, title, folder / f"prediction_{name}.png")
+        write("\n".join(text), folder / "prediction.md")
+        keep(folder, "model", degree, list(model(seconds, dofs)), made_by)
 
 
 def write(text, path):

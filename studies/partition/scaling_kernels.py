@@ -1,4 +1,4 @@
-"""What the model of `scaling_model` needs to know of this machine, measured with the package's objects at degree 1."""
+"""What the model of `scaling_model` needs to know of this machine, measured with the package's objects."""
 
 import ctypes
 import os
@@ -14,7 +14,6 @@ from mpi4py import MPI
 from fx_contact import Solver, adapt
 from fx_contact.forest import interface_smoothing
 from fx_contact.forest.partition import repartition
-from fx_contact.parallel import exchange
 from fx_contact.scenes import hertz
 from studies.partition.scaling_model import KEYS, Kernels
 
@@ -51,29 +50,47 @@ class Counting(MPI.Intracomm):
         return counted, away
 
 
-def measure(comm, tolerance):
-    """Run the Hertz problem some times and take the shortest seconds that its last step's stages needed.
+def measure(tolerance, degree=1):
+    """Run the Hertz problem on one rank some times and take the shortest seconds of its last step's stages.
+
+    Local.  CPU seconds, which other programs disturb less.
+
+    Args:
+        tolerance: of the run.
+        degree: of the displacements.
+
+    Returns:
+        Kernels, without what `counted` gives.
+    """
+    runs = [_measured(tolerance, degree) for _ in range(REPEATS)]
+    best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
+    return replace(runs[0], **best, levels=_levels(tolerance, degree))
+
+
+def counted(comm, tolerance, degree=1):
+    """How often rows travel in the last step of the Hertz problem, and how many bytes.
 
     Collective on comm.
 
     Args:
         comm: MPI communicator.
         tolerance: of the run.
+        degree: of the displacements.
 
     Returns:
-        Kernels.
+        dict: `exchanges`, `straightening` and `volume` of Kernels.
     """
-    with between_partners():
-        runs = [_measured(comm, tolerance) for _ in range(REPEATS)]
-    best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
-    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1, partition_kind="sfc")
+    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree, partition_kind="sfc")
     by_keys, away = Counting.last_step(steps)
     with as_for_many_parts():
-        counted, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=1))
-    counts = {"exchanges": tuple(by_keys.tolist()), "straightening": tuple((counted - by_keys).tolist())}
+        counts, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree))
     # Of hashed keys one in as many as there are ranks stays.
-    counts["volume"] = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS
-    return replace(runs[0], **best, **counts, levels=_levels(comm, tolerance) if comm.size == 1 else None)
+    volume = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS[degree]
+    return {
+        "exchanges": tuple(by_keys.tolist()),
+        "straightening": tuple((counts - by_keys).tolist()),
+        "volume": volume,
+    }
 
 
 @contextmanager
@@ -87,31 +104,20 @@ def as_for_many_parts():
         interface_smoothing.FEW, interface_smoothing.MOST_BOXES = before
 
 
-@contextmanager
-def between_partners():
-    """Keys meet near their leaves, and rows go from point to point, however few ranks there are."""
-    before, exchange.FEW_RANKS = exchange.FEW_RANKS, 0
-    try:
-        yield
-    finally:
-        exchange.FEW_RANKS = before
-
-
-def _measured(comm, tolerance):
+def _measured(tolerance, degree):
     """Kernels of one run, but for levels and exchanges."""
-    *_, step = adapt(hertz(comm=comm), tolerance, comm, degree=1)
+    *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=degree)
     record = step.record
-    cell, dof = comm.size / record.cells, comm.size / record.dofs
-    seconds, iterations = record.seconds, sum(record.krylov_iterations)
+    cell, dof = 1 / record.cells, 1 / record.dofs
+    seconds, iterations = record.cpu_seconds, sum(record.krylov_iterations)
     blocks = step.elasticity.stiffness(step.pairs)
     blocks.mat.assemble()
     matrix = blocks.in_hypre_format()
     x, y = matrix.createVecs()
     x.set(1.0)
-    product = _seconds(comm, lambda: matrix.mult(x, y), 20)
+    product = _seconds(MPI.COMM_SELF, lambda: matrix.mult(x, y), 20, time.process_time)
     tree = sum(seconds[name] for name in ("partition", "hanging", "mesh", "refine"))
     return Kernels(
-        ranks=comm.size,
         tree=tree * cell,
         assemble=(seconds["assemble"] + seconds["system"]) * cell,
         estimate=seconds["estimate"] * cell,
@@ -134,25 +140,28 @@ def migration(comm, forest):
     return seconds, forest.cell.itemsize + forest.level.itemsize + 3 * forest.anchor.itemsize
 
 
-def _seconds(comm, work, times):
+def _seconds(comm, work, times, clock=time.perf_counter):
     """Mean seconds of the slowest rank."""
     comm.Barrier()
-    start = time.perf_counter()
+    start = clock()
     for _ in range(times):
         work()
-    return comm.allreduce(time.perf_counter() - start, op=MPI.MAX) / times
+    return comm.allreduce(clock() - start, op=MPI.MAX) / times
 
 
-def _levels(comm, tolerance):
-    """Unknowns relative to the finest, and entries a row, of the levels of hypre's hierarchy, as hypre prints them."""
-    options = {"pc_hypre_boomeramg_print_statistics": 1}
+def _levels(tolerance, degree):
+    """Unknowns relative to the finest, and entries a row, of the levels of hypre's hierarchy, as hypre prints them.
+
+    At degree 2 that hierarchy is below the finest level, which has the neighbours of the first below it.
+    """
+    options = {"mg_coarse_" * (degree > 1) + "pc_hypre_boomeramg_print_statistics": 1}
     with tempfile.TemporaryFile("w+") as printed:
         ctypes.CDLL(None).fflush(None)
         screen = os.dup(1)
         os.dup2(printed.fileno(), 1)
         try:
-            for _ in adapt(hertz(comm=comm), tolerance, comm, degree=1, solver=Solver(options=options)):
-                pass
+            solver = Solver(options=options)
+            *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=degree, solver=solver)
             ctypes.CDLL(None).fflush(None)
         finally:
             os.dup2(screen, 1)
@@ -161,4 +170,5 @@ def _levels(comm, tolerance):
         table = printed.read().split("Operator Matrix Information")[-1].split("Interpolation Matrix")[0]
     rows = re.findall(r"^ +\d+ +(\d+) +(\d+) +[\d.]+ +\d+ +\d+ ", table, flags=re.MULTILINE)
     unknowns, entries = np.array(rows, dtype=float).T
-    return np.stack([unknowns / unknowns[0], entries / unknowns], axis=1)
+    levels = np.stack([unknowns / step.record.dofs, entries / unknowns], axis=1)
+    return levels if degree == 1 else np.concatenate([[[1.0, levels[0, 1]]], levels])

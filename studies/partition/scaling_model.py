@@ -30,13 +30,12 @@ class Network:
 
 @dataclass(frozen=True)
 class Kernels:
-    """What was measured on this machine, on a number of ranks.
+    """What was measured on this machine.
 
     Attributes:
-        ranks: number of ranks.
-        tree, assemble, estimate: seconds a cell of a rank: partition, mesh, hanging nodes and refinement; assembly of
-            the matrix; recovery and indicator.
-        setup, product, cycle: seconds a dof of a rank: set-up of the preconditioner, matrix times vector, V-cycle.
+        tree, assemble, estimate: CPU seconds a cell: partition, mesh, hanging nodes and refinement; assembly of the
+            matrix; recovery and indicator.
+        setup, product, cycle: CPU seconds a dof: set-up of the preconditioner, matrix times vector, V-cycle.
         iterations: of PCG, all solves of an adaptive step together.
         exchanges: of an adaptive step: how often ranks tell each other how many rows will come, and how often rows
             travel, which they never do on one rank.
@@ -45,7 +44,6 @@ class Kernels:
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
 
-    ranks: int
     tree: float
     assemble: float
     estimate: float
@@ -59,8 +57,9 @@ class Kernels:
     levels: np.ndarray
 
 
-#: Bytes a cell of the keys of nodes, edges and faces: in a large mesh of hexahedra there are 1, 3 and 3 a cell.
-KEYS = 8 * 7
+#: Bytes a cell of the keys of nodes, edges and faces, by degree: in a large mesh of hexahedra there are 1 or 8, 3 and 3
+#: a cell.
+KEYS = {1: 8 * 7, 2: 8 * 14}
 #: Matrix products in a V-cycle on a level: Chebyshev of second order before and after, residual, and two transfers.
 PRODUCTS = 7
 #: Exchanges on a level while the hierarchy is set up: strength, coarsening, interpolation, triple product.
@@ -99,7 +98,7 @@ def predict(score, cells, dofs, kernels, network, scale=1.0):
     messages = exchange() + PRODUCTS * levels.sum() + (REDUCTIONS + 1) * reduction
     iteration = most_dofs * (kernels.product + kernels.cycle) + messages
     exchanges = _exchanges(score, kernels, network, scale) * (parts > 1)
-    reductions = score.partners.reductions * (reduction + 2 * 8 * parts / network.bandwidth)
+    reductions = score.partners.reductions * reduction + 2 * 8 * score.partners.summed / network.bandwidth
     seconds = {
         "tree": most_cells * kernels.tree + exchanges + reductions,
         "assemble": most_cells * kernels.assemble + exchange(),

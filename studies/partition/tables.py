@@ -1,9 +1,11 @@
-"""Tables of the partition study, and what they say about the paper's claims."""
+"""Tables of the partition study."""
 
 from dataclasses import asdict
 
 from studies.partition.scaling_model import STAGES
 
+#: Short names of what contact-sfc is compared with.
+SHORT = {"graph": "graph", "contact-sfc, curve only": "curve_only", "sfc": "sfc", "equidistributed": "equidistributed"}
 #: Parts that the short table shows.
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 
@@ -19,12 +21,21 @@ def quality(rows):
         yield {k: v for k, v in all_of(row).items() if k not in ("quality", "partners")}
 
 
-def seconds_by_stage(predictions):
-    """Predicted seconds by stage: a dict for each benchmark, kind and number of processors."""
+def model(predictions, dofs):
+    """Predicted seconds of an adaptive step, of contact-sfc by stage.
+
+    Args:
+        predictions: benchmark -> kind -> {parts: seconds by stage}.
+        dofs: benchmark -> unknowns.
+
+    Yields:
+        dict for each benchmark and number of processors.
+    """
     for scene, kinds in predictions.items():
-        for kind, by_parts in kinds.items():
-            for parts, seconds in by_parts.items():
-                yield {"scene": scene, "kind": kind, "parts": parts, **seconds}
+        for parts, ours in kinds["contact-sfc"].items():
+            others = {f"total_{name}": kinds[kind][parts]["total"] for kind, name in SHORT.items()}
+            dealt = kinds["equidistributed"][parts]["waiting"]
+            yield {"benchmark": scene, "dofs": dofs[scene], "parts": parts, **ours, **others, "waiting_dealt": dealt}
 
 
 def table(rows):
@@ -38,11 +49,11 @@ def table(rows):
     """
     found = {(row.scene, row.quality.parts, row.kind): row.quality for row in rows}
     talks = {(row.scene, row.quality.parts, row.kind): row.partners for row in rows}
-    kinds = ("graph", "contact-sfc", "contact-sfc, curve only", "sfc", "equidistributed")
+    names = {"contact-sfc": "contact_sfc", **SHORT}
     result = []
     for scene, leaves in dict.fromkeys((row.scene, row.leaves) for row in rows):
         for parts in sorted({row.quality.parts for row in rows} & set(SHOWN)):
-            graph, ours, curve, blind, dealt = (found[scene, parts, kind] for kind in kinds)
+            ours, graph, curve, blind, dealt = (found[scene, parts, kind] for kind in names)
             result.append(
                 {
                     "benchmark": scene,
@@ -62,14 +73,24 @@ def table(rows):
                     "halo_KiB": ours.halo_bytes_max / 1024,
                     **{
                         f"partners_{end}_{name}": getattr(talks[scene, parts, kind], f"partners_{end}")
-                        for name, kind in zip(("graph", "contact_sfc", "curve_only", "sfc", "equidistributed"), kinds)
+                        for kind, name in names.items()
                         for end in ("max", "mean")
                     },
                     "keys_KiB": talks[scene, parts, "contact-sfc"].key_bytes_max / 1024,
                     "keys_KiB_equidistributed": talks[scene, parts, "equidistributed"].key_bytes_max / 1024,
+                    **{
+                        f"{name}_{names[kind]}": number
+                        for kind in ("contact-sfc, curve only", "contact-sfc")
+                        for name, number in sums(talks[scene, parts, kind], parts).items()
+                    },
                 }
             )
     return result
+
+
+def sums(partners, parts):
+    """How many sums over the ranks a partition takes, and of how many numbers for each of its P - 1 cuts: dict."""
+    return {"reductions": partners.reductions, "summed": partners.summed / (parts - 1)}
 
 
 def targets(rows):
@@ -126,7 +147,7 @@ def targets(rows):
 
 
 def prediction(scene, predictions):
-    """Seconds by stage of contact-sfc and totals of the other kinds, and what follows for the paper's claims.
+    """Seconds by stage of contact-sfc and totals of the other kinds, and what follows.
 
     Args:
         scene: name of the benchmark.
@@ -160,24 +181,4 @@ def prediction(scene, predictions):
     solve = {p: s["solve"] for p, s in predictions["contact-sfc"].items()}
     gains = ", ".join(f"{p} to {2 * p}: {solve[p] / solve[2 * p]:.2f}" for p in solve if 2 * p in solve and p >= 256)
     lines.append(f"- gain of the solver by doubling, contact-sfc: {gains} (ideal 2)")
-    return "\n".join([*lines, "", *_claims(predictions)])
-
-
-def _claims(predictions):
-    """The paper's claims beside what the model gives, one line each; with fewer parts scored some are "not scored"."""
-
-    def gain(kind, start, end, stage="total"):
-        by_parts = predictions[kind]
-        if not {start, end} <= set(by_parts):
-            return "(not scored)"
-        return f"{by_parts[start][stage] / by_parts[end][stage]:.2f}"
-
-    dealt, ours = (gain(kind, 512, 1024) for kind in ("equidistributed", "contact-sfc"))
-    far = gain("contact-sfc", 1024, 4096), gain("contact-sfc", 4096, 8192)
-    before, at, after = (gain("contact-sfc", p, 2 * p, "solve") for p in (512, 1024, 2048))
-    return (
-        f"- paper: equidistributed useless past 512; MODEL: 512 to 1024 gains {dealt}, contact-sfc {ours}",
-        "- paper: SFC good to 4096 (Hertz) and 8192 (indentation); MODEL: 1024 to 4096 gains "
-        f"{far[0]} (ideal 4), 4096 to 8192 gains {far[1]} (ideal 2)",
-        f"- paper: the solver loses between 1024 and 2048; MODEL: it gains {at} there, {before} before, {after} after",
-    )
+    return "\n".join(lines)

@@ -47,7 +47,7 @@ class Exchange:
 
     @property
     def partners(self):
-        """(k,) int32, the other ranks to which rows go or from which they come, ascending."""
+        """(k,) int32, the other ranks to which rows go or from which they come, ascending.  Local."""
         ranks = np.union1d(self._way.targets, self.source)
         return ranks[ranks != self.comm.rank].astype(np.int32)
 
@@ -92,7 +92,6 @@ class _AllToAll:
 
     Attributes:
         sources, received: (k,) int32, ranks from which rows come, ascending, and how many.
-        targets: (l,) int64, ranks to which rows go.
     """
 
     def __init__(self, comm, destination):
@@ -103,7 +102,7 @@ class _AllToAll:
 
     @property
     def targets(self):
-        """As the class says."""
+        """(l,) int64, ranks to which rows go, ascending.  Local."""
         return np.flatnonzero(self._sent)
 
     def forward(self, rows):
@@ -131,6 +130,10 @@ class _Partners:
     Args:
         comm: MPI communicator.
         destination: (n,) int, ascending.
+
+    Attributes:
+        sources, received: (k,) int32 and (k,) int64, ranks from which rows come, ascending, and how many.
+        targets: (l,) int64, ranks to which rows go, ascending.
     """
 
     def __init__(self, comm, destination):
