@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction, adapt
 from fx_contact.contact.contact_solver import _impose
 from fx_contact.fem import coarse_level
-from fx_contact.fem.dirichlet import prescribed_displacements
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import plain, write
@@ -89,10 +89,10 @@ def factors(name, aspect, side):
     """What Cholesky's factors of a matrix take.  On one rank."""
     step, _ = solved(scene(name, aspect, side=side))
     elasticity, iterations = step.elasticity, step.record.krylov_iterations[-1]
-    prescribed = prescribed_displacements(step.scene, step.forest, elasticity.prolongation)
+    supports = find_supports(step.scene, step.forest, elasticity.prolongation)
     matrix = elasticity.stiffness().mat
     matrix.assemble()
-    _impose(matrix, np.zeros_like(prescribed), prescribed)
+    _impose(matrix, np.zeros_like(supports.prescribed), supports)
     matrix = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     pc, stages = PETSc.PC().create(matrix.comm), Stages()
