@@ -21,10 +21,10 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
 from studies.stability.scenes import cases
-from studies.tables import write
+from studies.tables import TOP, read, write
 
-#: Axes that are tried.
-AXES = ("other loads", "between nodes")
+#: Axes that are tried, and of these the scenes that take less than so many CPU seconds with all rules.
+AXES, SECONDS, SCORES = ("other loads", "between nodes", "drawn"), 3.0, TOP / "studies/stability/scores.csv"
 
 
 def _none(between, *_):
@@ -66,7 +66,9 @@ def main():
     parser.add_argument("--axis", action="append", help=f"of the matrix ({', '.join(AXES)})")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
-    names = [name for name, case in cases(METHODS).items() if case.axis in (arguments.axis or AXES)]
+    _, kept = read(SCORES)
+    axes, short = arguments.axis or AXES, {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
+    names = [name for name, case in cases(METHODS).items() if case.axis in axes and name in short]
     found, rows = {}, []
     for rule in ("none", *(arguments.rule or [*RULES][1:])):
         workers = {"mp_context": get_context("spawn"), "initializer": switch_off, "initargs": (rule,)}
