@@ -179,15 +179,6 @@ INCOMPRESSIBLE = {
     "force against the reference": ("{error_force:+.3%}", ""),
 }
 
-WITHOUT = {
-    "without": "{without}",
-    "scenes": "{scenes:d}",
-    "worse verdicts": "{worse:d}",
-    "unknowns, over those with all": "{unknowns:.2f}",
-    "CPU seconds": "{cpu:.2f}",
-    "which": "{which}",
-}
-
 
 def plain(rows):
     """A table with all columns, floats to three digits."""
@@ -300,7 +291,6 @@ TABLES = {
     "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
     "studies/cost/python.csv": partial(markdown, columns=PYTHON),
     "studies/incompressible/table.csv": partial(markdown, columns=INCOMPRESSIBLE),
-    "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
 }
 
 

@@ -14,7 +14,7 @@ one rank, with a time limit; a crash and a hang are scores too.
 
 A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv,
 table.md and matrix.png, of another degree than the default scores_degree1.jsonl and so on.  The picture has below each
-scene what the other degree has made of it, where that is there.
+scene what the other degree has made of it, as kept here.
 """
 
 import argparse
@@ -37,16 +37,16 @@ from fx_contact import Enforcement, adapt
 from fx_contact.adaptive.settings import DEGREE
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
+from studies import tables
 from studies.stability.cases import sample
 from studies.stability.checks import LOST, Exact, State
 from studies.stability.figures import draw_matrix, rows, table
 from studies.stability.scenes import cases
-from studies.tables import write
 
 #: Refinement ends above so many unknowns of each degree, whether the accuracy is reached or not.
 MOST_DOFS = {1: 40_000, 2: 160_000}
 #: Seconds that a scene may take.
-TIME_LIMIT = 100.0
+TIME_LIMIT = 200.0
 
 
 def solve(scene, case, tolerance, default=False):
@@ -282,9 +282,9 @@ def main():
     scores = [known[name] for name in chosen if name in known]
     made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick + _option(arguments.degree)
     files = [f"{name}{suffix}.{kind}" for name, kind in (("scores", "csv"), ("matrix", "png"), ("table", "md"))]
-    write(arguments.output / files[0], list(rows(scores, partial(command, degree=arguments.degree))), made_by)
-    other = read(arguments.output / f"scores{'_degree1' * (not suffix)}.jsonl")
-    draw_matrix(scores, arguments.output / files[1], other)
+    tables.write(arguments.output / files[0], list(rows(scores, partial(command, degree=arguments.degree))), made_by)
+    _, other = tables.read(tables.TOP / f"studies/stability/scores{'_degree1' * (not suffix)}.csv")
+    draw_matrix(scores, arguments.output / files[1], {row["name"]: row for row in other})
     text = table(scores, partial(command, degree=arguments.degree))
     (arguments.output / files[2]).write_text(text)
     print(f"\n{text}\nresults in {arguments.output}: {', '.join([path.name, *files])}")
