@@ -17,12 +17,14 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.recovery import Recovery
+from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
@@ -175,16 +177,16 @@ def _solve(number, space, order, tolerance, stages):
         matrix = elasticity.stiffness()
     with stages("system"):
         forces = _load(forest, elasticity, stages)
-        prescribed = _prescribed(forest, prolongation)
+        supports = Supports(_prescribed(forest, prolongation))
     with stages("assemble"):
-        coarse = create_coarse_level(elasticity, prescribed) if space.degree > 1 else None
+        coarse = create_coarse_level(elasticity, supports) if space.degree > 1 else None
     start, exact = np.zeros((prolongation.owned, 3)), ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh)))
-    linear = ContactProblem(matrix, forces, prescribed, elasticity.energy_norm, coarse=coarse)
+    linear = ContactProblem(matrix, forces, supports, elasticity.energy_norm, coarse=coarse)
     solution = solve_contact(linear, start, SolveOptions(Solver()), stages)
     with stages("estimate"):
         elasticity.set_displacement(solution.displacement)
         nowhere = np.zeros((prolongation.owned, 3), dtype=bool)
-        guess = Recovery(elasticity, nowhere, stages, -ufl.div(elasticity.stress(exact))).estimate()
+        guess = Recovery(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.stress(exact))).estimate()
     true = field_error(elasticity, exact)
     record = ManufacturedRecord.of(
         elasticity,
