@@ -1,7 +1,7 @@
 """What of the error is contact's own: of its forces and gaps, between its nodes, and of a penalty.
 
-The force F of a contact pair may have the relative error e, or e^2 of the largest force.  With the dual solution z of
-F, its contact pressure p_z, and the gap g_I between nodes that a step has taken for the gap g,
+The force F of a contact pair may have the relative error e, or e^2 of the largest force.  Its dual solution z has the
+contact pressure p_z.  With the gap g, and g_I that a step takes for it between the nodes,
 
     |F - F_h| <= sum_T xi_T(u) xi_T(z) + int |p_z| |g - g_I| dA.
 

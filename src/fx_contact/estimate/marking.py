@@ -28,7 +28,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
 
     Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega.
     It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.  At degree 2 one step
-    aims at `0.25` times the present xi at least.
+    aims at a quarter of the present xi at least: what refining all cells brings where the solution is smooth.
 
     Args:
         estimate: Estimate.
