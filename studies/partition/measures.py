@@ -8,7 +8,6 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.forest.leaf_graph import create_facing_graph, create_leaf_graph
-from fx_contact.parallel.components import lowest_labels
 from fx_contact.parallel.exchange import Exchange
 
 #: A displacement: three float64.
@@ -105,7 +104,7 @@ class Judge:
             return label
 
         leaf = self._graph.offset + np.arange(len(part))
-        first = lowest_labels(self.comm, piece, leaf, exchange) == leaf
+        first = _lowest_labels(self.comm, piece, leaf, exchange) == leaf
         return _total(self.comm, np.bincount(part[first], minlength=parts))
 
     def _interfaces(self, part, parts):
@@ -144,6 +143,26 @@ class Judge:
             "halo_bytes": BYTES * int(moved.sum()) // 2,
             "halo_bytes_max": BYTES * int(moved.max()),
         }
+
+
+def _lowest_labels(comm, part, label, exchange):
+    """The lowest label in the connected component of each element: (n,) int64.
+
+    Collective on comm.  Each turn carries labels across one border between ranks.
+
+    Args:
+        comm: MPI communicator.
+        part: (n,) int, the component of each element in this rank's own graph, numbered from 0.
+        label: (n,) int64, of each element.
+        exchange: function of (n,) int64 labels that gives the lowest of an element's own label and those of the
+            elements that it is connected to; collective.
+    """
+    while True:
+        lowest = np.full(part.max(initial=-1) + 1, np.iinfo(np.int64).max)
+        np.minimum.at(lowest, part, label)
+        before, label = label, exchange(lowest[part])
+        if not comm.allreduce(bool((label != before).any()), op=MPI.LOR):
+            return label
 
 
 def _total(comm, values):
