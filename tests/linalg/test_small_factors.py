@@ -34,15 +34,15 @@ def same(one, other):
     assert size > 0 and one.elasticity.energy_norm(u - v) < 1e-6 * size
 
 
-@pytest.mark.parametrize("poisson, most", [(0.3, 100), (0.49, 250)])
-def test_factors_of_a_plate_take_over(poisson, most):
-    """After 50 iterations that have not converged; the solution is that of factors alone.
+@pytest.mark.parametrize("poisson, least, most", [(0.3, 20, 30), (0.49, 50, 250)])
+def test_factors_of_a_plate_take_over(poisson, least, most):
+    """After 20 or 50 iterations that have not converged; the solution is that of factors alone.
 
     Steel takes a few more; rubber a hundred, for the Schur complement of thin bodies is not that of waves inside one.
     """
     step, direct = solved(poisson), solved(poisson, preconditioner="cholesky")
     assert step.record.preconditioner == "cholesky"
-    assert 50 < step.record.krylov_iterations[-1] < most
+    assert least < step.record.krylov_iterations[-1] < most
     same(direct, step)
 
 
@@ -55,6 +55,7 @@ def test_factors_that_are_large_do_not(monkeypatch):
         factorise(self, most)
 
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_factorise", counted)
+    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ())
     monkeypatch.setattr(conjugate_gradients, "_LOOKS", ((10, 1.0), (20, 2.0)))
     monkeypatch.setattr(conjugate_gradients, "_LEAST_LIMIT", 1)
     step = solved(max_krylov=2000)
