@@ -64,7 +64,7 @@ class ContactSystem:
     """K u + B^T f = L of closed rows, whose set changes: displacements, forces, and dual solutions.
 
     Closed rows are enforced in two ways.  A projection constrains the `_projected` ones: all in exact contact, else
-    those with stiffer springs than `STIFF`.  The matrix has springs of bounded stiffness for all closed rows, so that
+    those with stiffer springs than `HELD`.  The matrix has springs of bounded stiffness for all closed rows, so that
     its preconditioner knows of contact; what the enforcement has more or less is a correction beside the matrix.
 
     Collective.

@@ -20,14 +20,10 @@ GAP_TOLERANCE = 1e-6
 #: Least and largest factor.  Softer springs let bodies through each other; penetrations below 1e-12 of the approach are
 #: rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
-#: Factor of the springs in the matrix across rows that a projection constrains.  Softer ones tell the preconditioner
-#: too little of contact, stiffer ones couple the directions of oblique normals, which BoomerAMG does not see.  Measured
-#: by studies/cost/contact_constants.py, iterations for 1, 3, 10, 30, 100: 212, 183, 176, 188, 221.
+#: Factor of the springs in the matrix across rows that a projection constrains: those of stiffer springs, and all of
+#: exact contact.  Softer ones tell the preconditioner too little of contact, stiffer ones couple the directions of
+#: oblique normals, which BoomerAMG does not see.  Measured by studies/cost/contact_constants.py.
 HELD = 10.0
-#: Factor of a penalty above which a projection constrains its closed rows, and its springs are beside the matrix.
-#: Measured likewise, springs in the matrix against projection, for 30, 100, 200, 500: 175 : 222, 203 : 202, 219 : 194,
-#: 235 : 186.
-STIFF = 2 * FACTOR
 
 
 @dataclass(frozen=True)

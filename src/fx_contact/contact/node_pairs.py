@@ -68,7 +68,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
     blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     across = columns.pop("across")
-    pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, **columns)
+    pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, node_area=columns["area"], **columns)
     stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
@@ -94,7 +94,7 @@ def _sharing(pairs, across, node_stiffness):
     normal = np.where(smooth[:, None], mean, pairs.normal)
     gap = np.einsum("ni,ni->n", normal, pairs.apart)
     stiffness = stiffness if node_stiffness is None else node_stiffness
-    return replace(pairs, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
+    return replace(pairs, node_area=area, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
 
 
 def _pairs_of(index, scene, forest, prolongation, enforcement):

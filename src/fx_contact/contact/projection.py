@@ -46,7 +46,7 @@ class Projection:
         count.scatter_reverse(InsertMode.add)
         most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
-        self._share = rows.area / rows.at_first(rows.area[:, None])[:, 0] if self._shared else 1.0
+        self._share = rows.area / rows.node_area if self._shared else 1.0
         self.close(np.zeros(len(rows), dtype=bool))
 
     def close(self, active):
