@@ -1,10 +1,11 @@
 """What each rule of contact's error control is for: the scenes that go wrong without it, and what it costs.
 
-    python3 -m studies.stability.without            # ten minutes on two cores
-    python3 -m studies.stability.without --rule gaps --axis "between nodes"
+    python3 -m studies.stability.without            # twenty minutes on two cores
+    python3 -m studies.stability.without --rule forces --axis "between nodes"
+    python3 -m studies.stability.without --together forces effectivity --axis all
 
-Each rule is switched off, the others as they are, on the axes where contact is light, hidden or beside other loads.
-It leaves without.csv in the folder of results.
+Each rule is switched off, the others as they are, on the axes where contact is light, hidden or beside other loads, and
+on the scenes that are drawn at random.  It leaves without.csv in the folder of results.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from studies.stability.scenes import cases
 from studies.tables import TOP, read, write
 
 #: Axes that are tried, and of these the scenes that take less than so many CPU seconds with all rules.
-AXES, SECONDS, SCORES = ("other loads", "between nodes"), 20.0, TOP / "studies/stability/scores.csv"
+AXES, SECONDS, SCORES = ("other loads", "between nodes", "drawn"), 20.0, TOP / "studies/stability/scores.csv"
 
 
 def _none(between, *_):
@@ -34,20 +35,17 @@ def _none(between, *_):
 
 #: What is put in the place of a rule, by its name: object, attribute, replacement.
 RULES = {
-    "none": (),
     "forces": (contact_goals, "allowed_errors", lambda forces, *_: np.full(len(forces), np.inf)),
     "bound of a force": (contact_goals, "_bound", lambda *_: np.inf),
     "gap between nodes in a force": (GapBetweenNodes, "on_cells", lambda *_: 0.0),
-    "gaps": (contact_goals, "nearest_place", lambda *_: None),
-    "penetration of open facets": (GapBetweenNodes, "penetrated", _none),
-    "gap of closed facets": (GapBetweenNodes, "worst", _none),
+    "penetration between nodes": (GapBetweenNodes, "penetrated", _none),
     "effectivity": (ErrorControl, "correction", lambda *_: 1.0),
 }
 
 
-def switch_off(rule):
-    """Put the replacement of a rule in its place, in this process."""
-    if RULES[rule]:
+def switch_off(rules):
+    """Put the replacements of rules in their places, in this process."""
+    for rule in rules:
         setattr(*RULES[rule])
 
 
@@ -59,30 +57,43 @@ def scored(name):
         return {"name": name, "score": "crash", "message": repr(error), "cpu_seconds": 0.0}
 
 
+def scores(names, rules):
+    """The scores of scenes with some rules switched off: list of dict."""
+    workers = {"mp_context": get_context("spawn"), "initializer": switch_off, "initargs": (rules,)}
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), **workers) as pool:
+        return list(pool.map(scored, names))
+
+
+def compared(base, found):
+    """What is worse than with all rules, and unknowns and CPU seconds relative to those with all: dict."""
+    worse = [one["name"] for before, one in zip(base, found) if before["score"] != one["score"] != "right"]
+    both = [pair for pair in zip(base, found) if all("dofs" in one for one in pair)]
+
+    def ratio(key):
+        return sum(one[key] for _, one in both) / sum(before[key] for before, _ in both)
+
+    row = {"scenes": len(base), "worse": len(worse), "unknowns": ratio("dofs"), "cpu": ratio("cpu_seconds")}
+    return row | {"which": ", ".join(worse)}
+
+
 def main():
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rule", choices=[*RULES][1:], action="append", help="switch off this one alone")
-    parser.add_argument("--axis", action="append", help=f"of the matrix ({', '.join(AXES)})")
+    parser.add_argument("--rule", choices=RULES, nargs="+", default=list(RULES), help="each (all)")
+    parser.add_argument("--together", choices=RULES, nargs="+", help="switch these off at once")
+    parser.add_argument("--axis", nargs="+", default=AXES, help="of the matrix, or all (%(default)s)")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
     _, kept = read(SCORES)
-    axes, short = arguments.axis or AXES, {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
-    names = [name for name, case in cases(METHODS).items() if case.axis in axes and name in short]
-    found, rows = {}, []
-    for rule in ("none", *(arguments.rule or [*RULES][1:])):
-        workers = {"mp_context": get_context("spawn"), "initializer": switch_off, "initargs": (rule,)}
-        with ProcessPoolExecutor(len(os.sched_getaffinity(0)), **workers) as pool:
-            found[rule] = list(pool.map(scored, names))
-        pairs = list(zip(found["none"], found[rule]))
-        worse = [one["name"] for base, one in pairs if base["score"] != one["score"] != "right"]
-        both = [(base, one) for base, one in pairs if "dofs" in base and "dofs" in one]
-        unknowns, seconds = (
-            sum(one[key] for _, one in both) / sum(base[key] for base, _ in both) for key in ("dofs", "cpu_seconds")
-        )
-        row = {"without": rule, "scenes": len(names), "worse": len(worse), "unknowns": unknowns, "cpu": seconds}
-        rows.append(row | {"which": ", ".join(worse)})
-        print(row, *worse, sep="\n    ", flush=True)
+    axes, short = arguments.axis, {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
+    chosen = [name for name, case in cases(METHODS).items() if case.axis in axes or "all" in axes]
+    names = [name for name in chosen if name in short]
+    tried = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
+    base, rows = scores(names, []), []
+    for rules in tried:
+        row = {"without": ", ".join(rules)} | compared(base, scores(names, rules))
+        rows.append(row)
+        print(row, flush=True)
     arguments.output.mkdir(parents=True, exist_ok=True)
     write(arguments.output / "without.csv", rows, "python3 -m studies.stability.without")
 

@@ -33,18 +33,16 @@ FORCE = LIGHT / (2 * 0.05) * 10.0**2  # of the light plate on a base, that nothi
 
 
 class Watched(Goals):
-    """Goals that remember what was asked of them, and what the bodies' strains and loads are worth to it."""
+    """Goals that remember what was asked of them, and what strains are worth to it."""
 
     asked = []
 
     def force(self, index):
-        goal = super().force(index)
-        Watched.asked.append((goal, goal.adjoint, self._moved(goal.adjoint)))
-        return goal
-
-    def gap(self, weight):
-        goal = super().gap(weight)
-        Watched.asked.append((goal, None, goal.moved))
+        goal, state = super().force(index), self._state
+        norm, u, z = state.elasticity.energy_norm, state.solution.displacement, goal.adjoint
+        scale = norm(u) / norm(z) if norm(u) and norm(z) else 1.0
+        strained = abs(norm(u + scale * z) ** 2 - norm(u - scale * z) ** 2) / (4 * scale)  # |a(u, z)|
+        Watched.asked.append((goal, z, strained))
         return goal
 
 
@@ -91,17 +89,6 @@ def test_after_a_dual_solution(monkeypatch, method):
     assert len(tried) > 1 and max(tried[::2]) < 1e-5 and max(tried[1::2]) == 0, tried
 
 
-def test_gaps(asked):
-    """What strains contribute to a gap is what it has changed by, where they have done most for what is left."""
-    *_, step = adapt(beam(1.2), 0.3)
-    (goal, _, moved), *_ = asked[-1:]
-    left = -step.solution.penetration
-    changed = step.pairs.gap - left
-    ends = [WORLD.allgather(values) for values in (left, changed)]
-    left, changed = (np.concatenate(values) for values in ends)
-    assert left.min() < goal.value < 2 * left.min() and 0.8 * changed.max() < moved < changed.max()
-
-
 def test_what_contact_alone_loads_needs_no_dual_solution(asked):
     """The energy that its force stores bounds the error of that."""
     first, *_, last = (step.record for step in adapt_linear(punch(), 0.12))
@@ -126,12 +113,12 @@ BEAMS = {
     "contact that closes late": (partial(beam, 0.98), 1, 0.2, 1.04e-6),
     "the same force by chance on two meshes": (partial(beam, 0.85, poisson=0.4, tension=1e-2), 1, 0.2, 4.93e-6),
     "no contact on two meshes": (partial(beam, 0.9, poisson=0.35, tension=3e-2), 2, 0.3, 2.36e-6),
-    "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, near=1e-3), 1, 0.4, 3.98e-6),
+    "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, near=1e-3), 2, 0.4, 3.98e-6),
     "a touch elsewhere in the same contact pair": (partial(beam, 0.85, tension=3e-3, touch=2e-6), 2, 0.3, 6.87e-6),
     "a touch beside the wall": (partial(beam, 0.85, tension=3e-3, near=-8e-7), 2, 0.3, 5.84e-6),
     "a gap that a block from afar has all but closed": (
         partial(beam, 0.85, tension=3e-3, near=1e-3, afar=0.05),
-        1,
+        2,
         0.3,
         5.79e-6,
     ),
@@ -150,7 +137,8 @@ def test_forces_of_beams(name):
     assert degree == 2 or any(record.estimate < tolerance and record.pair_leaves[0] for record in records)
     known = [r for r in records if r.force and r.pair_errors[0] is not None]
     for record in known:
-        assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1), record.step
+        digits = 5e-3 / float(f"{force:e}"[:4])  # of the three of the reference
+        assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1) - digits, record.step
 
 
 @pytest.mark.slow
@@ -163,23 +151,13 @@ def test_contact_with_a_block_that_sinks():
     assert steps[-1].reached and abs(steps[-1].force / force - 1) < 0.4
 
 
-def test_a_gap_that_is_known():
-    """It needs nothing, however little force there is; nor does one that would close with next to none."""
-    for closing in (1.2, 1.01):
-        steps = [step.record for step in adapt_linear(beam(closing), 0.3)]
-        assert steps[-1].reached and steps[-1].force == 0
-        assert all(step.pair_leaves == [0] and step.unseen_contact == 0 for step in steps)
-        assert (steps[-1].pair_errors[0] < 0.25) == (closing == 1.2)
-        assert ["may close" in line for line in force_warnings(steps[-1])] == [True] * (closing == 1.01)
-
-
 def test_a_new_beginning():
     """What is not resolved is so for whoever goes on with its forest too."""
-    for step in adapt_linear(beam(0.9, near=1e-3, tension=3e-3), 0.4):
+    for step in adapt_linear(beam(0.9), 0.2):
         if step.record.pair_leaves != [0]:
             break
     again = next(
-        iter(adapt_linear(step.scene, 0.4, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int))))
+        iter(adapt_linear(step.scene, 0.2, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int))))
     )
     assert not again.record.reached and again.record.pair_leaves == step.record.pair_leaves
 

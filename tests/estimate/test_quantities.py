@@ -25,7 +25,7 @@ from fx_contact import (
 )
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.enforcement import METHODS
-from fx_contact.estimate.dual_weighted import Functional, Goals, _of_families
+from fx_contact.estimate.dual_weighted import Functional, Goals, _of_families, gap_functional
 from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
@@ -69,6 +69,16 @@ def test_a_goal_is_refined_for():
     assert before.estimate < 0.3 and not before.reached and before.goals[0].error > 0.01 * before.force
     assert last.reached and last.goals[0].reached and last.goals[0].error <= 0.01 * last.force
     assert StepRecord.from_json(last.as_json()).goals == last.goals
+
+
+def test_the_load_of_a_gap_is_its_derivative():
+    """A displacement changes the mean gap of open pairs by its product with the load."""
+    step = next(iter(adapt(hertz(order=3, coarse=2), 0.3, max_steps=1)))
+    weight = np.where(step.solution.active, 0.0, step.pairs.area)
+    change = 1e-3 * np.sin(np.arange(step.solution.displacement.size)).reshape(-1, 3)
+    load = gap_functional(step, weight).load
+    ends = WORLD.allreduce(np.array([weight @ step.pairs.jump(change), (load * change).sum()]))
+    assert ends[0] != 0 and abs(ends[0] + ends[1]) < 1e-10 * abs(ends[0])
 
 
 class Leaves(list):

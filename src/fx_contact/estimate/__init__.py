@@ -1,7 +1,7 @@
 """How large the error is, where, and what to refine for it; `ErrorControl` is the user's choice of it.
 
 Of the whole: `recovery` of stresses and xi_T (3), `effectivity` of xi, `marking`, and `error_control`, which decides.
-Of contact: `contact_goals`, which calls `inter_node_gap`, `open_contact` and the dual solutions of `dual_weighted`.
+Of contact: `contact_goals`, which calls `inter_node_gap` and the dual solutions of `dual_weighted`.
 `equilibrium` checks the solver.
 """
 

@@ -1,12 +1,14 @@
-"""What of the error is contact's own: of its forces and gaps, between its nodes, and of a penalty.
+"""What of the error is contact's own: of its forces, between its nodes, and of a penalty.
 
 The force F of a contact pair may have the relative error e, or e^2 of the largest force.  Its dual solution z has the
 contact pressure p_z.  With the gap g, and g_I that a step takes for it between the nodes,
 
     |F - F_h| <= sum_T xi_T(u) xi_T(z) + int |p_z| |g - g_I| dA.
 
-Where a single pair does all the work, and its surfaces move alike, u is about a multiple of z: then xi(z) / omega(z) is
-taken as `_DUAL_ERROR`, and no dual solution is computed.
+Where a single pair does all the work, and its surfaces move alike, z is about u over that movement, F times which is
+omega(u)^2.  Then, with xi(z) / omega(z) taken as `_DUAL_ERROR` and no dual solution,
+
+    |F - F_h| / F <= xi(u) / omega(u) xi(z) / omega(z) + int p |g - g_I| dA / omega(u)^2.
 """
 
 from dataclasses import dataclass, replace
@@ -16,12 +18,9 @@ from mpi4py import MPI
 
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.marking import for_goal
-from fx_contact.estimate.open_contact import moved_by_strains, nearest_place
 
 #: Relative error of a dual solution that is not computed: 0.06 to 0.6 were measured.
 _DUAL_ERROR = 0.5
-#: Allowed error of a mean gap, relative to it: the least gap of a place is about half of the mean.
-GAP_ACCURACY = 0.25
 #: Part of the energy up to which contact's work may differ from it where contact does all the work,
 _ALONE = 0.01
 #: and of the largest movement by strains where surfaces move alike: at the rim of Hertz's contact it is half.
@@ -35,10 +34,10 @@ class ContactError:
     Attributes:
         refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever xi_T is.
         leaves: number of these leaves on all ranks.
-        between_nodes: number of those on all ranks that the gap between nodes needs; None: not computed.
-        of_pairs: list of float, for each contact pair the estimated error of its force, relative to it; without force
-            that of a gap, relative to the gap; None: not computed, before (6) is met [-].
-        leaves_of_pairs: list of int, number of leaves on all ranks that the force or the gap of each pair needs.
+        between_nodes: number of those on all ranks that are penetrated between nodes; None: not computed.
+        of_pairs: list of float, for each contact pair the estimated error of its force, relative to it; None: not
+            computed, before (6) is met, or no force [-].
+        leaves_of_pairs: list of int, number of leaves on all ranks that the force of each pair needs.
         penalty_share: the largest share of a contact pair's force that the penetration of a penalty takes; None: not
             computed [-].
     """
@@ -72,8 +71,7 @@ class ContactError:
 def contact_error(state, goals, forces, tolerance, control, history):
     """Estimate the errors of contact in a step, and mark leaves for them.
 
-    Collective on state.forest.comm.  Penetration between nodes is looked at in each step, forces and gaps once (6) is
-    met.
+    Collective on state.forest.comm.  Penetration between nodes is looked at in each step, forces once (6) is met.
 
     Args:
         state: SolvedState.
@@ -86,32 +84,26 @@ def contact_error(state, goals, forces, tolerance, control, history):
     Returns:
         ContactError.
     """
-    comm, estimate, leaf = state.forest.comm, state.estimate, state.elasticity.leaf_mesh.leaf
-    between = GapBetweenNodes(state)
-    allowed = max(tolerance * estimate.energy_norm, state.solution.energy_error) ** 2
-    missed = between.penetrated() | between.worst(allowed)
+    comm, leaf, between = state.forest.comm, state.elasticity.leaf_mesh.leaf, GapBetweenNodes(state)
+    missed = between.penetrated()
     refine, errors, leaves = missed.astype(np.int8), [None] * len(forces), [0] * len(forces)
     shares = _yielded(state, len(forces))
-    if control.sought(estimate, tolerance, history) is None:
+    if control.sought(state.estimate, tolerance, history) is None:
         theta = control.correction(history)
-        bound = _bound(state, forces, theta)
+        bound = _bound(state, between, forces, theta)
         for index, allowed in enumerate(allowed_errors(forces, tolerance, theta)):
-            if forces[index] > 0 and bound <= allowed:
+            if forces[index] <= 0:
+                continue
+            if bound <= allowed:
                 errors[index] = bound
                 continue
-            if forces[index] > 0:
-                goal = goals.force(index)
-                shares[index] = _part_of_penetration(state, goal)
-                error, limit = goal.error + between.on_cells(goal.pressure), allowed * goal.value
-            elif (place := nearest_place(state, index)) is not None:
-                goal = goals.gap(place)
-                error, limit = goal.error, theta * max(GAP_ACCURACY * goal.value, tolerance**2 * goal.moved)
-            else:
-                continue
+            goal = goals.force(index)
+            shares[index] = _part_of_penetration(state, goal)
+            error = goal.error + between.on_cells(goal.pressure)
             total = comm.allreduce(float(error.sum()))
             errors[index] = total / goal.value if goal.value else float(total > 0)
-            if total > limit:
-                times = for_goal(error, limit, goal.dual.child_error, control, comm)
+            if errors[index] > allowed:
+                times = for_goal(error, allowed * goal.value, goal.dual.child_error, control, comm)
                 leaves[index] = comm.allreduce(int((times > 0).sum()))
                 refine[leaf] = np.maximum(refine[leaf], times)
     between_nodes, total = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
@@ -144,7 +136,7 @@ def _yielded(state, count):
     return work / energy if energy else np.zeros(count)
 
 
-def _bound(state, forces, effectivity):
+def _bound(state, between, forces, effectivity):
     """A bound of the relative error of the force of a pair that stores all energy, its surfaces moved alike; or inf.
 
     Collective.  By Clapeyron's theorem -f . B v is the energy, with v = u less the rigid motions.
@@ -158,7 +150,35 @@ def _bound(state, forces, effectivity):
     work, energy = comm.allreduce(float(force @ moved)), estimate.energy_norm**2 - estimate.error_global**2
     if least < _ALIKE * most or abs(work - energy) > _ALONE * energy:
         return np.inf
-    return _DUAL_ERROR * estimate.error_global / (effectivity * estimate.energy_norm)
+    gap = comm.allreduce(float(between.on_cells(state.solution.pressure).sum()))
+    return _DUAL_ERROR * estimate.error_global / (effectivity * estimate.energy_norm) + gap / energy
+
+
+def moved_by_strains(state):
+    """How far strains have moved the surfaces of node pairs towards each other.
+
+    Collective.  It is B u less the rigid motions of the bodies: those that conditions prescribe, and of those that no
+    condition stops the ones that bring closed contact together.
+
+    Args:
+        state: SolvedState.
+
+    Returns:
+        (n,) float64 [m].
+    """
+    scene, pairs, solution = state.scene, state.pairs, state.solution
+    moved, sides = solution.penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
+    for sign, side in sides:
+        modes = np.einsum("nmi,ni->nm", scene.rigid_motions.modes(pairs.position, side), pairs.normal)
+        moved -= sign * (modes * scene.rigid_motions.prescribed[side]).sum(axis=1)
+    if len(scene.rigid_motions.free):
+        free = sum(sign * scene.rigid_motions.free_along(pairs.position, side, pairs.normal) for sign, side in sides)
+        weighted = solution.active * pairs.area * free.T
+        sums = np.column_stack([weighted @ free, weighted @ moved])
+        pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
+        motion, *_ = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=1e-10)  # as RigidMotions tells free from held
+        moved -= free @ motion
+    return moved
 
 
 def _part_of_penetration(state, goal):

@@ -14,7 +14,7 @@ W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equa
 So a light contact is refined where its force is made, wherever that is, and whatever else stores energy.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -67,7 +67,6 @@ class Goal:
         dual: Estimate of the dual solution.
         adjoint: (owned, 3) float64, the dual solution z.
         pressure: (n,) float64, contact pressure of the dual solution at this rank's node pairs.
-        moved: of a gap, |a(u, z)|, what strains contribute to it [m]; 0 of others.
     """
 
     value: float
@@ -76,7 +75,6 @@ class Goal:
     dual: Estimate
     adjoint: np.ndarray
     pressure: np.ndarray
-    moved: float = 0.0
 
 
 class Goals:
@@ -115,15 +113,6 @@ class Goals:
         closed = (self._state.pairs.contact == index) & solution.active
         value = self._comm.allreduce(float(solution.force[closed].sum()))
         return self.of(Functional(value, abs(value), penetration=closed.astype(float)))
-
-    def gap(self, weight):
-        """The mean gap of a place: Goal.  Collective.
-
-        Args:
-            weight: (n,) float64, the part of the place that each node pair is, 1 in all on all ranks [-].
-        """
-        goal = self.of(gap_functional(self._state, weight))
-        return replace(goal, moved=self._moved(goal.adjoint))
 
     def errors(self, goal):
         """A sharper error of a goal than xi_T(u) xi_T(z): (ncells,) float64 of this rank's cells, not negative.
@@ -179,13 +168,6 @@ class Goals:
             return z, force, self._recovery.estimate(_NOISE * self._system.noise, loaded=False)
         finally:
             elasticity.set_displacement(self._state.solution.displacement)
-
-    def _moved(self, z):
-        """|a(u, z)| by polarisation: ||u + s z||^2 - ||u - s z||^2 = 4 s a(u, z)."""
-        norm, u = self._state.elasticity.energy_norm, self._state.solution.displacement
-        of_u, of_z = norm(u), norm(z)
-        scale = of_u / of_z if of_u and of_z else 1.0  # that makes both alike
-        return abs(norm(u + scale * z) ** 2 - norm(u - scale * z) ** 2) / (4 * scale)
 
     def _sum(self, values):
         return self._comm.allreduce(float(values.sum()))

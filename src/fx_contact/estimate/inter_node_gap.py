@@ -17,7 +17,7 @@ _VARIATION = 1e-8
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
 #: Columns of what is known at the nodes of a contact facet.
-_PRESSURE, _MODULUS, _JUMP, _NORMAL = 0, 1, slice(2, 5), slice(5, 8)
+_JUMP, _NORMAL = slice(0, 3), slice(3, 6)
 #: Parts of the grid of a first look at a facet for each part of the sampled one.
 _FINER = 4
 #: How often a grid around a valley moves or halves: valleys a hundred times as long as wide are found to 1e-9 with 28.
@@ -31,10 +31,7 @@ class GapBetweenNodes:
 
     Collective on state.forest.comm.  Away from closed pairs any penetration counts.  On closed facets, and those next
     to them, g differs from g_I on any mesh of a round body.  Quadratic displacements follow a round gap, but not a
-    pressure that ends within a facet: g_I of their own degree would see no error in a contact of one node.  With the
-    pressure p and the penetration o = max(-g - max(-g_I, 0), 0) beyond that of the nodes, its energy is
-
-        int p |g - g_I| + (E*/h) o^2 dA.
+    pressure that ends within a facet: g_I of their own degree would see no error in a contact of one node.
 
     Args:
         state: SolvedState.
@@ -56,26 +53,6 @@ class GapBetweenNodes:
         refine = np.zeros(len(self._state.forest), dtype=bool)
         for leaf, _, _, near, facets in self._parts:
             refine[leaf[~near][facets.where(~near).penetrate()]] = True
-        return refine
-
-    def worst(self, allowed):
-        """Leaves with more than their share, if the energy of all closed facets is more than what is allowed.
-
-        Collective.
-
-        Args:
-            allowed: twice the energy of all facets [J].
-
-        Returns:
-            (n,) bool.
-        """
-        refine = np.zeros(len(self._state.forest), dtype=bool)
-        own = [facets.where(near).energy() for _, _, _, near, facets in self._parts]
-        total, count = self._state.forest.comm.allreduce(
-            np.array([[energy.sum(), np.count_nonzero(energy)] for energy in own]).sum(axis=0)
-        )
-        for (leaf, _, _, near, _), energy in zip(self._parts, own):
-            refine[leaf[near][energy > allowed / max(count, 1)]] = total > allowed
         return refine
 
     def on_cells(self, pressure):
@@ -102,7 +79,7 @@ class _Facets:
     Args:
         space: Space.
         leaf, face: (n,) int64, leaves and their local faces.
-        nodal: (n, (p+1)^2, 8) float64, columns of what is known at their nodes.
+        nodal: (n, (p+1)^2, 6) float64, columns of what is known at their nodes.
     """
 
     def __init__(self, space, leaf, face, nodal):
@@ -123,12 +100,12 @@ class _Facets:
         diagonals = here[:, -1] - here[:, 0], here[:, parts] - here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
         jump, normal = (self._sampled(nodal[:, :, columns]) for columns in (_JUMP, _NORMAL))
-        self._nodal, self._gap = nodal, FacetGap(there - here - jump, normal)  # small, however far the bodies come
+        self._gap = FacetGap(there - here - jump, normal)  # small, however far the bodies come
 
     def where(self, which):
         """Some of the facets: _Facets.  Args: which: (n,) bool."""
         some = copy(self)
-        some._nodal, some._area, some._gap = self._nodal[which], self._area[which], self._gap.where(which)
+        some._area, some._gap = self._area[which], self._gap.where(which)
         return some
 
     def _sampled(self, nodal):
@@ -143,15 +120,6 @@ class _Facets:
         deeper = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
         deeper[deeper] = self._gap.where(deeper).least() < limit[deeper]
         return deeper
-
-    def energy(self):
-        """The energy of `GapBetweenNodes`, twice: (n,) float64 [J]."""
-        gap, size = self._gap.sampled(), np.sqrt(self._area)
-        # The penetration at the nodes is that of a penalty, and has a bound of its own.
-        at_nodes = np.maximum(-gap[:, self._nodes], 0.0) @ self._linear.T
-        beyond = np.maximum(-gap - at_nodes - _ROUNDING * size[:, None], 0.0)
-        stiffness = self._sampled(self._nodal[:, :, _MODULUS]) / size[:, None]
-        return self.work(self._nodal[:, :, _PRESSURE]) + self._area * ((stiffness * beyond**2) @ self._simpson)
 
     def work(self, pressure):
         """int max(p, 0) |g - g_I| dA: (n,) float64.  Args: pressure: (n, (p+1)^2) float64, p at the nodes."""
@@ -194,11 +162,9 @@ def _touched(prolongation, cells, closed):
 
 
 def _known(state, ours):
-    """Columns of what is known of some node pairs, at this rank's nodes: (m, 8) float64.  Collective."""
-    pairs, solution = state.pairs, state.solution
-    modulus, u = 1 / (1 / pairs.modulus).sum(axis=1), pairs.prolongation.ghosted(solution.displacement)
-    columns = solution.pressure, modulus, *(u[pairs.first] - u[pairs.second]).T, *pairs.normal.T
-    return _at_nodes(pairs, ours, np.stack(columns, axis=1))
+    """Columns of what is known of some node pairs, at this rank's nodes: (m, 6) float64.  Collective."""
+    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
+    return _at_nodes(pairs, ours, np.column_stack([u[pairs.first] - u[pairs.second], pairs.normal]))
 
 
 def _at_nodes(pairs, ours, values):

@@ -50,7 +50,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
     aim = control.target * tolerance * estimate.energy_norm
     if child < child_error(1):
-        aim = max(aim, 0.25 * estimate.error_global)
+        aim = max(aim, np.sqrt(8 * child) * estimate.error_global)
     need = estimate.error_global**2 - aim**2
 
     def choose(once, twice):

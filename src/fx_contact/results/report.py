@@ -1,6 +1,5 @@
 """Text on a run: a table of its steps, warnings on forces, doubts, seconds by stage.  Local."""
 
-from fx_contact.estimate.contact_goals import GAP_ACCURACY
 from fx_contact.parallel.timing import STAGES
 
 #: Columns of the progress table: heading, width, and how to print a record's value.
@@ -48,11 +47,6 @@ def force_warnings(record):
             lines.append(
                 f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined "
                 "for forces below the square of the tolerance times the largest"
-            )
-        elif not force and (error or 0) > GAP_ACCURACY:
-            lines.append(
-                f"contact pair {index}: it is open, but may close on a finer mesh, with a force below the square of "
-                "the tolerance times that which would undo the strains there"
             )
     return lines
 

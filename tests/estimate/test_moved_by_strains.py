@@ -1,4 +1,4 @@
-"""Where an open contact pair may close: what counts as moved by strains, and what as the place."""
+"""How far strains move surfaces towards each other: rigid motions do not count."""
 
 from types import SimpleNamespace
 
@@ -7,7 +7,7 @@ import pytest
 from conftest import WORLD, everywhere
 
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, adapt
-from fx_contact.estimate.open_contact import moved_by_strains, nearest_place
+from fx_contact.estimate.contact_goals import moved_by_strains
 from fx_contact.scenes import punch, stack
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import beam
@@ -84,24 +84,6 @@ def test_strains_that_bend_a_clamped_body_stay():
     whole, all_of_it = (gathered(step.solution.penetration + step.pairs.gap) for step in (bent, turned))
     assert np.array_equal(gathered(here), whole)
     assert np.abs(np.sort(gathered(there)) - np.sort(whole)).max() < 0.05 * whole.max() < 0.01 * all_of_it.max()
-
-
-@pytest.mark.parametrize("known", [{}, {"tension": 3e-3, "near": 1e-3}], ids=["under the tip", "all along"])
-def test_place(known):
-    """It is the node pairs for which strains have done most, by their areas; the gap may be least elsewhere."""
-    step = next(iter(adapt(beam(1.2, **known), 0.3, max_steps=1)))
-    weight = nearest_place(step, 0)
-    everywhere((weight >= 0).all(), "a negative part")
-    ratio = gathered(step.solution.penetration + step.pairs.gap) / gathered(-step.solution.penetration)
-    weight, area = gathered(weight), gathered(step.pairs.area)
-    assert abs(weight.sum() - 1) < 1e-12 and np.array_equal(weight > 0, ratio >= ratio.max() / 2)
-    assert np.ptp(weight[weight > 0] / area[weight > 0]) < 1e-12
-
-
-def test_nothing_moves():
-    """Bodies at rest have no place."""
-    step = next(iter(adapt(punch(gap=1.0, displacement=0.0), 0.3, max_steps=1, allow=("no load",))))
-    assert nearest_place(step, 0) is None
 
 
 def test_what_closed_contact_stops_is_no_rigid_motion():
