@@ -221,6 +221,49 @@ def by_goal(rows):
     ]
 
 
+DUALS = {
+    "scene": "{scene}",
+    "energy that is not contact's work": "{elsewhere}",
+    "least over largest movement": "{alike}",
+    "xi(z) / omega(z)": "{of_z}",
+}
+
+
+def by_scene(rows):
+    """A row for each scene: ranges over its meshes."""
+    groups = {}
+    for row in rows:
+        groups.setdefault(row["scene"], []).append(row)
+    forms = {"elsewhere": "{:.0e}", "alike": "{:.2f}", "of_z": "{:.2g}"}
+    return [
+        {"scene": scene}
+        | {key: _range(form, [row[key] for row in group]) for key, form in forms.items()}
+        for scene, group in groups.items()
+    ]
+
+
+def _range(form, values):
+    """The least and the largest value, once if they are printed alike."""
+    return " to ".join(dict.fromkeys(form.format(value) for value in (min(values), max(values))))
+
+
+WITHOUT = {
+    "without": "{without}",
+    "scenes": "{scenes:d}",
+    "worse": "{worse:d}",
+    "unknowns": "{unknowns:.2f}",
+    "CPU": "{cpu:.2f}",
+    "which": "{which}",
+}
+ITERATIONS = {
+    "scene": "{scene}",
+    "over": "{over}",
+    "from": "{from_to}",
+    "ranks": "{ranks:d}",
+    "unknowns": "{dofs:,}",
+    "iterations of the last solve": "{last}",
+    "of all": "{of_all}",
+}
 ASKED = {
     "asked for": "{asked:.1%}",
     "steps": "{steps:d}",
@@ -285,6 +328,9 @@ TABLES = {
     },
     "studies/stability/scores.csv": counts,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
+    "studies/goals/duals.csv": lambda rows: markdown(by_scene(rows), DUALS),
+    "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
+    "studies/stability/iterations.csv": partial(markdown, columns=ITERATIONS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),
     "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),

@@ -60,6 +60,7 @@ SMALLER = (
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
     (r"(studies\.pictures\.run)$", r"\1 --quick --only stack"),
     (r"(studies\.goals\.run).*", r"\1 --only square --degree 1"),
+    (r"(studies\.goals\.duals).*", r"\1 --only stack"),
     (r"(studies\.effectivity\.run).*", r"\1 --only indentation --degree 1 --most 5000"),
     (r"(studies\.incompressible\.axisymmetric).*", r"\1 --cells 5"),
     (r"(studies\.parameters\.run).*", r"\1 --only target --scene 'film, whose weight is the load'"),
@@ -73,7 +74,7 @@ SMALLER = (
 )
 #: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
-LONG += r"|studies\.stability\.without|notebooks/execute\.py"
+LONG += r"|studies\.stability\.(without|iterations)|notebooks/execute\.py"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"
 PARSED += r"((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"

@@ -134,8 +134,8 @@ class StepRecord(SolveRecord):
         contact_iterations: of the active set.
         preconditioner: as asked for, or the one that took its place.
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].
-        pair_errors: estimated error of each pair's force, relative to the force, or for an open pair to the force that
-            closing it would take; None where nothing is known [-].
+        pair_errors: estimated error of each pair's force, relative to the force; None where it is 0 or nothing is
+            known [-].
         pair_leaves: leaves marked for the force of each contact pair.
         unseen_contact: leaves marked because the surfaces touch between their nodes; None: not asked for.
         penalty_share: largest share of a pair's contact energy that its penetration takes [-]; None: not asked for.

@@ -22,8 +22,8 @@ class ErrorControl:
     xi / (e omega) <= 1 (6), on the first mesh too.  It uses none of the parameters below, and judges no penalty.
 
     The mode "contact" uses the measured effectivity theta of the estimator, and refines cells once or twice by the
-    threshold that the tolerance needs.  It holds to the tolerance also the forces of contact pairs, open gaps, the
-    penetration between nodes and that of a penalty (`contact_goals`).
+    threshold that the tolerance needs.  It holds to the tolerance also the forces of contact pairs, the penetration
+    between nodes and that of a penalty (`contact_goals`).
 
     Attributes:
         mode: "contact" or "energy".
