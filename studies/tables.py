@@ -208,17 +208,22 @@ GOALS = {
 
 def by_goal(rows):
     """A row for each goal and degree: relative true errors and effectivities, mesh by mesh."""
-    groups = {}
-    for row in rows:
-        groups.setdefault((row["scene"], row["goal"], row["degree"]), []).append(row)
     return [
         {
             **dict(zip(("scene", "goal", "degree"), names)),
             "true": ", ".join(f"{row['true'] / abs(row['known']):.2%}" for row in group),
             "effectivities": ", ".join(f"{row['effectivity']:.2g}" for row in group),
         }
-        for names, group in groups.items()
+        for names, group in _grouped(rows, "scene", "goal", "degree").items()
     ]
+
+
+def _grouped(rows, *names):
+    """Rows by their values of some columns: dict of tuple -> list."""
+    groups = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in names), []).append(row)
+    return groups
 
 
 DUALS = {
@@ -231,14 +236,10 @@ DUALS = {
 
 def by_scene(rows):
     """A row for each scene: ranges over its meshes."""
-    groups = {}
-    for row in rows:
-        groups.setdefault(row["scene"], []).append(row)
     forms = {"elsewhere": "{:.0e}", "alike": "{:.2f}", "of_z": "{:.2g}"}
     return [
-        {"scene": scene}
-        | {key: _range(form, [row[key] for row in group]) for key, form in forms.items()}
-        for scene, group in groups.items()
+        {"scene": scene} | {key: _range(form, [row[key] for row in group]) for key, form in forms.items()}
+        for (scene,), group in _grouped(rows, "scene").items()
     ]
 
 

@@ -148,7 +148,7 @@ def _first_guess(problem, base, jump, u, options, carried):
 def _settle(system, status, u, options):
     """Change the active set until it repeats itself.
 
-    There are two states, the tolerances of the linear solver: loose, then tight.  After each solve, in this order,
+    There are two states, the tolerances of the linear solver: loose, then tight.  After a solve, the first that holds:
 
         the set is not the one wanted        -> change it, solve again    (a cycle ends the loose state instead)
         the penalty leaves a penetration     -> augment forces, solve again

@@ -137,7 +137,10 @@ def _yielded(state, count):
 
 
 def _bound(state, between, forces, effectivity):
-    """A bound of the relative error of the force of a pair that stores all energy, its surfaces moved alike; or inf."""
+    """A bound of the relative error of the force of a pair that stores all energy, its surfaces moved alike; or inf.
+
+    Collective.
+    """
     if np.count_nonzero(np.asarray(forces) > 0) != 1:
         return np.inf
     elsewhere, alike = likeness(state)

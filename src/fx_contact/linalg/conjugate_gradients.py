@@ -89,7 +89,7 @@ class ConjugateGradients:
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         if solver.preconditioner is None and "pc_type" not in self._options.of_user:
-            self._looks += (*(self._LOOKS_OF_FLAT if blocks else ()), *_LOOKS)
+            self._looks = [*(self._LOOKS_OF_FLAT if blocks else ()), *_LOOKS]
         self._krylov = self._create_krylov()
         self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:
