@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, STEEL, conforming_positions, discrete, grown, pressed, roots, two_boxes
+from mpi4py import MPI
 
 from fx_contact import Material
 from fx_contact.fem.supports import Supports
@@ -46,6 +47,35 @@ def test_matrix_and_volume_term_are_the_stiffness(problem):
     everywhere(np.abs((whole - rest - forces)[free]).max(initial=0) < 1e-12 * scale, "another stiffness")
     everywhere(np.abs((diagonal - part - volume.diagonal())[free]).max(initial=0) < 1e-12 * scale, "another diagonal")
     everywhere(not forces[~free].any(), "a force where a displacement is prescribed")
+
+
+def test_the_whole_stiffness_assembled(problem):
+    """A + D^T C D as a matrix is K: rows of free components by columns of those, also of nodes on oblique planes."""
+    elasticity, position, _ = problem
+    supports = _with_an_oblique_plane(position)
+    u = supports.free_part(np.sin(3 * position + [0.0, 1.0, 2.0]))
+    whole, _ = product(elasticity, u, supports=supports)
+    rest = elasticity.stiffness(mixed=True, supports=supports).mat
+    rest.assemble()
+    before = rest.copy()
+    elasticity.volume_term(supports).add_to(rest)
+    x, y = rest.createVecs()
+    x.array[:] = u.ravel()
+    rest.mult(x, y)
+    scale, free = WORLD.allreduce(float((whole**2).sum())) ** 0.5, supports.free
+    everywhere(np.abs((y.array.reshape(-1, 3) - whole)[free]).max(initial=0) < 1e-12 * scale, "another stiffness")
+    rest.axpy(-1.0, before)
+    x.array[:] = (np.sin(position) - supports.free_part(np.sin(position))).ravel()
+    rest.mult(x, y)
+    assert WORLD.allreduce(float(np.abs(y.array).max(initial=0)), op=MPI.MAX) < 1e-12 * scale, "held directions"
+
+
+def _with_an_oblique_plane(position):
+    """Supports with some components held, and u_x = u_y where x > 1/2."""
+    free, normal = position[:, [2, 0, 1]] > 0.3, np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+    nodes = np.flatnonzero((position[:, 0] > 0.5) & free.all(axis=1))
+    along = np.broadcast_to(np.eye(3) - np.outer(normal, normal), (len(nodes), 3, 3))
+    return Supports(np.where(free, np.nan, 0.0), (nodes, along))
 
 
 def test_moments_are_orthonormal(problem):

@@ -1,5 +1,7 @@
 """The mixed form of nearly incompressible bodies: the same solutions, an error that is what is said, few iterations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
@@ -11,10 +13,13 @@ from fx_contact.contact.contact_solver import solve_contact, solve_system
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.linalg import conjugate_gradients
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz
+
+DIRECT = replace(EXACT, preconditioner="cholesky")
 
 
 class Problem:
@@ -67,6 +72,17 @@ def test_same_solution_as_without_pressures(how):
     most = WORLD.allreduce(float(other.force.sum()))
     everywhere(np.abs(one.force - other.force).max(initial=0) < 1e-7 * most, "other contact forces")
     assert max(one.krylov_iterations) < max(other.krylov_iterations)
+
+
+@pytest.mark.parametrize("how", [Enforcement(), Enforcement("penalty", 1e4)], ids=["exact", "penalty"])
+def test_factors_are_those_of_the_whole_stiffness(how, monkeypatch):
+    """They may take over in the middle of a contact problem, and leave PCG on the stiffness itself."""
+    monkeypatch.setattr(conjugate_gradients, "_LOOKS", ((5, 1e6),))
+    problem = Problem(0.49999)
+    chosen, by_user = (problem.solution(mixed, solver, how) for mixed, solver in ((True, EXACT), (False, DIRECT)))
+    size = problem.elasticity.energy_norm(by_user.displacement)
+    assert (chosen.preconditioner, by_user.preconditioner) == ("cholesky", "cholesky")
+    assert problem.elasticity.energy_norm(chosen.displacement - by_user.displacement) < 1e-8 * size
 
 
 @pytest.mark.parametrize("poisson", [0.45, 0.49999])

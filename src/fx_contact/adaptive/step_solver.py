@@ -143,9 +143,10 @@ def _discretise(settings, start, stages):
         rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
         motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
-        matrix = elasticity.stiffness(pairs, not settings.multigrid, elasticity.mixed, supports)
+        mixed = elasticity.mixed and settings.solver.preconditioner != "cholesky"  # factors take all of K
+        matrix = elasticity.stiffness(pairs, not settings.multigrid, mixed, supports)
         coarse = create_coarse_level(elasticity, supports) if settings.multigrid else None
-        volume = elasticity.volume_term(supports) if elasticity.mixed else None
+        volume = elasticity.volume_term(supports) if mixed else None
     problem = ContactProblem(
         matrix=matrix,
         load=forces,

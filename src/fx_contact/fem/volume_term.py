@@ -10,7 +10,9 @@ Element Methods, 1991).  For waves inside a body, D A^-1 D^T = 1 / (2 mu + lambd
 """
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity, kron, vstack
+from scipy.sparse import csr_matrix, diags, identity, kron, vstack
+
+from fx_contact.linalg.matrix import add_blocks
 
 
 class VolumeTerm:
@@ -68,6 +70,32 @@ class VolumeTerm:
             (owned, 3) float64 [N].
         """
         return self._supports.free_part(self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3)))
+
+    def forces_of_held(self, u):
+        """D^T C D of what conditions prescribe of a displacement.
+
+        Collective.
+
+        Args:
+            u: (owned, 3) float64 [m].
+
+        Returns:
+            (owned, 3) float64, 0 in held directions [N].
+        """
+        return self.forces(self.missing * self.strains(u - self._supports.free_part(u)))
+
+    def add_to(self, mat):
+        """Add D^T C D to a matrix that has the entries of K, but for rows and columns of held directions.
+
+        Collective.
+
+        Args:
+            mat: PETSc Mat in blocks of 3.
+        """
+        imap, rows = self._prolongation.index_map, self._matrix @ self._supports.ghosted(self._prolongation).projector()
+        number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
+        add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), number)
+        mat.assemble()
 
     def diagonal(self):
         """The diagonal of D^T C D, on oblique planes without their projector: (owned, 3) float64 [N/m].  Collective."""

@@ -104,8 +104,13 @@ class ConjugateGradients:
         self._x, self._b = map(objects.add, self.matrix.createVecs())
         self._scale = objects.add(self._x.duplicate())
 
-    def _create_krylov(self):
+    def _create_krylov(self, direct=False):
+        """The method, perhaps with Cholesky's factors."""
         return KrylovSolver(self._comm, self._options, self._objects)
+
+    def _to_factorise(self):
+        """What Cholesky factorises: a copy of the matrix.  Collective."""
+        return _as_aij(self.matrix)
 
     def _hold(self, matrix):
         """Work with a matrix from now on."""
@@ -238,9 +243,11 @@ class ConjugateGradients:
         name = _FALLBACKS[0 if direct else 1]
         if self._options.prefix == _FALLBACK_PREFIX or self.preconditioner in (_FALLBACKS[0], name):
             return False
-        convert = self.matrix.type != PETSc.Mat.Type.AIJ and (direct or self.matrix.type != PETSc.Mat.Type.HYPRE)
+        matrix = self.matrix
+        if direct or matrix.type != PETSc.Mat.Type.HYPRE:
+            matrix = self._to_factorise() if direct else _as_aij(matrix)
         self._krylov.pc.reset()
-        self._take_over(name, *self._solver_of(PRECONDITIONERS[name]), _as_aij(self.matrix) if convert else self.matrix)
+        self._take_over(name, *self._solver_of(PRECONDITIONERS[name]), matrix)
         self.set_up()
         return True
 
@@ -252,7 +259,7 @@ class ConjugateGradients:
             return
         limit = {"mat_mumps_icntl_23": max(math.ceil(most / 1e6), _LEAST_LIMIT)}
         options, krylov = self._solver_of(PRECONDITIONERS["cholesky"] | limit)
-        matrix = _as_aij(self.matrix)
+        matrix = self._to_factorise()
         krylov.set_up(matrix, matrix)
         if krylov.pc.getFailedReason():
             krylov.pc.reset()
@@ -266,8 +273,11 @@ class ConjugateGradients:
     def _solver_of(self, options):
         """PetscOptions and KrylovSolver of a preconditioner that takes over.  Monitors of the user go on too."""
         kept = {option: value for option, value in self._options.of_user.items() if option.startswith("ksp_")}
+        direct = options["pc_type"] in _FACTORS
+        if direct:
+            kept.pop("ksp_type", None)  # MixedSolver has another method then
         self._options, before = PetscOptions(self._comm, _FALLBACK_PREFIX, kept | options, {}), self._options
-        krylov, self._options, options = self._create_krylov(), before, self._options
+        krylov, self._options, options = self._create_krylov(direct), before, self._options
         return options, krylov
 
     def _take_over(self, name, options, krylov, matrix):

@@ -1,6 +1,6 @@
 """FGMRES for nearly incompressible bodies, whose pressures are unknowns beside the displacement.
 
-K = A + D^T C D is never assembled.  With a preconditioner M of the matrix A and the Schur complement's approximation S,
+K = A + D^T C D is not assembled.  With a preconditioner M of the matrix A and the Schur complement's approximation S,
 
     [ A   D^T  ] [u]   [f]                          [ M  D^T ]^-1
     [ D  -C^-1 ] [s] = [0],     preconditioned by   [ 0  -S  ]
@@ -11,6 +11,8 @@ takes iterations that hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. 
     (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|,
 
 for K >= A and K >= D^T C D.  FGMRES goes on until that bound is at most tol omega(u), or rounding.
+
+In thin bodies that bend S is far off.  Where Cholesky's factors take over they are of K, and PCG solves K u = f.
 """
 
 import numpy as np
@@ -41,30 +43,48 @@ class MixedSolver(ConjugateGradients):
         SceneError, SolveError: as ConjugateGradients.
     """
 
-    #: The last solve's iterations, and microseconds an unknown of all solves, with 1, 2, 3: clamped blocks at 0.499 44,
-    #: 37, 33 and 61, 48, 46; Hertz at 0.49999 26, 23, 22 and 53, 56, 62 (`studies.incompressible.run --cycles`).
-    _CYCLES = 2
+    #: The last solve's iterations, and microseconds an unknown of all solves, with 1, 2, 3: clamped blocks at 0.499 42,
+    #: 38, 34 and 28, 24, 23; Hertz at 0.49999 26, 23, 22 and 52, 47, 46 (`studies.incompressible.run --cycles`).
+    _CYCLES = 3
     _LOOKS_OF_FLAT = ()  # rubber takes 19 to 49 iterations where it does not bend
+    _whole = False  # whether the matrix is K, with Cholesky's factors
 
     def __init__(self, matrix, volume, solver, energy_norm, objects, coarse=None):
         self.volume, self.pressure = volume, np.zeros(len(volume))
         super().__init__(matrix, solver, energy_norm, objects, coarse)
 
-    def _create_krylov(self):
+    def _create_krylov(self, direct=False):
+        if direct:
+            return super()._create_krylov(direct)
         return FlexibleGmres(self._comm, self._options, self._objects)
+
+    def _to_factorise(self):
+        """K itself, whose factors take PCG an iteration or two, in thin bodies too.  Collective."""
+        matrix = super()._to_factorise()
+        self.volume.add_to(matrix)
+        return matrix
+
+    def _take_over(self, name, options, krylov, matrix):
+        super()._take_over(name, options, krylov, matrix)
+        self._whole = not isinstance(krylov, FlexibleGmres)
 
     def residual(self, right_hand_side, u):
         """As `ConjugateGradients.residual`, of the last solution, with its pressure.  Collective."""
-        return super().residual(right_hand_side, u) - self.volume.forces(self.pressure)
+        forces = super().residual(right_hand_side, u)
+        return forces - (self.volume.forces_of_held(u) if self._whole else self.volume.forces(self.pressure))
 
     def set_up(self):
         """As `ConjugateGradients.set_up`.  Collective."""
         super().set_up()
+        if self._whole:
+            return
         self._root_of_matrix = self._scale.array.reshape(-1, 3).copy()
         self._scale.array[:] = np.sqrt(self._scale.array**2 + self.volume.diagonal().ravel())
 
     def _attempt(self, right_hand_side, u, tolerance, held, most):
         """As `ConjugateGradients._attempt`, by the stopping rule above.  Collective."""
+        if self._whole:
+            return super()._attempt(right_hand_side, u, tolerance, held, most)
         volume, strains = self.volume, self.volume.strains(u)
         self.pressure = self._first_pressure(strains)
         forces = self.residual(right_hand_side, u)
