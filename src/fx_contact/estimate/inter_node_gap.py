@@ -8,6 +8,7 @@ The estimate xi has no part of this: it is of the strains of the discrete soluti
 from copy import copy
 
 import numpy as np
+from scipy.integrate import simpson
 
 from fx_contact.contact.contact_facets import facets_of, positions_across
 from fx_contact.problem import hexahedron
@@ -16,8 +17,6 @@ from fx_contact.problem import hexahedron
 _VARIATION = 1e-8
 #: and up to this part of the facet's size, the root of its area, from rounding.
 _ROUNDING = 1e-9
-#: Columns of what is known at the nodes of a contact facet.
-_JUMP, _NORMAL = slice(0, 3), slice(3, 6)
 #: Parts of the grid of a first look at a facet for each part of the sampled one.
 _FINER = 4
 #: How often a grid around a valley moves or halves: valleys a hundred times as long as wide are found to 1e-9 with 28.
@@ -79,7 +78,7 @@ class _Facets:
     Args:
         space: Space.
         leaf, face: (n,) int64, leaves and their local faces.
-        nodal: (n, (p+1)^2, 6) float64, columns of what is known at their nodes.
+        nodal: (n, (p+1)^2, 6) float64, the jump of the displacement at their nodes [m], and normals.
     """
 
     def __init__(self, space, leaf, face, nodal):
@@ -99,7 +98,7 @@ class _Facets:
         here, there = positions_across(forest, leaf, face, points / parts**2)
         diagonals = here[:, -1] - here[:, 0], here[:, parts] - here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
-        jump, normal = (self._sampled(nodal[:, :, columns]) for columns in (_JUMP, _NORMAL))
+        jump, normal = np.split(self._sampled(nodal), 2, axis=2)
         self._gap = FacetGap(there - here - jump, normal)  # small, however far the bodies come
 
     def where(self, which):
@@ -136,9 +135,7 @@ def _tensor(order, x):
 
 def _simpson(count):
     """Simpson's rule on a facet of area 1, for so many points a side: (count^2,) float64."""
-    line = np.full(count, 2.0)
-    line[1::2], line[[0, -1]] = 4.0, 1.0
-    line /= line.sum()
+    line = simpson(np.eye(count), dx=1 / (count - 1))
     return np.outer(line, line).ravel()
 
 
@@ -162,7 +159,7 @@ def _touched(prolongation, cells, closed):
 
 
 def _known(state, ours):
-    """Columns of what is known of some node pairs, at this rank's nodes: (m, 6) float64.  Collective."""
+    """Jumps of the displacement and normals of some node pairs, at this rank's nodes: (m, 6) float64.  Collective."""
     pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
     return _at_nodes(pairs, ours, np.column_stack([u[pairs.first] - u[pairs.second], pairs.normal]))
 
