@@ -55,8 +55,7 @@ def test_factors_that_are_large_do_not(monkeypatch):
         factorise(self, most)
 
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_factorise", counted)
-    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ())
-    monkeypatch.setattr(conjugate_gradients, "_LOOKS", ((10, 1.0), (20, 2.0)))
+    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, 1.0), (20, 2.0)))
     monkeypatch.setattr(conjugate_gradients, "_LEAST_LIMIT", 1)
     step = solved(max_krylov=2000)
     everywhere(tried == [1.0, 2.0], "other looks")

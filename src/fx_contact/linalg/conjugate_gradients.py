@@ -75,8 +75,8 @@ class ConjugateGradients:
     """
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
-    #: Looks before `_LOOKS` on flat cells: but in bodies that bend 7 to 14 iterations do (`studies.cost.flat`).
-    _LOOKS_OF_FLAT = ((20, 5e3),)
+    #: Instead of `_LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
+    _LOOKS_OF_FLAT = ((20, 8e3),)
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
@@ -89,7 +89,7 @@ class ConjugateGradients:
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         if solver.preconditioner is None and "pc_type" not in self._options.of_user:
-            self._looks = [*(self._LOOKS_OF_FLAT if blocks else ()), *_LOOKS]
+            self._looks = list(self._LOOKS_OF_FLAT if blocks else _LOOKS)
         self._krylov = self._create_krylov()
         self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:
