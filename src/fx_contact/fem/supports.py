@@ -14,7 +14,7 @@ from fx_contact.linalg.matrix import add_blocks
 class Supports:
     """The displacement conditions at some nodes.
 
-    Local, but for `ghosted` and `add_normal_part`.  Without oblique planes P is the identity everywhere, and costs nothing.
+    Local, but for `ghosted` and `add_normal_part`.  Without oblique planes P is the identity, and costs nothing.
 
     Args:
         prescribed: (n, 3) float64, prescribed displacements [m], NaN where free.
