@@ -1,7 +1,7 @@
 """The volume strains of nearly incompressible bodies beside the matrix, with pressures of their own.
 
-K = A + D^T C D, where D u are the moments of div u with polynomials of degree p - 1, orthonormal in each cell, and
-C = lambda - lambda_A, by which the matrix A is too soft.  K u = f is solved as
+K = A + D^T C D.  D u are the moments of div u with polynomials of degree p - 1, orthonormal in each cell.  The matrix
+A is too soft by C = lambda - lambda_A.  K u = f is solved as
 
     A u + D^T s = f,    D u - C^-1 s = 0,    s = C D u [Pa m^(3/2)],
 

@@ -1,11 +1,11 @@
 """FGMRES for nearly incompressible bodies, whose pressures are unknowns beside the displacement.
 
-K = A + D^T C D is not assembled.  With a preconditioner M of the matrix A and the Schur complement's approximation S,
+K = A + D^T C D is not assembled.  M is a preconditioner of the matrix A, S an approximation of the Schur complement:
 
     [ A   D^T  ] [u]   [f]                          [ M  D^T ]^-1
     [ D  -C^-1 ] [s] = [0],     preconditioned by   [ 0  -S  ]
 
-takes iterations that hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6),
+Iterations hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6),
 2000).  With residuals r of the first row and q of the second one the error e of the displacement has
 
     (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|,
@@ -59,7 +59,7 @@ class MixedSolver(ConjugateGradients):
         return FlexibleGmres(self._comm, self._options, self._objects)
 
     def _to_factorise(self):
-        """K itself, whose factors take PCG an iteration or two, in thin bodies too.  Collective."""
+        """K itself, assembled.  Collective."""
         matrix = super()._to_factorise()
         self.volume.add_to(matrix)
         return matrix
