@@ -1,11 +1,11 @@
 """What each rule of contact's error control is for: the scenes that go wrong without it, and what it costs.
 
-    python3 -m studies.stability.without            # twenty minutes on two cores
+    python3 -m studies.stability.without            # an hour on two cores
     python3 -m studies.stability.without --rule forces --axis "between nodes"
-    python3 -m studies.stability.without --together forces effectivity --axis all
+    python3 -m studies.stability.without --together forces effectivity
 
-Each rule is switched off, the others as they are, on the axes where contact is light, hidden or beside other loads, and
-on the scenes that are drawn at random.  It leaves without.csv in the folder of results.
+Each rule is switched off, the others as they are, on the scenes of the stress matrix that take less than `SECONDS` with
+all rules.  It leaves without.csv in the folder of results.
 """
 
 import argparse
@@ -24,8 +24,8 @@ from studies.stability.run import score
 from studies.stability.scenes import cases
 from studies.tables import TOP, read, write
 
-#: Axes that are tried, and of these the scenes that take less than so many CPU seconds with all rules.
-AXES, SECONDS, SCORES = ("other loads", "between nodes", "drawn"), 20.0, TOP / "studies/stability/scores.csv"
+#: Scenes are tried that take less than so many CPU seconds with all rules, by the scores that are kept.
+SECONDS, SCORES = 20.0, TOP / "studies/stability/scores.csv"
 
 
 def _none(between, *_):
@@ -86,13 +86,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rule", choices=RULES, nargs="+", default=list(RULES), help="each (all)")
     parser.add_argument("--together", choices=RULES, nargs="+", help="switch these off at once")
-    parser.add_argument("--axis", nargs="+", default=AXES, help="of the matrix, or all (%(default)s)")
+    parser.add_argument("--axis", nargs="+", help="rows of the matrix (all)")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
     _, kept = read(SCORES)
     axes, short = arguments.axis, {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
-    chosen = [name for name, case in cases(METHODS).items() if case.axis in axes or "all" in axes]
-    names = [name for name in chosen if name in short]
+    names = [name for name, case in cases(METHODS).items() if name in short and (not axes or case.axis in axes)]
     tried = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
     base, rows = scores(names, []), []
     for rules in tried:
