@@ -16,31 +16,43 @@ FLAT = 3.0
 
 
 def strong_blocks(elasticity):
-    """Blocks of the conforming nodes of a rank that lie on lines along the short axes of flat cells, one after another.
+    """Blocks of the conforming nodes: those on a line along the short axes of flat cells, from cell to cell.
 
-    Collective.  Nodes that hang have no unknowns; a line ends where another rank's nodes begin.
+    Collective.  Nodes that hang have no unknowns.  A block may have nodes of several ranks.
 
     Args:
         elasticity: Elasticity.
 
     Returns:
-        (owned,) int32, block of each owned node; None where no cell of any rank is flat.
+        (owned,) int64, the lowest global number of a node in the block of each owned node; None where no cell of any
+        rank is flat.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
-    lengths = _lengths(leaf_mesh, len(prolongation.space.cells))
+    space, comm = prolongation.space, prolongation.comm
+    lengths = _lengths(leaf_mesh, len(space.cells))
     short = FLAT * lengths <= lengths.max(axis=1, keepdims=True)
-    if not prolongation.comm.allreduce(bool(short.any()), op=MPI.LOR):
+    if not comm.allreduce(bool(short.any()), op=MPI.LOR):
         return None
-    side = prolongation.space.degree + 1
-    nodes = prolongation.conforming[prolongation.space.cells].reshape(-1, side, side, side)
+    side = space.degree + 1
+    nodes = space.cells.reshape(-1, side, side, side)
     links = []
     for axis in range(3):
         along = np.moveaxis(nodes[short[:, axis]], 3 - axis, 1)
         links.append(np.stack([along[:, :-1].ravel(), along[:, 1:].ravel()]))
     links = np.concatenate(links, axis=1)
-    links = links[:, ((links >= 0) & (links < prolongation.owned)).all(axis=0)]
-    graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(prolongation.owned,) * 2)
-    return connected_components(graph, directed=False)[1]
+    links = links[:, ~prolongation.hanging[links].any(axis=0)]
+    graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(len(space),) * 2)
+    count, piece = connected_components(graph, directed=False)
+
+    first = np.full(len(space), np.iinfo(np.int64).max)
+    own = ~prolongation.hanging
+    first[own] = prolongation.index_map.local_to_global(prolongation.conforming[own])
+    while True:  # once for each piece of a line that ranks have cut, and once more
+        lowest = np.full(count, np.iinfo(np.int64).max)
+        np.minimum.at(lowest, piece, first)
+        before, first = first, space.directory.lowest(lowest[piece])
+        if not comm.allreduce(bool((first != before).any()), op=MPI.LOR):
+            return prolongation.injected(first)
 
 
 def _lengths(leaf_mesh, count):

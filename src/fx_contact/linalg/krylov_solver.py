@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.linalg.matrix import clear_hypre_errors
-from fx_contact.linalg.p_multigrid import within_blocks
+from fx_contact.linalg.p_multigrid import solved_here, within_blocks
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.mpi import together
 
@@ -112,13 +112,22 @@ class KrylovSolver:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
             if coarse.blocks is not None:
-                blocks = within_blocks(matrix, coarse.blocks)
-                self.pc.getMGSmoother(1).setOperators(matrix, blocks)
-                blocks.destroy()  # the smoother has a reference
+                self._smooth_blocks(matrix, coarse.blocks)
         with self._options.there(), self._errors_on_all_ranks():
             self._set_up(operator, matrix)
         self._options.check_read()
         self.pc.setReusePreconditioner(True)
+
+    def _smooth_blocks(self, matrix, blocks):
+        """Let the smoother of multigrid solve for blocks of nodes at once, whatever ranks own them."""
+        smoother, inside = self.pc.getMGSmoother(1), within_blocks(matrix, blocks)
+        smoother.setOperators(matrix, inside)
+        inside.destroy()  # the smoother has a reference
+        with self._options.there(), self._errors_on_all_ranks():
+            smoother.setFromOptions()
+        here = solved_here(matrix, blocks)
+        smoother.getPC().setASMLocalSubdomains(1, [here])
+        here.destroy()
 
     def _set_up(self, operator, matrix):
         self._ksp.setPC(self.pc)

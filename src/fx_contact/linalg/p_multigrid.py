@@ -5,9 +5,8 @@ Beside it what the smoother above needs to know of the mesh: blocks of nodes to 
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import coo_matrix, csr_matrix
 
-from fx_contact.linalg.matrix import add_blocks
+from fx_contact.parallel.exchange import Exchange
 
 
 class CoarseLevel:
@@ -18,7 +17,8 @@ class CoarseLevel:
     Args:
         matrix: PETSc AIJ matrix K_c, without springs; changed when these do.
         interpolation: PETSc AIJ matrix I, fine unknowns by coarse ones.
-        blocks: (n,) int, block of each of this rank's fine nodes for the smoother; None: a node is a block.
+        blocks: (n,) int64, for the smoother the lowest global number of a node in the block of each of this rank's fine
+            nodes; None: a node is a block.
 
     Attributes:
         matrix, interpolation, blocks: as given.
@@ -78,23 +78,47 @@ def within_blocks(matrix, blocks):
 
     Args:
         matrix: PETSc BAIJ matrix of nodes, in blocks of 3 x 3.
-        blocks: (n,) int, block of each of this rank's nodes.
+        blocks: (n,) int64, block of each of this rank's nodes, as `CoarseLevel` has them.
 
     Returns:
-        PETSc BAIJ matrix of the same layout.
+        PETSc AIJ matrix of the same layout.
     """
-    local = matrix.getDiagonalBlock().convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-    indptr, indices, values = local.getValuesCSR()
-    local.destroy()
-    entries = csr_matrix((values, indices, indptr)).tocoo()
-    inside = blocks[entries.row // 3] == blocks[entries.col // 3]
-    places = entries.row[inside], entries.col[inside]
-    entries = coo_matrix((entries.data[inside], places), shape=(3 * len(blocks),) * 2).tobsr((3, 3))
-    result = PETSc.Mat().create(matrix.comm)
-    result.setSizes(matrix.getSizes(), bsize=3)
-    result.setType(PETSc.Mat.Type.BAIJ)
-    result.setPreallocationNNZ((np.diff(entries.indptr), np.zeros(len(blocks), dtype=np.int32)))
+    aij = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    indptr, indices, values = aij.getValuesCSR()
+    aij.destroy()
+    inside = np.repeat(blocks, 3 * np.diff(indptr)[::3]) == _of_nodes(matrix, blocks, indices // 3)
+    csr = np.append(0, np.cumsum(inside))[indptr].astype(PETSc.IntType), indices[inside], values[inside]
+    return PETSc.Mat().createAIJ(matrix.getSizes(), bsize=3, csr=csr, comm=matrix.comm)
+
+
+def solved_here(matrix, blocks):
+    """The unknowns of the blocks that this rank solves for, those whose first node it owns.
+
+    Collective.
+
+    Args:
+        matrix, blocks: as in `within_blocks`.
+
+    Returns:
+        PETSc IS of global numbers.
+    """
+    owner = np.searchsorted(matrix.getOwnershipRanges()[1:] // 3, blocks, side="right")
+    nodes = matrix.getOwnershipRange()[0] // 3 + np.arange(len(blocks))
+    nodes = Exchange(matrix.comm.tompi4py(), owner).forward(nodes)
+    return PETSc.IS().createBlock(3, np.sort(nodes).astype(PETSc.IntType), PETSc.COMM_SELF)
+
+
+def _of_nodes(matrix, blocks, nodes):
+    """The blocks of nodes, whatever ranks own them: (k,) int64.  Collective."""
     first = matrix.getOwnershipRange()[0] // 3
-    add_blocks(result, entries, np.arange(first, first + len(blocks), dtype=np.int32))
-    result.assemble()
+    result, foreign = np.empty(len(nodes), dtype=np.int64), (nodes < first) | (nodes >= first + len(blocks))
+    result[~foreign] = blocks[nodes[~foreign] - first]
+    asked, back = np.unique(nodes[foreign], return_inverse=True)
+    everywhere = PETSc.Vec().createWithArray(blocks.astype(float), comm=matrix.comm)
+    wanted, found = PETSc.IS().createGeneral(asked, PETSc.COMM_SELF), PETSc.Vec().createSeq(len(asked))
+    scatter = PETSc.Scatter().create(everywhere, wanted, found, None)
+    scatter.scatter(everywhere, found)
+    result[foreign] = found.array[back]
+    for thing in (everywhere, wanted, found, scatter):
+        thing.destroy()
     return result

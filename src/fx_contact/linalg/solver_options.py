@@ -48,7 +48,9 @@ PRECONDITIONERS = {
 }
 #: Options of p-multigrid where the smoother solves for blocks of nodes.
 _BLOCKS = {
-    "mg_levels_pc_type": "bjacobi",
+    "mg_levels_pc_type": "asm",
+    "mg_levels_pc_asm_type": "basic",
+    "mg_levels_pc_asm_overlap": 0,
     "mg_levels_sub_pc_type": "lu",
     "mg_levels_sub_pc_factor_mat_ordering_type": "nd",
 }
