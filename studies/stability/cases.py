@@ -53,7 +53,7 @@ def exponent(value):
     )
 
 
-def sample(named, share=10):
+def sample(named, share=7):
     """A part of the scenes, spread over all rows: every row's turn comes at another of its values."""
     rows = {}
     for case in named.values():

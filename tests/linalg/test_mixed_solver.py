@@ -1,11 +1,14 @@
 """The mixed form of nearly incompressible bodies: the same solutions, an error that is what is said, few iterations."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import EXACT, STEEL, discrete, grown, pressed, roots, strewn, two_boxes
+
+from petsc4py import PETSc
 
 from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
@@ -14,6 +17,7 @@ from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg import conjugate_gradients
+from fx_contact.linalg.mixed_solver import _Context
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
@@ -94,6 +98,25 @@ def test_error_is_what_is_said(poisson):
     error = problem.elasticity.energy_norm(rough.displacement - exact)
     assert 0.02 * rough.energy_error < error < 1.5 * rough.energy_error  # M is A up to a factor of 2 or so
     assert abs(rough.energy_error / (1e-4 * problem.elasticity.energy_norm(exact)) - 1) < 1e-3
+
+
+def test_bound_is_of_both_residuals():
+    """(f . M^-1 f)^(1/2) + (q . C q)^(1/2) of all ranks, with a diagonal M."""
+    rows, weights = 1.0 + np.arange(8) + WORLD.rank, np.array([2.0, 3.0])
+    matrix = PETSc.Mat().createAIJ(((6, None), (6, None)), bsize=3, nnz=1, comm=WORLD)
+    diagonal = matrix.createVecRight()
+    diagonal.array[:] = 4.0
+    matrix.setDiagonal(diagonal)
+    matrix.assemble()
+    context = _Context([matrix.createVecRight() for _ in range(2)])
+    context.inner = PETSc.PC().create(WORLD)
+    context.inner.setType(PETSc.PC.Type.JACOBI)
+    context.inner.setOperators(matrix)
+    context.system = SimpleNamespace(
+        unscaled=lambda rows: (rows[:6].reshape(2, 3), rows[6:]), volume=SimpleNamespace(missing=weights, comm=WORLD)
+    )
+    forces, strains = WORLD.allreduce(np.array([(rows[:6] ** 2).sum() / 4.0, weights @ rows[6:] ** 2]))
+    assert abs(context.bound(rows) / (np.sqrt(forces) + np.sqrt(strains)) - 1) < 1e-14
 
 
 def test_iterations_hardly_depend_on_poisson():

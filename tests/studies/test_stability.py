@@ -27,17 +27,16 @@ alone = pytest.mark.skipif(WORLD.size > 1, reason="scores on one rank")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(WORLD.size != 2, reason="half a minute, on one number of ranks")
+@pytest.mark.skipif(WORLD.size != 2, reason="two minutes, on one number of ranks")
 def test_scores():
-    """What `--quick` runs, but what takes long, each on one rank: right, rightly refused, or honest about why not."""
+    """What `--quick` runs, each on one rank: right, rightly refused, or not right for the reason that is kept."""
     _, kept = read(TOP / "studies/stability/scores.csv")
-    short = {row["name"] for row in kept if float(row["cpu_seconds"]) < 1.5}
-    some = [case for case in CHOSEN.values() if case.name in short]
-    mine = [stability.score(case) for case in some[WORLD.rank :: WORLD.size]]
-    bad = [one for one in mine if one["score"] not in ("right", "refused", "noisy", "error", "unreached")]
+    known = {row["name"]: row["score"] for row in kept}
+    mine = [stability.score(case) for case in list(CHOSEN.values())[WORLD.rank :: WORLD.size]]
+    bad = [one for one in mine if one["score"] not in ("right", "refused", known[one["name"]])]
     everywhere(not bad, "\n".join(stability.line(one) for one in bad))
     good = WORLD.allreduce(sum(one["score"] in ("right", "refused") for one in mine))
-    assert good > 0.9 * len(some) > 30
+    assert good > 0.95 * len(CHOSEN) > 100
 
 
 @alone
@@ -45,7 +44,7 @@ def test_the_tables():
     """At least 200 scenes with names of their own; the sample has every row."""
     assert len(NAMED) >= 200
     assert {case.row for case in CHOSEN.values()} == {case.row for case in NAMED.values()}
-    assert len(CHOSEN) < len(NAMED) / 5
+    assert len(NAMED) / 6 < len(CHOSEN) < len(NAMED) / 5
     assert all(set(name) <= set("/-+._()" + name) and " " not in name for name in NAMED)
 
 
