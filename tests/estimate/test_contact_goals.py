@@ -13,6 +13,7 @@ from fx_contact import Enforcement, Solver, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
+from fx_contact.estimate import contact_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
@@ -20,7 +21,7 @@ from fx_contact.estimate.marking import for_goal
 from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
 from fx_contact.results.report import force_warnings
-from fx_contact.scenes import punch
+from fx_contact.scenes import cylinders, punch
 from studies.stability.shapes import beam, films, on_a_base, sinking
 
 pytestmark = pytest.mark.whole_run
@@ -96,6 +97,15 @@ def test_what_contact_alone_loads_needs_no_dual_solution(asked):
     error = abs(last.force / 7.676e-4 - 1)  # this program's on a uniform mesh of 705,000 unknowns
     assert last.reached and last.pair_leaves == [0] and error < last.pair_errors[0] < 0.12
     assert not asked
+
+
+@pytest.mark.parametrize("make", [partial(punch), partial(cylinders, order=2)], ids=["punch", "cylinders"])
+def test_what_needs_no_dual_solution_is_below_its_bound(monkeypatch, make):
+    """The bound is at least the error that the dual solution gives, and at most ten times."""
+    *_, bounded = (step.record for step in adapt(make(), 0.12))
+    monkeypatch.setattr(contact_goals, "_bound", lambda *_: np.inf)
+    *_, known = (step.record for step in adapt(make(), 0.12))
+    assert bounded.dofs == known.dofs and 1 < bounded.pair_errors[0] / known.pair_errors[0] < 10
 
 
 @pytest.mark.parametrize("joined", [False, True])
