@@ -19,7 +19,7 @@ from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.equilibrium import check_balance, nodal_residual
+from fx_contact.estimate.equilibrium import WHERE_ROUNDING_IS_LARGE, check_balance, nodal_residual
 from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.shear_free import find_shear_free
@@ -238,6 +238,6 @@ def _check_solver(contact, error, tolerance):
     if contact.energy_error > SOLVER_SHARE * tolerance * error.energy_norm > 0:
         raise SolveError(
             f"linear solver and rounding leave {percent(contact.energy_error / error.energy_norm)} of the energy norm "
-            f"open, and the tolerance is {percent(tolerance)}: take a smaller tolerance of the solver, a less stiff "
-            "penalty, or let the bodies begin closer to each other, whose rigid motions are large against their strains"
+            f"open, and the tolerance is {percent(tolerance)}: take a smaller tolerance of the solver or a less "
+            f"stiff penalty; {WHERE_ROUNDING_IS_LARGE}"
         )

@@ -11,6 +11,11 @@ from fx_contact.parallel.validation import percent
 MOST = 0.005
 #: Reactions count by this part of them: sums of magnitudes at many vertices, they may be rounding for the most part.
 _REACTIONS = 0.01
+#: What to do where rounding is large, for messages.
+WHERE_ROUNDING_IS_LARGE = (
+    "bodies that come from afar must begin closer to each other; thin ones that are nearly incompressible need a "
+    "smaller Poisson's ratio"
+)
 
 
 def nodal_residual(state, load):
@@ -71,6 +76,6 @@ def check_balance(state, residual, load, supports):
     left = unbalanced(state, residual, load, supports)
     if left > MOST:
         raise SolveError(
-            f"linear solver and rounding leave {percent(left)} of the forces on a body unbalanced: rigid motions are "
-            "too large against the strains; let the bodies begin closer to each other"
+            f"linear solver and rounding leave {percent(left)} of the forces on a body unbalanced: "
+            f"{WHERE_ROUNDING_IS_LARGE}"
         )

@@ -95,8 +95,8 @@ class Solver:
             (`mixed_solver`), and FGMRES takes the place of PCG.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
-            holds for any penalty; the default leaves an error below 1e-7 in the contact force; 1e-3, the largest that
-            is taken, one below 1e-3.
+            holds for any penalty; the default leaves an error below 1e-7 in the contact force, or what rounding
+            does (up to 2e-4 with factors of thin rubber); 1e-3, the largest that is taken, one below 1e-3.
         loose_tolerance: the same while the active set still changes.
         max_krylov: most iterations of one linear solve.
         max_contact: most updates of the active set.
