@@ -324,6 +324,14 @@ def gathered_prolongation(prolongation):
     return mean, rows, columns
 
 
+def shortest(nodes):
+    """The least mean length of the four edges along an axis of cells, (n,) float64, from nodes (n, k^3, 3)."""
+    side = round(nodes.shape[1] ** (1 / 3))
+    corners = nodes.reshape(-1, side, side, side, 3)[:, :: side - 1, :: side - 1, :: side - 1]
+    edges = [np.linalg.norm(np.diff(corners, axis=axis), axis=-1).reshape(-1, 4) for axis in (1, 2, 3)]
+    return np.min([length.mean(axis=1) for length in edges], axis=0)
+
+
 def vertex_positions(forest):
     """Positions of this rank's vertices on the true curved geometry.
 

@@ -1,21 +1,24 @@
 """The geometry order of a run where none is given."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from conftest import WORLD
-from model_problems import roots
+from model_problems import roots, shortest
 from mpi4py import MPI
 
 from fx_contact import adapt
 from fx_contact.fem.leaf_mesh import sufficient_order
 from fx_contact.problem import hexahedron
 from fx_contact.scenes import hertz
+from studies.cost.thin import ring
 
 pytestmark = pytest.mark.whole_run
 
 
 def deviation(forest, order):
-    """Largest distance of root maps from their interpolants of an order, over the size of the cell, of all ranks."""
+    """Largest distance of root maps from their interpolants of an order, over the shortest length of a cell."""
     line = np.linspace(0, 1, 13)
 
     def positions(points):
@@ -23,21 +26,29 @@ def deviation(forest, order):
 
     exact, nodes = positions(line), positions(np.linspace(0, 1, order + 1))
     mapped = hexahedron.tensor_evaluate((hexahedron.lagrange(order, line),) * 3, nodes)
-    size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
+    size = shortest(exact)
     return WORLD.allreduce((np.linalg.norm(mapped - exact, axis=2).max(axis=1) / size).max(), MPI.MAX)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_order_for_a_deviation(order):
+@pytest.mark.parametrize("make", [partial(hertz, coarse=2), partial(ring, cells=8)], ids=["hertz", "ring"])
+def test_order_for_a_deviation(make, order):
     """An order suffices for a tolerance above its deviation, and not for one below."""
-    forest = roots(hertz(order=6, coarse=2))
+    forest = roots(make(order=6))
     off = deviation(forest, order)
     assert sufficient_order(forest, 1.1 * off) <= order < sufficient_order(forest, off / 1.4)
 
 
+def test_a_thin_ring_keeps_its_shape():
+    """Cells that are straight for their width would be bent for their thickness: more and more of them did not do."""
+    *_, last = (step.record for step in adapt(ring(), 0.1, max_steps=4))
+    assert last.reached and last.geometry_order > 1 and last.dofs < 20_000
+    assert abs(last.force / 1.2076e-9 - 1) < 0.01  # this program's at 2 %
+
+
 @pytest.mark.parametrize("tolerance", [0.2, 0.04, 0.01])
 def test_leaf_maps_are_a_tenth_of_the_tolerance_off(tolerance):
-    """Of the leaf's size at most, and one order less would be more."""
+    """Of the leaf's shortest length at most, and one order less would be more."""
     step = next(adapt(hertz(order=6, coarse=2), tolerance, max_steps=1))
     order = step.record.geometry_order
     assert order > 1 and step.record.max_level == 0

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import conforming_positions, discrete, grown, roots, strewn
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact import Dirichlet, Material, Scene, Traction, adapt
+from fx_contact import ContactPair, Dirichlet, Material, Scene, Solver, Traction, adapt
 from fx_contact.fem.flat_cells import FLAT, strong_blocks
 from fx_contact.linalg.p_multigrid import solved_here, within_blocks
 from fx_contact.scenes.boxes import DOWN, UP, Boxes
@@ -91,3 +92,27 @@ def test_iterations_hardly_depend_on_the_aspect(poisson):
     assert cubes > 5
     found = [iterations(aspect, poisson) for aspect in (4.0, 16.0, 100.0, 1000.0)]
     assert max(found) < 2 * cubes, (cubes, found)
+
+
+def test_contact_that_changes():
+    """Springs of closed contact change the matrix, and with it the smoother: the solution is that of Cholesky."""
+    boxes = Boxes(1)
+    boxes.add("lower", (-3, -3, -0.5), (3, 3, 0), (6, 6, 2))
+    boxes.add("upper", (-3, -3, 0), (3, 3, 0.5), (6, 6, 2))
+    surfaces = {"base": boxes.facets(DOWN, -0.5), "top": boxes.facets(UP, 0.5, within=1.1)}
+    surfaces |= {"below": boxes.facets(UP, 0.0, "lower"), "above": boxes.facets(DOWN, 0.0, "upper")}
+    scene = Scene(
+        "receding contact",
+        boxes.mesh(surfaces),
+        dict.fromkeys(("lower", "upper"), Material(1.0, 0.3)),
+        (Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", x=0.0, y=0.0)),
+        (ContactPair("below", "above", direction=(0, 0, 1)),),
+        (Traction("top", (0.0, 0.0, -1e-3)),),
+    )
+    one, other = (
+        next(adapt(scene, 0.9, max_steps=1, solver=Solver(name))) for name in ("p-multigrid", "cholesky")
+    )
+    assert one.record.preconditioner == "p-multigrid" and one.record.contact_iterations > 3
+    everywhere((one.solution.active == other.solution.active).all(), "another active set")
+    most = WORLD.allreduce(float(other.solution.force.max(initial=0)), op=MPI.MAX)
+    everywhere(np.abs(one.solution.force - other.solution.force).max(initial=0) < 1e-6 * most, "other forces")

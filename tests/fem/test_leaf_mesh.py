@@ -8,7 +8,7 @@ import ufl
 from conftest import WORLD, everywhere
 from dolfinx.fem import Constant, assemble_scalar, form
 from dolfinx.mesh import exterior_facet_indices
-from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_boxes, vertex_positions, whole
+from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, shortest, two_boxes, vertex_positions, whole
 from mpi4py import MPI
 
 from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order
@@ -170,7 +170,7 @@ def test_sufficient_order_of_a_graded_forest():
 
     line = np.linspace(0, 1, 13)
     exact = positions(line)
-    size = np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) / np.sqrt(3)
+    size = shortest(exact)
     chosen = set()
     deviation = np.zeros(7)
     for order in range(1, 6):

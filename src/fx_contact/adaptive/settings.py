@@ -17,9 +17,9 @@ from fx_contact.problem.scene import Scene, check_scene
 
 #: Degree of the displacements where none is given.
 DEGREE = 2
-#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's size,
-#: where the program chooses the geometry order: a leaf that is off by a part d of its size has strains off by about d,
-#: and a tenth adds 0.5 % of the error, in squares.
+#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's
+#: shortest length, where the program chooses the geometry order: a leaf that is off by a part d of it has strains off
+#: by about d, and a tenth adds 0.5 % of the error, in squares.
 GEOMETRY_SHARE = 0.1
 #: Smallest tolerance: below it rounding is most of the error, on any mesh that fits into a memory.
 LEAST_TOLERANCE = 1e-9

@@ -10,6 +10,8 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from fx_contact.problem import hexahedron
+
 #: Length of a cell over its length along an axis from which on the nodes along this axis are a block
 #: (`studies.cost.flat`).
 FLAT = 3.0
@@ -29,7 +31,8 @@ def strong_blocks(elasticity):
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm
-    lengths = _lengths(leaf_mesh, len(space.cells))
+    leaf, corner = np.repeat(np.arange(len(space.cells)), 8), np.tile(np.arange(8), len(space.cells))
+    lengths = hexahedron.lengths(leaf_mesh.positions(leaf, corner, 1).reshape(-1, 8, 3))
     short = FLAT * lengths <= lengths.max(axis=1, keepdims=True)
     if not comm.allreduce(bool(short.any()), op=MPI.LOR):
         return None
@@ -53,11 +56,3 @@ def strong_blocks(elasticity):
         before, first = first, space.directory.lowest(lowest[piece])
         if not comm.allreduce(bool((first != before).any()), op=MPI.LOR):
             return prolongation.injected(first)
-
-
-def _lengths(leaf_mesh, count):
-    """Mean length of the edges of each leaf along its three axes: (count, 3) float64 [m]."""
-    leaf, corner = np.repeat(np.arange(count), 8), np.tile(np.arange(8), count)
-    corners = leaf_mesh.positions(leaf, corner, 1).reshape(-1, 2, 2, 2, 3)
-    edges = [np.diff(corners, axis=3 - axis) for axis in range(3)]
-    return np.stack([np.linalg.norm(edge, axis=-1).reshape(-1, 4).mean(axis=1) for edge in edges], axis=1)

@@ -106,13 +106,14 @@ def create_leaf_mesh(forest, order):
 def sufficient_order(forest, tolerance):
     """The lowest geometry order that holds the root map on every leaf.
 
-    Collective on forest.comm.  The deviation of a map of order q, relative to the cell's size h, falls like h^q: where
-    it is small enough on an ancestor of leaves it is so on them.  So it is looked at level by level, from the root
-    cells on, only below ancestors on which it is too large.
+    Collective on forest.comm.  The deviation of a map of order q, relative to the shortest of the cell's three lengths,
+    falls like h^q: where it is small enough on an ancestor of leaves it is so on them.  So it is looked at level by
+    level, from the root cells on, only below ancestors on which it is too large.
 
     Args:
         forest: Forest.
-        tolerance: largest distance between the map of order q and that of the root cell, relative to the leaf's size.
+        tolerance: largest distance between the map of order q and that of the root cell, relative to the shortest of
+            the leaf's three lengths: the thickness of a shell.
 
     Returns:
         int, 1 to the order of the root mesh.
@@ -143,7 +144,7 @@ def sufficient_order(forest, tolerance):
 
 
 def _deviation(exact, order):
-    """Largest distance of maps from their interpolants of an order, relative to the size of what they map: (n,).
+    """Largest distance of maps from their interpolants of an order, relative to the shortest length of the image: (n,).
 
     Seen at the maps' own nodes, (n, (p+1)^3, 3): the difference has no more freedom than that.
     """
@@ -151,7 +152,7 @@ def _deviation(exact, order):
     to_nodes = hexahedron.lagrange(p, np.linspace(0, 1, order + 1))
     there_and_back = hexahedron.lagrange(order, np.linspace(0, 1, p + 1)) @ to_nodes
     distance = np.linalg.norm(hexahedron.tensor_evaluate((there_and_back,) * 3, exact) - exact, axis=2).max(axis=1)
-    return distance / np.linalg.norm(exact[:, -1] - exact[:, 0], axis=1) * np.sqrt(3)
+    return distance / hexahedron.lengths(exact[:, hexahedron.corner_nodes(p)]).min(axis=1)
 
 
 def leaf_positions(forest, leaves, order, level=None):

@@ -48,6 +48,7 @@ class KrylovSolver:
     #: For `ksp_type`, the first by default: conjugate gradients that PETSc has in the natural norm.
     METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
     _NORM = PETSc.KSP.NormType.NATURAL
+    _smooths_blocks = False  # whether the smoother has them: PETSc takes them once
 
     def __init__(self, comm, options, objects):
         self._comm, self._options, self._objects, self._holding = comm, options, objects, None
@@ -123,6 +124,9 @@ class KrylovSolver:
         smoother, inside = self.pc.getMGSmoother(1), within_blocks(matrix, blocks)
         smoother.setOperators(matrix, inside)
         inside.destroy()  # the smoother has a reference
+        if self._smooths_blocks:
+            return
+        self._smooths_blocks = True
         with self._options.there(), self._errors_on_all_ranks():
             smoother.setFromOptions()
         here = solved_here(matrix, blocks)

@@ -143,6 +143,22 @@ def child_interpolation(order):
     return np.array([np.kron(z, np.kron(y, x)) for x, y, z in axes])
 
 
+def lengths(corners):
+    """Mean lengths of the edges along each axis of cells.
+
+    Local.
+
+    Args:
+        corners: (n, 8, 3) float64, in the order of `CORNERS` [m].
+
+    Returns:
+        (n, 3) float64 [m].
+    """
+    ends = corners[:, EDGE_CORNERS]
+    edges = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+    return np.stack([edges[:, EDGE_AXIS == axis].mean(axis=1) for axis in range(3)], axis=1)
+
+
 def tensor_evaluate(functions, nodal):
     """Evaluate nodal tensor-product fields at the tensor product of points along each axis.
 
