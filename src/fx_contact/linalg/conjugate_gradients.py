@@ -76,7 +76,9 @@ class ConjugateGradients:
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
     #: Instead of `_LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
-    _LOOKS_OF_FLAT = ((20, 8e3),)
+    #: Thick bodies take 40 to 60, and a third of the seconds of factors of 7 kB (the scenes `all-held-2-x-2-height/5`
+    #: and `clamped-cubes/30` of `studies.stability.run`).
+    _LOOKS_OF_FLAT = ((20, 6e3), (50, 8e3))
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
