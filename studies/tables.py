@@ -319,7 +319,9 @@ TABLES = {
     "studies/work_precision/points.csv#three": lambda rows: markdown(three(rows), POINTS_OF_README),
     "studies/effectivity/table.csv": partial(markdown, columns=EFFECTIVITY),
     "studies/cost/preconditioners.csv": partial(markdown, columns=PRECONDITIONERS),
-    "studies/cost/flat.csv": lambda rows: markdown([row for row in rows if row["nu"] < 0.499 and row["aspect"] != "1:2"], FLAT),
+    "studies/cost/flat.csv": lambda rows: markdown(
+        [row for row in rows if row["nu"] < 0.499 and row["aspect"] != "1:2"], FLAT
+    ),
     "studies/cost/thin.csv": partial(markdown, columns=THIN),
     "studies/cost/factors.csv": partial(markdown, columns=FACTORS),
     "studies/work_precision/promises.csv": partial(
