@@ -43,7 +43,6 @@ def test_blocks_are_lines_along_short_axes(aspect, lines):
     position = np.concatenate(WORLD.allgather(position))
     assert len(np.unique(blocks)) == (13**2 if len(lines) == 2 else 7)
     for block in np.unique(blocks):
-        assert block == np.flatnonzero(blocks == block)[0]
         assert np.ptp(position[blocks == block][:, lines], axis=0).max() < 1e-12
 
 
@@ -76,6 +75,7 @@ def test_entries_within_blocks():
     everywhere((part[~same] == 0).all(), "blocks are coupled")
     assert (np.sort(np.concatenate(WORLD.allgather(here))) == everything).all()
     everywhere(not np.isin(block[here], np.delete(block, here)).any(), "a block of two ranks")
+    everywhere(WORLD.size == 1 or 0.1 < len(here) * WORLD.size / len(everything) < 1.7, "one rank solves for most")
 
 
 def iterations(aspect, poisson=0.3):

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from fx_contact.parallel.mpi import hashed
 from fx_contact.problem import hexahedron
 
 #: Length of a cell over its length along an axis from which on the nodes along this axis are a block
@@ -26,8 +27,8 @@ def strong_blocks(elasticity):
         elasticity: Elasticity.
 
     Returns:
-        (owned,) int64, the lowest global number of a node in the block of each owned node; None where no cell of any
-        rank is flat.
+        (owned,) int64, block of each owned node: a number drawn among its nodes, of which the remainder by comm.size is
+        the rank that owns that node, and solves for the block.  None where no cell of any rank is flat.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm
@@ -47,12 +48,15 @@ def strong_blocks(elasticity):
     graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(len(space),) * 2)
     count, piece = connected_components(graph, directed=False)
 
-    first = np.full(len(space), np.iinfo(np.int64).max)
-    own = ~prolongation.hanging
-    first[own] = prolongation.index_map.local_to_global(prolongation.conforming[own])
+    imap, own = prolongation.index_map, prolongation.conforming >= 0
+    number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
+    owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
+    draw = hashed(number, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
+    block = np.full(len(space), np.iinfo(np.int64).max)
+    block[own] = draw[prolongation.conforming[own]]
     while True:  # once for each piece of a line that ranks have cut, and once more
         lowest = np.full(count, np.iinfo(np.int64).max)
-        np.minimum.at(lowest, piece, first)
-        before, first = first, space.directory.lowest(lowest[piece])
-        if not comm.allreduce(bool((first != before).any()), op=MPI.LOR):
-            return prolongation.injected(first)
+        np.minimum.at(lowest, piece, block)
+        before, block = block, space.directory.lowest(lowest[piece])
+        if not comm.allreduce(bool((block != before).any()), op=MPI.LOR):
+            return prolongation.injected(block)

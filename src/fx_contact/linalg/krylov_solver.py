@@ -48,7 +48,7 @@ class KrylovSolver:
     #: For `ksp_type`, the first by default: conjugate gradients that PETSc has in the natural norm.
     METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
     _NORM = PETSc.KSP.NormType.NATURAL
-    _smooths_blocks = False  # whether the smoother has them: PETSc takes them once
+    _smooths_blocks = False  # whether the smoother knows the blocks, which PETSc can be told once
 
     def __init__(self, comm, options, objects):
         self._comm, self._options, self._objects, self._holding = comm, options, objects, None

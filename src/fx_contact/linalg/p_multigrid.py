@@ -17,8 +17,8 @@ class CoarseLevel:
     Args:
         matrix: PETSc AIJ matrix K_c, without springs; changed when these do.
         interpolation: PETSc AIJ matrix I, fine unknowns by coarse ones.
-        blocks: (n,) int64, for the smoother the lowest global number of a node in the block of each of this rank's fine
-            nodes; None: a node is a block.
+        blocks: (n,) int64, for the smoother the block of each of this rank's fine nodes, as `flat_cells.strong_blocks`
+            gives it; None: a node is a block.
 
     Attributes:
         matrix, interpolation, blocks: as given.
@@ -92,7 +92,7 @@ def within_blocks(matrix, blocks):
 
 
 def solved_here(matrix, blocks):
-    """The unknowns of the blocks that this rank solves for, those whose first node it owns.
+    """The unknowns of the blocks that this rank solves for.
 
     Collective.
 
@@ -102,14 +102,13 @@ def solved_here(matrix, blocks):
     Returns:
         PETSc IS of global numbers.
     """
-    owner = np.searchsorted(matrix.getOwnershipRanges()[1:] // 3, blocks, side="right")
     nodes = matrix.getOwnershipRange()[0] // 3 + np.arange(len(blocks))
-    nodes = Exchange(matrix.comm.tompi4py(), owner).forward(nodes)
+    nodes = Exchange(matrix.comm.tompi4py(), blocks % matrix.comm.size).forward(nodes)
     return PETSc.IS().createBlock(3, np.sort(nodes).astype(PETSc.IntType), PETSc.COMM_SELF)
 
 
 def _of_nodes(matrix, blocks, nodes):
-    """The blocks of nodes, whatever ranks own them: (k,) int64.  Collective."""
+    """The blocks, (k,) int64, of nodes of any ranks, (k,) int global numbers.  Collective."""
     first = matrix.getOwnershipRange()[0] // 3
     result, foreign = np.empty(len(nodes), dtype=np.int64), (nodes < first) | (nodes >= first + len(blocks))
     result[~foreign] = blocks[nodes[~foreign] - first]
