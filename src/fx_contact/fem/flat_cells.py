@@ -51,6 +51,7 @@ def strong_blocks(elasticity):
     imap, own = prolongation.index_map, prolongation.conforming >= 0
     number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
+    # Two blocks that drew the same number would be solved for as one, which does no harm.
     draw = hashed(number, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
     block = np.full(len(space), np.iinfo(np.int64).max)
     block[own] = draw[prolongation.conforming[own]]

@@ -3,9 +3,9 @@
 A is the operator, M the preconditioner, r the residual, e the error, omega the energy norm (4).  PCG measures the error
 by the natural norm,
 
-    |r|_M = (r^T M^-1 r)^(1/2)  ~  (r^T A^-1 r)^(1/2) = (e^T A e)^(1/2),
+    |r|_M = (r^T M^-1 r)^(1/2)  ~  (r^T A^-1 r)^(1/2) = (e^T A e)^(1/2).
 
-and goes on from u_0 until
+It goes on from u_0 until
 
     |r|_M <= max(tol w, tol |r_0|_M, eps |D^(1/2) u_0|),    w = omega(u_0),  D = diag A,  eps = 1e-14 (rounding).
 

@@ -6,11 +6,11 @@ K = A + D^T C D is not assembled.  M is a preconditioner of the matrix A, S an a
     [ D  -C^-1 ] [s] = [0],     preconditioned by   [ 0  -S  ]
 
 Iterations hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6),
-2000).  With residuals r of the first row and q of the second one the error e of the displacement has
+2000).  The rows leave residuals r and q.  As K >= A and K >= D^T C D, the error e of the displacement has
 
-    (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|,
+    (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|.
 
-for K >= A and K >= D^T C D.  FGMRES goes on until that bound is at most tol omega(u), or rounding.
+FGMRES goes on until that bound is at most tol omega(u), or rounding.
 
 In thin bodies that bend S is far off.  Where Cholesky's factors take over they are of K, and PCG solves K u = f.
 """

@@ -113,7 +113,7 @@ def _of_nodes(matrix, blocks, nodes):
     result, foreign = np.empty(len(nodes), dtype=np.int64), (nodes < first) | (nodes >= first + len(blocks))
     result[~foreign] = blocks[nodes[~foreign] - first]
     asked, back = np.unique(nodes[foreign], return_inverse=True)
-    everywhere = PETSc.Vec().createWithArray(blocks.astype(float), comm=matrix.comm)
+    everywhere = PETSc.Vec().createWithArray(blocks.astype(float), comm=matrix.comm)  # exact below 2^53
     wanted, found = PETSc.IS().createGeneral(asked, PETSc.COMM_SELF), PETSc.Vec().createSeq(len(asked))
     scatter = PETSc.Scatter().create(everywhere, wanted, found, None)
     scatter.scatter(everywhere, found)
