@@ -7,6 +7,7 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import ALONG, conforming_positions, discrete, grown, pressed, roots, two_boxes, wedge
 
+from fx_contact import Dirichlet, Scene, adapt
 from fx_contact.estimate.recovery import VOIGT, Recovery
 from fx_contact.estimate.shear_free import ShearFree, find_shear_free
 from fx_contact.fem.external_forces import body_force
@@ -15,6 +16,7 @@ from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.boundary_conditions import BodyForce, Traction
 from fx_contact.problem.materials import Material
+from fx_contact.scenes.boxes import DOWN, UP, Boxes
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
 
@@ -141,7 +143,7 @@ def test_stresses_come_from_the_superconvergent_points():
 def test_the_element_residual_is_the_error_of_a_cubic():
     """Of u = x^3 and its quadratic interpolant, in a unit cell E / 20; the recovered stress is that of the interpolant.
 
-    Without the body force f = -6 E x nothing is left: div sigma* is constant in each cell.
+    Without the body force f = -6 E x nothing is left: div sigma_h is constant in each cell.
     """
     elasticity, position, recovery = unit_cells(
         hanging=False, force=lambda x: np.stack([-18 * x[0], 0 * x[0], 0 * x[0]])
@@ -151,3 +153,26 @@ def test_the_element_residual_is_the_error_of_a_cubic():
     estimate = recovery.estimate()
     everywhere(np.abs(estimate.error**2 - 3 / 20).max(initial=0) < 1e-12, "another error")
     everywhere((recovery.estimate(loaded=False).error < 1e-6).all(), "a force that does not act")
+
+
+def test_a_displacement_in_equilibrium_has_no_element_residual():
+    """Of u = (x^2 y, 0, 0) with f = -div sigma (3) alone is left: E / 360 in a unit cell, of the shear E x^2 / 2."""
+    elasticity, position, recovery = unit_cells(
+        hanging=False, force=lambda x: np.stack([-6 * x[1], -3 * x[0], 0 * x[0]])
+    )
+    x, y, _ = position.T
+    elasticity.set_displacement(np.stack([x**2 * y, 0 * x, 0 * x], axis=1))
+    everywhere(np.abs(recovery.estimate().error ** 2 - 3 / 360).max(initial=0) < 1e-12, "another error")
+    assert recovery.estimate(loaded=False).error_global > 2 * recovery.estimate().error_global
+
+
+def test_estimates_of_tall_cells_fall():
+    """Those of a pressed column, clamped at both ends, its cells 1:40: true errors of nested meshes can only fall."""
+    boxes = Boxes(1)
+    boxes.add("column", (0.0, 0.0, 0.0), (1.0, 1.0, 10.0), (4, 4, 1))
+    ends = {"foot": boxes.facets(DOWN, 0.0), "head": boxes.facets(UP, 10.0)}
+    held = Dirichlet("foot", 0.0, 0.0, 0.0), Dirichlet("head", 0.0, 0.0, -0.01)
+    scene = Scene("column", boxes.mesh(ends), {"column": Material(1.0, 0.3)}, held, ())
+    estimates = [step.record.estimate for step in adapt(scene, 0.16, WORLD, max_steps=3)]
+    assert len(estimates) == 3
+    assert max(np.diff(estimates)) < 0  # 0.208, 0.158, 0.096; with tractions on facets 0.208, 0.357, 0.425

@@ -91,7 +91,7 @@ class Recovery:
             self._energies = compiled(comm, ufl.inner(both, ufl.TestFunction(cellwise)) * dx)
         self._residual = None
         if self._prolongation.space.degree % 2 == 0:
-            self._residual = ElementResidual(elasticity, smooth, sigma, body_force, stages)
+            self._residual = ElementResidual(elasticity, sigma, body_force, stages)
 
     def estimate(self, noise=0.0, loaded=True):
         """Recover the stress of the elasticity's displacement `u`, and estimate its error.
