@@ -110,8 +110,9 @@ class State:
         record: of the step.
         force: sum of all contact forces [N].
         energy: twice the energy stored in the bodies [J].
-        potential: the quantity whose error is the square of the solution's: twice the potential energy where loads and
-            prescribed displacements act together, else the energy [J].
+        potential: the quantity whose error is the square of the solution's: twice the potential energy, of bodies,
+            penalty and loads [J].  The energy differs from it by what loads do while gaps close, so that its error
+            is also that of the contact force.
         work: of loads and reactions [J].
         yielded: sum of force times penetration: twice what the penalty stores [J].
         scale: a force to measure others by: contact, load or, without either, what may be lost [N].
@@ -156,9 +157,8 @@ class State:
         self._resultants = force_components(step.scene, self.pairs, contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
-        moved = supports.values != 0
-        self.potential = self.energy - (2 * float((u * self._load).sum()) if moved.any() else 0.0)
         self.yielded = float(contact.force @ self.penetration)
+        self.potential = self.energy + self.yielded - 2 * float((u * self._load).sum())
         self.size = float(np.abs(u).max())
         springs = self.pairs.bounded_stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
