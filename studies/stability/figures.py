@@ -7,7 +7,6 @@ SCORES = {
     "right": ("", "#ffffff", "#9a9a9a", "agrees, as closely as the run says"),
     "refused": ("R", "#ffffff", "#0072B2", "refused, as it must be, by a typed error"),
     "noisy": ("d", "#e8e8e8", "#9a9a9a", "agrees, but solver and rounding promise no 2 digits"),
-    "optimistic": ("o", "#d0d0d0", "#E69F00", "more off than asked for or stated, no more than promised"),
     "unreached": ("n", "#d0d0d0", "#E69F00", "accuracy not reached, and said so"),
     "error": ("E", "#a8a8a8", "#E69F00", "a typed error where there is a solution"),
     "hang": ("T", "#606060", "#D55E00", "not done in time"),

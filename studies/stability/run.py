@@ -110,10 +110,8 @@ def _judged(case):
         compared = state.against_twin(other, reference)
     result["checks"] = [[c.name, c.deviation, c.allowed, c.holds] for c in (*sound, *compared)]
     reached = record.reached
-    failed = [c for c in (*sound, *(compared if reached else ())) if not c.holds]
-    if failed:
-        score = "optimistic" if all(c.kept for c in failed) else "wrong"
-        return result | {"score": score, "message": "; ".join(c.name for c in failed)}
+    if not all(c.holds for c in sound) or (reached and not all(c.holds for c in compared)):
+        return result | {"score": "wrong", "message": "; ".join(c.name for c in (*sound, *compared) if not c.holds)}
     if not reached:
         return result | {
             "score": "unreached",

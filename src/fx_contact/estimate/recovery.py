@@ -1,8 +1,8 @@
 """Stress recovery and the error estimate of O. C. Zienkiewicz, J. Z. Zhu (1987): indicator (3), energies (4).
 
 At degree 2 the larger of (3) and of the element residual counts in each cell.  (3) shows what jumps from cell to cell,
-as beside contact edges, but little of a smooth error, which the element residual shows.  Effectivities of both, of the
-larger one, and of the L2 projection with 3 x 3 x 3 points: `studies/effectivity`.
+as beside contact edges, but little of a smooth error, which the element residual shows.  Effectivities:
+`studies/effectivity`.
 """
 
 from dataclasses import dataclass
