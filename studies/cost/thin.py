@@ -89,7 +89,7 @@ def meets(step, control, tolerance):
 
 def by_trial(scene, tolerance):
     """The fewest unknowns of a mesh that meets a tolerance, of runs with looser ones and one that grows slowly."""
-    eager, patient, found, start = ErrorControl(), ErrorControl(target=1.0, lowest_threshold=1.0), [np.inf], None
+    eager, patient, found, start = ErrorControl(), ErrorControl(target=1.0), [np.inf], None
     for asked in tolerance * LOOSER:
         for control in (eager, patient):
             steps = adapt(scene, asked, control=control)

@@ -38,7 +38,6 @@ SCENES = {
 #: Values that are tried; a share is at most 1.
 VALUES = {
     "target": (0.45, 1.0),
-    "lowest_threshold": (0.25, 1.0),
     "trusted_effectivity": (0.4, 1.0),
     "least_effectivity": (0.2, 0.8),
 }

@@ -28,8 +28,6 @@ class ErrorControl:
     Attributes:
         mode: "contact" or "energy".
         target: the share of a tolerance that refinement aims at (studies/parameters) [-].
-        lowest_threshold: of marking, relative to that of criterion (2): a lower one spares solves on meshes of
-            intermediate size for more cells (studies/parameters) [-].
         trusted_effectivity: with a theta of this or more xi is taken at its word (6), with less it is xi / theta [-].
         least_effectivity: the least theta that is believed, and theta before it is measured: 0.43 was measured in thin
             plates, and refinement that changes nothing would show ever less [-].
@@ -40,7 +38,6 @@ class ErrorControl:
 
     mode: str = MODES[0]
     target: float = 0.9
-    lowest_threshold: float = 0.5
     trusted_effectivity: float = 0.8
     least_effectivity: float = 0.4
 

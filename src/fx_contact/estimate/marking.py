@@ -24,10 +24,10 @@ def by_criterion(estimate, tolerance):
 
 
 def for_tolerance(estimate, tolerance, loss_rate, control, comm):
-    """Cells to refine for xi <= e omega: those of criterion (2), fewer if they suffice, more if that saves a step.
+    """Cells to refine for xi <= e omega: those of criterion (2), fewer if they suffice, or if one step does not.
 
-    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega.
-    It is lower than that of criterion (2) only if the loss rate is known, and if that is enough.  At degree 2 one step
+    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega; if
+    not even that of criterion (2) is low enough, that of a mesh to come, `_equidistributing`.  At degree 2 one step
     aims at a quarter of the present xi at least: what refining all cells brings where the solution is smooth.
 
     Args:
@@ -44,10 +44,10 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    half, lowest = _THRESHOLDS // 2, control.lowest_threshold * criterion
-    low, high = np.geomspace([lowest, criterion], [criterion, largest], half).T
-    thresholds = np.concatenate([low[:-1], high])[::-1] ** 2
     loss, child = smooth_loss(estimate.child_error), estimate.child_error
+    thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
+    later = _equidistributing(child) * criterion
+    of_later = int(np.argmax(thresholds <= later)) if later < largest else len(thresholds) - 1
     aim = control.target * tolerance * estimate.energy_norm
     if child < child_error(1):
         aim = max(aim, np.sqrt(8 * child) * estimate.error_global)
@@ -55,10 +55,10 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
 
     def choose(once, twice):
         """The highest threshold that suffices; as `_mark` wants it."""
-        chosen = int(np.searchsorted(_lost(once, twice, loss * (loss_rate or 1.0))[:-1], need))
-        return chosen if chosen < (half if loss_rate is None else len(thresholds)) else half - 1
+        suffices = _lost(once, twice, loss * (loss_rate or 1.0))[:-1] >= need
+        return int(np.argmax(suffices)) if suffices.any() else of_later
 
-    times, once, twice = _mark(estimate.error**2, child, thresholds, choose, comm)
+    times, once, twice = _mark(estimate.error**2, child, thresholds**2, choose, comm)
     return times, float(_lost(once, twice, loss))
 
 
@@ -102,6 +102,16 @@ def for_goal(error, allowed, child_error, control, comm):
 def _criterion(estimate, tolerance):
     """The threshold of criterion (2), e omega / sqrt(N) [J^(1/2)]."""
     return tolerance * estimate.energy_norm / np.sqrt(estimate.cells)
+
+
+def _equidistributing(child_error):
+    """The threshold of a mesh that meets the tolerance e on N cells, over e omega / sqrt(N).
+
+    Where all cells above tau are refined, and no others, xi_T lies between tau and that of the children.  With ln xi_T
+    uniform in between, the mean of xi_T^2 is tau^2 (1 - c) / ln(1 / c), c = `child_error`: it is to be (e omega)^2 / N.
+    A mesh that has fewer cells than the last one refines some in vain with criterion (2).
+    """
+    return np.sqrt(-np.log(child_error) / (1 - child_error))
 
 
 def _lost(once, twice, loss):
