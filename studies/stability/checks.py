@@ -5,7 +5,7 @@ linear solver   PCG stops at `energy_error`, the preconditioned norm of its resi
                 with v its translation: at most |v|_K |e|_K, where |v|_K^2 = v^T K v + sum k. Rounding in products with
                 K and k is added. At least 1e-7, the contract; at most 1 %: a larger error without a warning fails.
 discretisation  With prescribed displacements, energy and force err by the square of the relative error in the energy
-                norm: at most e^2, and at most 1.5 xi^2 / (omega theta)^2 by the record, where the effectivity theta
+                norm: at most e^2, and at most (xi / (0.8 omega theta))^2 by the record, where the effectivity theta
                 counts below 0.8. Uniform stresses are exact.
 round contact   Between nodes h apart the sphere bulges by h^2/8R. Relative to the approach a^2/R, with n pairs on
                 pi a^2 and F ~ approach^(3/2), this is 1.5 pi / (8 n) of the force.
