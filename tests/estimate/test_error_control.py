@@ -61,6 +61,10 @@ def test_a_step_that_cannot_suffice_refines_for_the_meshes_to_come(child):
     least, most = WORLD.allreduce(least_marked(mine, marked), op=MPI.MIN), mine.error[marked == 0].max(initial=0)
     assert 0.99 * threshold < least < 1.01 * threshold and WORLD.allreduce(int(marked.max()), op=MPI.MAX) == 2
     everywhere(most <= least, "not the largest are marked")
+    above = np.arange(3000) % 2 == 0  # of errors at 3 and 1.5 times (2): once only
+    two = spread(np.where(above, 3.0, 1.5) * tolerance / np.sqrt(3000), child_error=child)
+    marked, _ = for_tolerance(two, tolerance, 0.1, CONTACT, WORLD)
+    everywhere(np.array_equal(marked, dealt(above)), "not those above the threshold")
     even = spread(np.full(3000, 1.5 * tolerance / np.sqrt(3000)), child_error=child)  # all below that threshold
     everywhere((for_tolerance(even, tolerance, 0.1, CONTACT, WORLD)[0] == 1).all(), "no cell of criterion (2)")
 
@@ -71,7 +75,7 @@ def least_marked(estimate, marked):
 
 
 def test_one_step_of_degree_2_aims_at_a_quarter():
-    """However small the tolerance is; a larger aim than a quarter is met."""
+    """However small the tolerance is; a larger aim than a quarter is met.  At degree 1 there is no such aim."""
     errors = np.geomspace(1e-4, 1e-2, 3000)
     total = np.sqrt((errors**2).sum())
     mine = spread(errors, child_error=1 / 128)
@@ -79,6 +83,10 @@ def test_one_step_of_degree_2_aims_at_a_quarter():
         marked, _ = for_tolerance(mine, share * total, 1.0, CONTACT, WORLD)
         left = np.sqrt(WORLD.allreduce(float((mine.error**2 / 16.0**marked).sum())))
         assert 0.98 * aim * total < left <= aim * total
+    linear, tolerance = spread(errors, child_error=1 / 32), 0.5 * total  # of which (2) would leave 0.99
+    marked, _ = for_tolerance(linear, tolerance, 1.0, CONTACT, WORLD)
+    ratio = WORLD.allreduce(least_marked(linear, marked), op=MPI.MIN) / (tolerance / np.sqrt(linear.cells))
+    assert 1.85 < ratio < 1.95, "not for the meshes to come"
 
 
 def test_a_lower_threshold_saves_a_solve():

@@ -24,11 +24,11 @@ def by_criterion(estimate, tolerance):
 
 
 def for_tolerance(estimate, tolerance, loss_rate, control, comm):
-    """Cells to refine for xi <= e omega: those of criterion (2), fewer if they suffice, or if one step does not.
+    """Cells to refine for xi <= e omega.
 
-    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega; if
-    not even that of criterion (2) is low enough, that of a mesh to come, `_equidistributing`.  At degree 2 one step
-    aims at a quarter of the present xi at least: what refining all cells brings where the solution is smooth.
+    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega,
+    at degree 2 a quarter of the present xi at least: what refining all cells brings where the solution is smooth.  If
+    not even that of criterion (2) is low enough, it is `_equidistributing`.
 
     Args:
         estimate: Estimate.
@@ -105,11 +105,11 @@ def _criterion(estimate, tolerance):
 
 
 def _equidistributing(child_error):
-    """The threshold of a mesh that meets the tolerance e on N cells, over e omega / sqrt(N).
+    """The threshold tau of a mesh of N cells that meets the tolerance e, over e omega / sqrt(N).
 
-    Where all cells above tau are refined, and no others, xi_T lies between tau and that of the children.  With ln xi_T
-    uniform in between, the mean of xi_T^2 is tau^2 (1 - c) / ln(1 / c), c = `child_error`: it is to be (e omega)^2 / N.
-    A mesh that has fewer cells than the last one refines some in vain with criterion (2).
+    If all its cells come from refining above tau, xi_T^2 is between c tau^2 and tau^2, c = `child_error`.  With ln xi_T
+    uniform there, its mean is tau^2 (1 - c) / ln(1 / c), and is to be (e omega)^2 / N.  N is taken of the present mesh.
+    Where the last one has less than 4.9 times as many (3.6 at degree 1), (2) would make cells smaller than needed.
     """
     return np.sqrt(-np.log(child_error) / (1 - child_error))
 
