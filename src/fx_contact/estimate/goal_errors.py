@@ -63,14 +63,9 @@ def judge_goals(goals, duals, state, residual, theta, control):
             found = duals.of(functional)
             errors = duals.errors(found)
             error = comm.allreduce(float(errors.sum())) / theta
-            times = _needed(functional, found, errors, error, allowed, theta, control, comm)
-            reached = times is None
+            reached = error <= allowed
             if not reached:
+                times = for_goal(errors, allowed * theta, found.dual.child_error, control, comm)
                 refine[leaf] = np.maximum(refine[leaf], times)
         records.append(GoalRecord(goal.name, functional.value, error, allowed, float(goal.tolerance), reached))
     return tuple(records), refine
-
-
-def _needed(functional, found, errors, error, allowed, theta, control, comm):
-    """The cells to refine for the allowed error of a Goal: (ncells,) int8; None if it has no more.  Collective."""
-    return for_goal(errors, allowed * theta, found.dual.child_error, control, comm) if error > allowed else None
