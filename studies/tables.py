@@ -8,9 +8,11 @@ with `#CHOICE` after the name. Above the rows of a CSV file stand the command wh
 revision of the program; the page says them below the table.
 """
 
+import argparse
 import csv
 import os
 import re
+import shlex
 import subprocess
 import sys
 from functools import partial
@@ -19,7 +21,7 @@ from pathlib import Path
 from string import Formatter
 
 from studies.partition.claims import claims, in_milliseconds
-from studies.stability.figures import counts
+from studies.stability.figures import named
 
 TOP = Path(__file__).parents[1]
 PAGES = ("README.md", *sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
@@ -340,7 +342,7 @@ TABLES = {
             ("kernels", "", partial(markdown, columns=KERNELS)),
         )
     },
-    "studies/stability/scores.csv": counts,
+    "studies/stability/scores.csv": named,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/goals/duals.csv": lambda rows: markdown(by_scene(rows), DUALS),
     "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
@@ -354,14 +356,15 @@ TABLES = {
 }
 
 
-def write(path, rows, command):
+def write(path, rows, command=None):
     """Write rows to a CSV file, above them the command that made them and the machine.
 
     Args:
         path: Path of the file; its folder is made.
         rows: dicts, each with the columns that it has.
-        command: str, without the launcher.
+        command: str, without the launcher; None: that of this program.
     """
+    command = command or shlex.join(["python3", *sys.orig_argv[1:]])
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         file.write(f"# command: ./with-dolfinx {command}\n# machine: {machine()}\n")
@@ -414,8 +417,12 @@ def with_tables(text):
 
 def main():
     """Keep the results that are named, and write the tables into the pages."""
-    for name in sys.argv[1:]:
-        keep(Path(name))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, nargs="*", help="a CSV file in results/STUDY, to keep in studies/STUDY")
+    for path in parser.parse_args().results:
+        if not path.is_file():
+            parser.error(f"there is no file {str(path)!r}")
+        keep(path)
     for page in PAGES:
         path = TOP / page
         path.write_text(with_tables(path.read_text()))

@@ -72,7 +72,7 @@ def main():
     """Measure; print the table and keep it."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     rows = [row for degree in (2, 1) for row in measured(degree)]
-    write(Path("results/cost/contact_constants.csv"), rows, "python3 -m studies.cost.contact_constants")
+    write(Path("results/cost/contact_constants.csv"), rows)
     print(plain(rows))
 
 

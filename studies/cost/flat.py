@@ -124,8 +124,7 @@ def main():
     for row in found:
         rows.append(row)
         if MPI.COMM_WORLD.size == 1:
-            command = "python3 -m studies.cost.flat" + " --factors" * arguments.factors
-            write(Path(f"results/cost/{name}.csv"), rows, command)
+            write(Path(f"results/cost/{name}.csv"), rows)
     if MPI.COMM_WORLD.rank == 0:
         print(plain(rows))
 

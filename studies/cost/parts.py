@@ -104,7 +104,7 @@ def main():
     """Measure; print the table and keep it."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     rows = list(measured())
-    write(Path("results/cost/parts.csv"), rows, "python3 -m studies.cost.parts")
+    write(Path("results/cost/parts.csv"), rows)
     print(TABLES["studies/cost/parts.csv"](rows))
 
 

@@ -156,11 +156,10 @@ def main():
     parser.add_argument("--tune", action="store_true", help="other options of p-multigrid")
     parser.add_argument("--repetitions", type=int, default=3, help="(%(default)s)")
     arguments = parser.parse_args()
-    command = "python3 -m studies.cost.preconditioners" + " --tune" * arguments.tune
     rows = []
     for row in measured(arguments.scene, arguments.tune, arguments.repetitions):
         rows.append(row)
-        write(Path(f"results/cost/preconditioners{'_tuned' * arguments.tune}.csv"), rows, command)
+        write(Path(f"results/cost/preconditioners{'_tuned' * arguments.tune}.csv"), rows)
     print(plain(rows))
 
 

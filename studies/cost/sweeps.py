@@ -41,7 +41,7 @@ def main():
             | {"alone_solves": alone[0], "alone_dofs": alone[1], "alone_cpu_s": alone[2], "ratio": path[2] / alone[2]}
         )
         print(*(f"{value:.4g}" for value in rows[-1].values()), sep="  ", flush=True)
-    write(given.output / "sweeps.csv", rows, "python3 -m studies.cost.sweeps")
+    write(given.output / "sweeps.csv", rows)
 
 
 if __name__ == "__main__":

@@ -135,7 +135,7 @@ def main():
     rows = []
     for name in parser.parse_args().scene:
         rows.append(measured(name))
-        write(Path("results/cost/thin.csv"), rows, "python3 -m studies.cost.thin")
+        write(Path("results/cost/thin.csv"), rows)
     print(plain(rows))
 
 

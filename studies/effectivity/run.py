@@ -109,7 +109,7 @@ def main():
                     rows.append(dict(zip(COLUMNS, values)))
                     told = f"{estimate:7.2%} {true:7.2%} {seen:6.3f} {assumed:6.3f} {seen / assumed:6.3f}"
                     print(f"{name:30} {degree} {dofs:9,} {told}", flush=True)
-    write(given.output / "table.csv", rows, "python3 -m studies.effectivity.run")
+    write(given.output / "table.csv", rows)
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ def main():
     parser.add_argument("--only", choices=SCENES, nargs="+", default=list(SCENES), help="scenes (all)")
     names = parser.parse_args().only
     rows = [row for name in names for tolerance in TOLERANCES for row in measured(name, tolerance)]
-    write(Path("results/goals/duals.csv"), rows, "python3 -m studies.goals.duals")
+    write(Path("results/goals/duals.csv"), rows)
     print(plain(rows))
 
 

@@ -200,12 +200,12 @@ def main():
                     print(
                         *(f"{v:.5g}" if isinstance(v, float) else v for v in rows[-1].values()), sep="  ", flush=True
                     )
-    write(given.output / "table.csv", rows, "python3 -m studies.goals.run")
+    write(given.output / "table.csv", rows)
     if given.only in "receding layers" and given.degree != 1:
         rows = list(asked())
         for row in rows:
             print(*(f"{value:.4g}" for value in row.values()), sep="  ")
-        write(given.output / "asked.csv", rows, "python3 -m studies.goals.run")
+        write(given.output / "asked.csv", rows)
 
 
 if __name__ == "__main__":

@@ -88,12 +88,11 @@ def force(poisson, mesh):
     distance = np.hypot(place[:, 0], place[:, 1] - RADIUS)
     arc = (np.abs(distance - RADIUS) < 1e-6) & (place[:, 0] < 3 * CONTACT)
     dofs, height, radius = of_vertical[arc], place[arc, 1], place[arc, 0]
-    size = matrix.getSize()[0]
     closed = radius < CONTACT
     for _ in range(50):
         held = np.concatenate([on_axis, top, dofs[closed]]).astype(np.int32)
         values = np.concatenate([np.zeros(len(on_axis)), np.full(len(top), -MOVED), -height[closed]])
-        solution = _solved(matrix, held, values, size)
+        solution = _solved(matrix, held, values)
         forces = (matrix * solution).array[dofs]
         wanted = np.where(closed, forces > 0, solution.array[dofs] < -height)
         if (wanted == closed).all():
@@ -102,7 +101,7 @@ def force(poisson, mesh):
     raise RuntimeError("the active set does not settle")
 
 
-def _solved(matrix, held, values, size):
+def _solved(matrix, held, values):
     """The solution with prescribed values, by a direct solver."""
     system, (x, b) = matrix.copy(), matrix.createVecs()
     x.array[held] = values
@@ -129,7 +128,7 @@ def main():
             found, radius = force(poisson, mesh)
             print(f"nu = {poisson}, {cells} cells to the rim: force {found:.5e}, last node {radius:.5f}", flush=True)
             rows.append({"nu": poisson, "cells": cells, "force": found})
-    write(arguments.output / "axisymmetric.csv", rows, "python3 -m studies.incompressible.axisymmetric")
+    write(arguments.output / "axisymmetric.csv", rows)
 
 
 if __name__ == "__main__":

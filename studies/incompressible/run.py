@@ -102,7 +102,7 @@ def main():
             said = subprocess.run(program, capture_output=True, text=True, check=True).stdout
             rows.append(with_reference(json.loads(said.splitlines()[-1])))
             print(plain(rows[-1:]).splitlines()[-1], flush=True)
-            write(arguments.output / "table.csv", rows, "python3 -m studies.incompressible.run")
+            write(arguments.output / "table.csv", rows)
 
 
 if __name__ == "__main__":

@@ -156,9 +156,9 @@ def main():
     for row in measured(given.only, given.scene):
         rows.append(row)
         print(plain([row]).splitlines()[-1], flush=True)
-    write(given.output / "table.csv", rows, "python3 -m studies.parameters.run")
+    write(given.output / "table.csv", rows)
     table = list(summary(rows))
-    write(given.output / "summary.csv", table, "python3 -m studies.parameters.run")
+    write(given.output / "summary.csv", table)
     print(plain(table))
 
 

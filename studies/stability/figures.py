@@ -53,6 +53,15 @@ def counts(scores):
     return "\n".join(lines)
 
 
+def named(scores):
+    """`counts`, and the names of the scenes that are not right: str, Markdown."""
+    lines = [counts(scores), ""]
+    for kind in SCORES:
+        names = [f"`{one['name']}`" for one in scores if one["score"] == kind != "right"]
+        lines += [f"- {kind}: {', '.join(names)}"] if names else []
+    return "\n".join(lines)
+
+
 def table(scores, command):
     """Counts of scores for each axis, then every scene that has not the best one, with its command.
 
@@ -100,7 +109,7 @@ def draw_matrix(scores, path, other):
             y, last = y + 0.9, axis
             axes.text(-0.1, y - 0.05, axis, ha="right", va="bottom", fontsize=9, weight="bold")
         axes.text(-0.1, y + 0.45, row.split(": ", 1)[1], ha="right", va="center", fontsize=8.5)
-        width = -(-max(len(_told(one)) for one in here) // 8)
+        width = -(-max(len(_told(one)) for one in here) // 7)
         for x, one in enumerate(here):
             _draw_cell(axes, width * x, y, width, one, heat)
             if one["name"] in other:

@@ -91,7 +91,7 @@ def main():
     rows.sort(key=lambda row: (row["over"], row["scene"]))
     print(plain(rows))
     arguments.output.mkdir(parents=True, exist_ok=True)
-    write(arguments.output / "iterations.csv", rows, "python3 -m studies.stability.iterations")
+    write(arguments.output / "iterations.csv", rows)
 
 
 if __name__ == "__main__":

@@ -99,7 +99,7 @@ def main():
         rows.append(row)
         print(row, flush=True)
     arguments.output.mkdir(parents=True, exist_ok=True)
-    write(arguments.output / "without.csv", rows, "python3 -m studies.stability.without")
+    write(arguments.output / "without.csv", rows)
 
 
 if __name__ == "__main__":

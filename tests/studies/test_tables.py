@@ -38,3 +38,10 @@ def test_write_and_read(tmp_path):
     assert rows[0]["error"] == 0.0123457 and rows[1]["error"] == ""
     columns = {"n": "{n:,}", "error": ("{error:.1%}", "({estimate:.1%})"), "estimate": "{estimate}"}
     assert markdown(rows, columns).splitlines()[2:] == ["| 1,000 | 1.2% |  |", "| 2 | (50.0%) | 0.5 |"]
+
+
+def test_a_part_of_a_study_says_so(tmp_path, monkeypatch):
+    """The command of a table is the one that was given, with its options."""
+    monkeypatch.setattr("sys.orig_argv", ["/usr/bin/python3", "-m", "studies.cost.thin", "--scene", "a plate"])
+    write(tmp_path / "x.csv", [{"n": 1}])
+    assert read(tmp_path / "x.csv")[0]["command"] == "./with-dolfinx python3 -m studies.cost.thin --scene 'a plate'"

@@ -23,7 +23,8 @@ from fx_contact.estimate.recovery import Estimate
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import leaf_side
 
-#: Energy norm of a dual solution, over the linear solver's error, up to which it is a rigid motion.
+#: Energy norm of a dual solution, over the linear solver's error, up to which it is a rigid motion, which has about 1.
+#: One that deforms has 1e6, the inverse of its tolerance.
 _NOISE = 10.0
 
 

@@ -9,7 +9,8 @@ from fx_contact.parallel.validation import percent
 #: balance leave what the linear solver does: 1e-10 on all ready scenes, solved to 1e-13
 #: (`tests/adaptive/test_resultants.py`).
 MOST = 0.005
-#: Reactions count by this part of them: sums of magnitudes at many vertices, they may be rounding for the most part.
+#: Reactions count by this part of them, so that 5e-5 of them may be left where nothing else acts: sums of magnitudes at
+#: many nodes, they may be rounding for the most part.
 _REACTIONS = 0.01
 #: What to do where rounding is large, for messages.
 WHERE_ROUNDING_IS_LARGE = (

@@ -13,11 +13,12 @@ from scipy.integrate import simpson
 from fx_contact.contact.contact_facets import facets_of, positions_across
 from fx_contact.problem import hexahedron
 
-#: Penetration up to this part of what the gap varies by on a facet may come from the linear solver,
+#: Penetration up to this part of what the gap varies by on a facet may come from the linear solver: its tolerance,
 _VARIATION = 1e-8
-#: and up to this part of the facet's size, the root of its area, from rounding.
+#: and up to this part of the facet's size, the root of its area, from rounding: of a facet in 1e6 along a body.
 _ROUNDING = 1e-9
-#: Parts of the grid of a first look at a facet for each part of the sampled one.
+#: Parts of the grid of a first look at a facet for each part of the sampled one.  Where gaps are random numbers
+#: (`test_rough_facets`, 400 facets of 5 x 5 points) it misses the least one on 19, 3.5, 0.75, 0 % with 1, 2, 4, 8.
 _FINER = 4
 #: How often a grid around a valley moves or halves: valleys a hundred times as long as wide are found to 1e-9 with 28.
 _STEPS = 32

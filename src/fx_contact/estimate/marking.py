@@ -5,9 +5,9 @@ from mpi4py import MPI
 
 from fx_contact.fem.space import child_error
 
-#: How many thresholds are tried.
+#: How many thresholds are tried: each is 0.97 of the one before or more.
 _THRESHOLDS = 1024
-#: The lowest one for goals, relative to the largest error.
+#: The lowest one for goals, relative to the largest error: what a billion cells below it add up to is nothing.
 _LOWEST_FOR_GOALS = 1e-12
 
 
