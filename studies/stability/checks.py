@@ -13,6 +13,7 @@ penalty         To first order a penalty lowers the force F to F (1 - s), s = su
                 linear problem exactly. Forces are corrected by it; the rest is of order s^2.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,6 +170,12 @@ class State:
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
         # Of the strains, where bodies move much further than they deform.
         self.energy_noise = 2 * contact.rounding / np.sqrt(self.energy) if self.energy > 0 else 0.0
+
+    def without_step(self):
+        """The State with its numbers and its record alone, all that `against_twin` needs of a twin."""
+        kept = copy(self)
+        kept.__dict__ = {name: value for name, value in vars(self).items() if np.isscalar(value) or name == "record"}
+        return kept
 
     @property
     def softness(self):
