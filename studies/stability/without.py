@@ -5,14 +5,17 @@
     python3 -m studies.stability.without --together forces effectivity
 
 Each rule is switched off, the others as they are, on the scenes of the stress matrix that take less than `SECONDS` with
-all rules.  It leaves without.csv in the folder of results.
+all rules.  The twins that they are compared with have all rules.  It leaves without.csv in the folder of results.
 """
 
 import argparse
 import os
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -48,25 +51,27 @@ RULES = {
 }
 
 
-def switch_off(rules):
-    """Put the replacements of rules in their places, in this process."""
-    for rule in rules:
-        setattr(*RULES[rule])
+@contextmanager
+def switched_off(rules):
+    """The replacements of rules in their places."""
+    with ExitStack() as stack:
+        for rule in rules:
+            stack.enter_context(mock.patch.object(*RULES[rule]))
+        yield
 
 
-def scored(name):
-    """The score of a scene."""
+def scored(name, rules):
+    """The score of a scene that is solved with some rules switched off; its twin has them all."""
     try:
-        return score(cases(METHODS)[name])
+        return score(cases(METHODS)[name], switched_off(rules))
     except Exception as error:
         return {"name": name, "score": "crash", "message": repr(error), "cpu_seconds": 0.0}
 
 
-def scores(names, rules):
-    """The scores of scenes with some rules switched off: list of dict."""
-    workers = {"mp_context": get_context("spawn"), "initializer": switch_off, "initargs": (rules,)}
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), **workers) as pool:
-        return list(pool.map(scored, names))
+def scores(names, rules, workers):
+    """The scores of scenes with some rules switched off, each by the same worker each time, for it keeps the twins."""
+    futures = [workers[i % len(workers)].submit(scored, name, rules) for i, name in enumerate(names)]
+    return [future.result() for future in futures]
 
 
 def compared(base, found):
@@ -77,7 +82,7 @@ def compared(base, found):
     def ratio(key):
         return sum(one[key] for _, one in both) / sum(before[key] for before, _ in both)
 
-    row = {"scenes": len(base), "worse": len(worse), "unknowns": ratio("dofs"), "cpu": ratio("cpu_seconds")}
+    row = {"scenes": len(base), "worse": len(worse), "unknowns": ratio("dofs"), "cpu": ratio("own_cpu_seconds")}
     return row | {"which": ", ".join(worse)}
 
 
@@ -93,11 +98,14 @@ def main():
     axes, short = arguments.axis, {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
     names = [name for name, case in cases(METHODS).items() if name in short and (not axes or case.axis in axes)]
     tried = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
-    base, rows = scores(names, []), []
-    for rules in tried:
-        row = {"without": ", ".join(rules)} | compared(base, scores(names, rules))
-        rows.append(row)
-        print(row, flush=True)
+    rows = []
+    with ExitStack() as stack:
+        one = partial(ProcessPoolExecutor, 1, mp_context=get_context("spawn"))
+        workers = [stack.enter_context(one()) for _ in os.sched_getaffinity(0)]
+        base = scores(names, [], workers)
+        for rules in tried:
+            rows.append({"without": ", ".join(rules)} | compared(base, scores(names, rules, workers)))
+            print(rows[-1], flush=True)
     arguments.output.mkdir(parents=True, exist_ok=True)
     write(arguments.output / "without.csv", rows)
 

@@ -267,7 +267,7 @@ def test_belongs_to_another_problem(scene, folder):
             "tractions ([] then",
         ),
         (replace(scene, contact=(replace(scene.contact[0], direction=(0, 0, 2)),)), "contact pairs ([["),
-        (replace(scene, symmetry=2), "symmetry ([4"),
+        (replace(scene, symmetry=8), "symmetry ([4"),
         (hertz(order=2, coarse=3), "root mesh"),
         (hertz(order=1, coarse=2), "root mesh"),
         (replace(scene, mesh=replace(scene.mesh, body=1 - scene.mesh.body)), "root mesh"),

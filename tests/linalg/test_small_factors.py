@@ -46,8 +46,9 @@ def test_factors_of_a_plate_take_over(poisson, least, most):
     same(direct, step)
 
 
-def test_factors_that_are_large_do_not(monkeypatch):
-    """MUMPS refuses them, and PCG goes on from where it was: once for each look."""
+@pytest.fixture
+def tried(monkeypatch):
+    """Looks after 10 and 20 iterations that MUMPS refuses: the bytes asked of it."""
     tried, factorise = [], conjugate_gradients.ConjugateGradients._factorise
 
     def counted(self, most):
@@ -57,10 +58,22 @@ def test_factors_that_are_large_do_not(monkeypatch):
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_factorise", counted)
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, 1.0), (20, 2.0)))
     monkeypatch.setattr(conjugate_gradients, "_LEAST_LIMIT", 1)
+    return tried
+
+
+def test_factors_that_are_large_do_not(tried):
+    """MUMPS refuses them, and PCG goes on from where it was: once for each look."""
     step = solved(max_krylov=2000)
     everywhere(tried == [1.0, 2.0], "other looks")
     assert step.record.preconditioner == "p-multigrid"
     same(solved(preconditioner="cholesky"), step)
+
+
+def test_looks_count_as_iterations(tried):
+    """After the most that are allowed, those before the looks among them, a stronger preconditioner takes over."""
+    step = solved(max_krylov=40)
+    everywhere(tried == [1.0, 2.0], "other looks")
+    assert step.record.preconditioner == "cholesky" and 40 < step.record.krylov_iterations[-1] < 45
 
 
 def test_a_preconditioner_that_the_user_chose_stays():

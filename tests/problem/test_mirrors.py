@@ -8,6 +8,7 @@ import pytest
 from model_problems import ALONG, PLANES, wedge
 
 from fx_contact import Dirichlet, SymmetryPlane
+from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.mirrors import Mirrors, mirror_group
 from fx_contact.problem.shapes import rotation
 from fx_contact.scenes import cylinders, indentation, shrink_fit, stack
@@ -62,15 +63,26 @@ def test_sums_over_images_in_oblique_planes(degrees, parts, third):
 
 
 def test_mirrors_of_a_wedge():
-    """Three planes at 30 and 90 degrees make 24 copies, two 12, also of a slice; others are not known."""
+    """Three planes at 30 and 90 degrees make 24 copies, two 12, also of a slice; of more the whole is not known."""
     mirrors = wedge(symmetry=24).mirrors
     assert mirrors.parts == 24 and np.abs(mirrors.centre(np.ones(3))).max() < 1e-12
     sliced = wedge(held=(*PLANES, SymmetryPlane("top")), symmetry=12).mirrors
     assert sliced.parts == 12
     assert np.allclose(sliced.centre(np.ones(3)), ALONG[:, 2] * (ALONG[:, 2] @ np.ones(3)))
-    for scene in (wedge(), wedge(symmetry=12), wedge(held=(*PLANES, SymmetryPlane("right")), symmetry=24)):
+    for scene in (wedge(), wedge(symmetry=48), wedge(held=(*PLANES, SymmetryPlane("right")), symmetry=24)):
         assert scene.mirrors.parts == 1
         assert np.array_equal(scene.mirrors.force(np.ones(3)), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    "symmetry, made",
+    [(12, "more than 12"), (36, "24")],
+    ids=["too few", "no multiple"],
+)
+def test_copies_that_planes_cannot_make(symmetry, made):
+    """Forces of the whole would be wrong."""
+    with pytest.raises(SceneError, match=f"symmetry={symmetry}, but .* make {made} copies"):
+        wedge(symmetry=symmetry)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ import pytest
 from conftest import WORLD, everywhere, outside
 
 from fx_contact import Enforcement, Material, adapt
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.scenes import stack
 from studies.stability import run as stability
+from studies.stability import without
 from studies.stability.cases import Case, sample
 from studies.stability.checks import Check, Exact
 from studies.stability.figures import SCORES, draw_matrix, rows, table
@@ -150,6 +152,49 @@ def test_a_scene_with_an_unsure_reference():
     off = Exact(force=1.01 * right.force, approach=right.approach, linear=True, unsure=0.011)
     assert judged(off)["score"] == "right"
     assert judged(replace(off, unsure=0.009))["score"] == "wrong"
+
+
+@alone
+def test_twins_are_kept_apart(monkeypatch):
+    """Scenes have the twins that they have by themselves, whatever was solved before; one in common is solved once."""
+    first = NAMED["units-E/spheres-L-1e-9/1"]
+    alike = NAMED["units-E/spheres-L-1e-9/1e6"]
+    others = [
+        NAMED["tilt/spheres/30-about-x"],
+        replace(first, tolerance=0.5),
+        replace(first, degree=1),
+        replace(first, method="penalty", factor=10.0),
+        replace(first, method="penalty", factor=100.0),
+    ]
+    kept = {}
+    monkeypatch.setattr(stability, "_TWINS", kept)
+    together = [stability.score(case) for case in (first, alike, *others)]
+    assert len(kept) == 1 + len(others)
+    for case, one in zip((first, *others), (together[0], *together[2:])):
+        kept.clear()
+        assert stability.score(case)["checks"] == one["checks"] and one["score"] == "right"
+
+
+@alone
+def test_a_twin_on_another_mesh_has_one():
+    """A scene that is compared with itself on the same mesh would agree whatever it gives."""
+    for name in ("other-loads/beam-gap-over-deflection/0.9", "order/indentation/1"):
+        checks = stability.score(NAMED[name])["checks"]
+        assert all(deviation > 1e-6 for what, deviation, _, _ in checks if "against the twin" in what), name
+
+
+@alone
+@pytest.mark.slow
+def test_rules_are_switched_off_for_a_scene_alone():
+    """Not for its twin, whose errors would be the same; and they are back afterwards."""
+    case, before = NAMED["drawn/two-crests-1-pair/4"], GapBetweenNodes.penetrated
+    known = stability.score(case)
+    assert known["score"] == "right"
+    found = without.scored(case.name, ["penetration between nodes"])
+    assert found["score"] == "wrong" and found["dofs"] < known["dofs"]
+    assert GapBetweenNodes.penetrated is before
+    (row,) = [without.compared([known], [found])]
+    assert row["worse"] == 1 and row["which"] == case.name and row["unknowns"] < 1
 
 
 @alone

@@ -90,7 +90,7 @@ def contact_error(state, goals, forces, tolerance, control, history):
     shares = _yielded(state, len(forces))
     if control.sought(state.estimate, tolerance, history) is None:
         theta = control.correction(history)
-        bound = _bound(state, between, forces, theta)
+        bound = _bound(state, between, forces)
         for index, allowed in enumerate(allowed_errors(forces, tolerance, theta)):
             if forces[index] <= 0:
                 continue
@@ -136,7 +136,7 @@ def _yielded(state, count):
     return work / energy if energy else np.zeros(count)
 
 
-def _bound(state, between, forces, effectivity):
+def _bound(state, between, forces):
     """A bound of the relative error of the force of a pair that stores all energy, its surfaces moved alike; or inf.
 
     Collective.
@@ -148,7 +148,7 @@ def _bound(state, between, forces, effectivity):
         return np.inf
     estimate = state.estimate
     gap = state.forest.comm.allreduce(float(between.on_cells(state.solution.pressure).sum()))
-    return _DUAL_ERROR * estimate.relative / effectivity + gap / estimate.energy_norm**2
+    return _DUAL_ERROR * estimate.relative + gap / estimate.energy_norm**2
 
 
 def likeness(state):

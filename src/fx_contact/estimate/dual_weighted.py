@@ -23,10 +23,6 @@ from fx_contact.estimate.recovery import Estimate
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import leaf_side
 
-#: Energy norm of a dual solution, over the linear solver's error, up to which it is a rigid motion, which has about 1.
-#: One that deforms has 1e6, the inverse of its tolerance.
-_NOISE = 10.0
-
 
 @dataclass(frozen=True, eq=False)
 class Functional:
@@ -166,7 +162,7 @@ class Goals:
                 z, force = self._system.dual(load, penetration)
             z = z if w is None else z + w
             elasticity.set_displacement(z)
-            return z, force, self._recovery.estimate(_NOISE * self._system.noise, loaded=False)
+            return z, force, self._recovery.estimate(loaded=False)
         finally:
             elasticity.set_displacement(self._state.solution.displacement)
 

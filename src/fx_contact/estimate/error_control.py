@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.marking import by_criterion, for_tolerance, smooth_loss
+from fx_contact.estimate.marking import by_criterion, for_tolerance
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
@@ -115,7 +115,7 @@ class ErrorControl:
             return by_criterion(estimate, tolerance).astype(np.int8), history
         square, sought = estimate.error_global**2, self.sought(estimate, tolerance, history) or tolerance
         if not history.compared and estimate.relative <= sought:
-            times, loss = np.ones(len(estimate.error), dtype=np.int8), smooth_loss(estimate.child_error) * square
+            times, loss = np.ones(len(estimate.error), dtype=np.int8), 0.0
         else:
             rate = history.loss_rate(estimate)
             times, loss = for_tolerance(estimate, sought, rate, self, comm)

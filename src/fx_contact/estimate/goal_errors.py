@@ -19,8 +19,8 @@ class GoalRecord:
             the force and pressure of an open pair, and a gap that is closed.
         allowed: the error that the tolerance allows, in that unit.
         tolerance: of the goal, relative [-].
-        reached: whether the error is known to be within the tolerance; of a pair that is open the gaps are judged
-            (`contact_goals`).
+        reached: whether the error is known to be within the tolerance, or there is none to know: that of the force of
+            an open pair.
     """
 
     name: str

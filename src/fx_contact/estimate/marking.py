@@ -44,7 +44,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    loss, child = smooth_loss(estimate.child_error), estimate.child_error
+    loss, child = _smooth_loss(estimate.child_error), estimate.child_error
     thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
     later = _equidistributing(child) * criterion
     of_later = int(np.argmax(thresholds <= later)) if later < largest else len(thresholds) - 1
@@ -62,7 +62,7 @@ def for_tolerance(estimate, tolerance, loss_rate, control, comm):
     return times, float(_lost(once, twice, loss))
 
 
-def smooth_loss(child_error):
+def _smooth_loss(child_error):
     """The share of xi_T^2 that refining a cell takes where the solution is smooth: a cell has eight children.  Local.
 
     Args:
@@ -92,7 +92,7 @@ def for_goal(error, allowed, child_error, control, comm):
     def choose(once, twice):
         """The highest threshold that suffices; as `_mark` wants it."""
         kept = once[-1] - once
-        left = kept + once - _lost(once, twice, smooth_loss(child_error))
+        left = kept + once - _lost(once, twice, _smooth_loss(child_error))
         aim = control.target * allowed
         return int(np.argmax((left <= aim) | (kept <= aim)))
 

@@ -180,18 +180,20 @@ class ConjugateGradients:
             SolveError: divergence, or too many iterations, also with a stronger preconditioner, or with one that
                 cannot be set up; an energy that is no number.
         """
-        spent, u = 0, start
+        spent, used, u = 0, 0, start  # in all, and with the present preconditioner
         while True:
-            most, look = self._solver.max_krylov, self._looks[0] if self._looks else (np.inf, 0)
-            u, reason, count = self._attempt(right_hand_side, u, tolerance, held, min(most, look[0]))
-            spent += count
+            left, look = max(self._solver.max_krylov - used, 1), self._looks[0] if self._looks else (np.inf, 0)
+            u, reason, count = self._attempt(right_hand_side, u, tolerance, held, min(left, look[0]))
+            spent, used, present = spent + count, used + count, self.preconditioner
             if reason > 0:
                 break
-            if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT and look[0] < most:
+            if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT and look[0] < left:
                 self._looks.pop(0)
                 self._factorise(look[1])
+                used = used if self.preconditioner == present else 0
                 continue
-            self._failures.append(f"with {self.preconditioner} (iterations: {count}, PETSc reason {reason})")
+            self._failures.append(f"with {present} (iterations: {used}, PETSc reason {reason})")
+            used = 0
             if not self._fall_back():
                 raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE}")
         self.iterations.append(spent)

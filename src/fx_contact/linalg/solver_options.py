@@ -98,7 +98,7 @@ class Solver:
             holds for any penalty; the default leaves an error below 1e-7 in the contact force, or what rounding
             does (up to 2e-4 with factors of thin rubber); 1e-3, the largest that is taken, one below 1e-3.
         loose_tolerance: the same while the active set still changes.
-        max_krylov: most iterations of one linear solve.
+        max_krylov: most iterations of one linear solve with one preconditioner.
         max_contact: most updates of the active set.
         options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.  Tolerances and
             numbers of iterations are not among them: they are above.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import PLANE, ObliquePlane, SymmetryPlane
 
 #: Entries of rotations and reflections, or components of unit vectors, up to which two are the same.
@@ -62,13 +63,16 @@ def mirrors_of(scene):
     """The mirrors of a scene.
 
     Local.  A direction with planes of symmetry at two places is that of a slice, as of plane strain, which is not
-    mirrored.  Where the planes do not make `Scene.symmetry` copies, nothing is known of the whole.
+    mirrored.  Where the planes make fewer copies than `Scene.symmetry`, nothing is known of the whole.
 
     Args:
         scene: Scene.
 
     Returns:
         Mirrors; none if the scene is the whole, or if its whole is not known: then `parts` is not `scene.symmetry`.
+
+    Raises:
+        SceneError: `scene.symmetry` is no multiple of the copies that the planes make.
     """
     mesh, normals, places = scene.mesh, [], []
     for condition in scene.dirichlet:
@@ -86,6 +90,12 @@ def mirrors_of(scene):
     single = [i for i, at in enumerate(places) if np.ptp(at) <= PLANE * size]
     normals = np.array([normals[i] for i in single]).reshape(-1, 3)
     found = Mirrors(normals, np.array([np.mean(places[i]) for i in single]), mirror_group(normals, scene.symmetry))
+    if scene.symmetry > 1 and scene.symmetry % found.parts:
+        copies = found.parts if found.parts < scene.symmetry else f"more than {scene.symmetry}"
+        raise SceneError(
+            f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
+            "part, or a multiple of that"
+        )
     off = np.abs(normals @ found.centre(np.zeros(3)) - found.at).max(initial=0.0)
     if found.parts == scene.symmetry and off <= PLANE * size:
         return found

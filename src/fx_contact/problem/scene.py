@@ -87,7 +87,7 @@ class Scene:
     Raises:
         SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
             place, a prescribed displacement that is not finite or across a symmetry plane, a symmetry plane that is not
-            plane, a body that nothing holds.
+            plane, a number of copies that the planes of symmetry cannot make, a body that nothing holds.
     """
 
     name: str
@@ -124,6 +124,7 @@ class Scene:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
         check_held(self)
+        _ = self.mirrors  # whether planes can make so many copies
 
     def __repr__(self):
         return scene_summary(self)
