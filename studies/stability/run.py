@@ -8,7 +8,7 @@ twin: the same problem in other units, another direction or on another mesh. `ch
 one rank, with a time limit; a crash and a hang are scores too.
 
     python3 -m studies.stability.run --quick            # a fifth of the scenes, spread over all rows
-    python3 -m studies.stability.run                    # all: eleven minutes on two cores
+    python3 -m studies.stability.run                    # all: ten minutes on two cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
     python3 -m studies.stability.run --degree 1         # displacements of degree 1
 
