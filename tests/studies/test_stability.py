@@ -193,7 +193,7 @@ def test_rules_are_switched_off_for_a_scene_alone():
     found = without.scored(case.name, ["penetration between nodes"])
     assert found["score"] == "wrong" and found["dofs"] < known["dofs"]
     assert GapBetweenNodes.penetrated is before
-    (row,) = [without.compared([known], [found])]
+    row = without.compared([known], [found])
     assert row["worse"] == 1 and row["which"] == case.name and row["unknowns"] < 1
 
 

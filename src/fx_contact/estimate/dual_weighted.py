@@ -1,11 +1,11 @@
 """Errors of quantities of interest: dual-weighted residual estimates.
 
-A quantity J(u) that is linear as long as the closed node pairs stay closed has a dual solution z,
+J(u) is to be linear as long as the closed node pairs stay closed.  Then it has a dual solution z,
 
-    K z + B^T m = l,    B z = d on the closed pairs,    z = w at prescribed components,
+    K z + B^T m = l,    B z = d on the closed pairs,    z = w at prescribed components.
 
-with l = J' for a displacement or a gap, d = 1 on the closed pairs of a contact pair for its force, and w = 1 in a
-direction at a place for the reaction there.  With the solutions u_h and z_h on a mesh
+A displacement or a gap has l = J'; the force of a contact pair d = 1 on its closed node pairs; the reaction at a place
+w = 1 there, in its direction.  With the solutions u_h and z_h on a mesh
 
     |J(u) - J(u_h)| = |a(u - u_h, z - z_h)| <= sum_T xi_T(u) xi_T(z)
 

@@ -94,7 +94,7 @@ def mirrors_of(scene):
         copies = found.parts if found.parts < scene.symmetry else f"more than {scene.symmetry}"
         raise SceneError(
             f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
-            "part, or a multiple of that"
+            "part: take their number, or a multiple of it"
         )
     off = np.abs(normals @ found.centre(np.zeros(3)) - found.at).max(initial=0.0)
     if found.parts == scene.symmetry and off <= PLANE * size:
