@@ -29,9 +29,10 @@ _PREFIX, _FALLBACK_PREFIX = "fx_", "fx_fallback_"
 #: Bytes that a Cholesky factor of n unknowns takes, over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates
 #: (`studies.cost.flat --factors`).
 _FACTOR_BYTES = 300
-#: Iterations without convergence, after which Cholesky's factors take over if they take at most so many bytes an
-#: unknown.  They then cost about as much time as these iterations (`studies.cost.flat --factors`).
-_LOOKS = ((50, 5e3), (150, 8e3))
+#: Iterations without convergence, each since the one before, after which Cholesky's factors take over if they take at
+#: most so many bytes an unknown.  Factors of 6 to 8 kB cost the time of 300 to 500 iterations; in bodies that bend PCG
+#: takes 400 to more than 2000 (`studies.cost.preconditioners`).
+LOOKS = ((50, 6e3), (150, 8e3))
 #: A limit of memory that MUMPS can work with on any mesh [MB].
 _LEAST_LIMIT = 50
 #: Kinds of preconditioner that factorise the whole matrix.
@@ -76,10 +77,10 @@ class ConjugateGradients:
     """
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
-    #: Instead of `_LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
-    #: Thick bodies take 40 to 60, and a third of the seconds of factors of 7 kB (the scenes `all-held-2-x-2-height/5`
-    #: and `clamped-cubes/30` of `studies.stability.run`).
-    _LOOKS_OF_FLAT = ((20, 6e3), (50, 8e3))
+    #: Instead of `LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
+    #: Thick bodies take 40 to 90, in less than a third of the time of factors of 7 to 8 kB (plates of 1:4 in
+    #: `studies.cost.preconditioners`, the scene `clamped-cubes/30` of `studies.stability.run`).
+    _LOOKS_OF_FLAT = ((20, 6e3), (180, 8e3))
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
@@ -92,7 +93,7 @@ class ConjugateGradients:
         self._options = PetscOptions(self._comm, _PREFIX, defaults, solver.options)
         self._options.check_free(RESERVED, INSTEAD)
         if solver.preconditioner is None and "pc_type" not in self._options.of_user:
-            self._looks = list(self._LOOKS_OF_FLAT if blocks else _LOOKS)
+            self._looks = list(self._LOOKS_OF_FLAT if blocks else LOOKS)
         self._krylov = self._create_krylov()
         self.preconditioner, kind = _name(self._krylov.pc, name), self._krylov.pc.getType()
         if kind in _FACTORS:

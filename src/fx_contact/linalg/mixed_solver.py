@@ -18,7 +18,7 @@ In thin bodies that bend S is far off.  Where Cholesky's factors take over they 
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.linalg.conjugate_gradients import ConjugateGradients
+from fx_contact.linalg.conjugate_gradients import LOOKS, ConjugateGradients
 from fx_contact.linalg.krylov_solver import KrylovSolver
 
 #: Iterations after which FGMRES begins anew: more than it takes but on flat cells.  Each keeps two vectors, so that a
@@ -46,7 +46,7 @@ class MixedSolver(ConjugateGradients):
     #: The last solve's iterations, and microseconds an unknown of all solves, with 1, 2, 3: clamped blocks at 0.499 42,
     #: 38, 34 and 28, 24, 23; Hertz at 0.49999 26, 23, 22 and 52, 47, 46 (`studies.incompressible.run --cycles`).
     _CYCLES = 3
-    _LOOKS_OF_FLAT = ((50, 8e3),)  # rubber takes 19 to 48 iterations where it does not bend
+    _LOOKS_OF_FLAT = LOOKS  # it takes 19 to 48 iterations on flat cells where it does not bend (`studies.cost.flat`)
     _whole = False  # whether the matrix is K, with Cholesky's factors
 
     def __init__(self, matrix, volume, solver, energy_norm, objects, coarse=None):
