@@ -138,7 +138,9 @@ def main():
     found = medians(wanted, runs)
     if not found:
         options.error(f"there are no runs in {folder}")
-    made_by = "python3 -m studies.work_precision.run" + " --quick" * arguments.quick
+    made_by = None  # this command
+    if arguments.plot_only:
+        made_by = "python3 -m studies.work_precision.run" + " --quick" * arguments.quick
     for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
         write(folder / f"{name}.csv", table, made_by)
         print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
