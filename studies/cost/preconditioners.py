@@ -3,8 +3,8 @@
     python3 -m studies.cost.preconditioners                              # every scene and preconditioner
     python3 -m studies.cost.preconditioners --scene hertz --tune   # other options of p-multigrid
 
-"by default" is what a run takes: on flat cells factors may replace p-multigrid after 20 or 50 iterations, elsewhere in
-this study after 2000.  "low-order refined" is BoomerAMG on the matrix of degree 1 of the leaves refined once, whose
+"by default" is what a run takes: on flat cells factors may replace p-multigrid after 30 or 200 iterations, elsewhere
+in this study after 2000.  "low-order refined" is BoomerAMG on the matrix of degree 1 of the leaves refined once, whose
 nodes are those of degree 2 (S. A. Orszag, J. Comput. Phys. 37(1), 1980).  The contact is that of the last step, closed
 pairs held; PCG starts from the displacement carried from the mesh before, on root cells from zero.  CPU seconds are the
 least of three repetitions on one rank.
