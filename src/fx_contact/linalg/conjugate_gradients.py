@@ -30,7 +30,7 @@ _PREFIX, _FALLBACK_PREFIX = "fx_", "fx_fallback_"
 #: (`studies.cost.flat --factors`).
 _FACTOR_BYTES = 300
 #: Iterations without convergence, each since the one before, after which Cholesky's factors take over if they take at
-#: most so many bytes an unknown.  Factors of 6 to 8 kB cost the time of 300 to 500 iterations; in bodies that bend PCG
+#: most so many bytes an unknown.  Factors of 6 to 8 kB cost the time of 300 to 400 iterations; in bodies that bend PCG
 #: takes 400 to more than 2000 (`studies.cost.preconditioners`).
 LOOKS = ((50, 6e3), (150, 8e3))
 #: A limit of memory that MUMPS can work with on any mesh [MB].
