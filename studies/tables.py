@@ -167,6 +167,7 @@ FACTORS = {
     "cells along a side": "{side:d}",
     "unknowns": "{dofs:,}",
     "kB an unknown": "{kB:.1f}",
+    "with all memory": "{kB_of_memory:.1f}",
     "us an unknown": "{us:.0f}",
 }
 INCOMPRESSIBLE = {

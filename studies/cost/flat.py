@@ -22,6 +22,7 @@ from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction,
 from fx_contact.contact.contact_solver import _impose
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.linalg.conjugate_gradients import analysed
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import plain, write
@@ -101,9 +102,10 @@ def factors(name, aspect, side):
     pc.setFactorSolverType("mumps")
     with stages("setup"):
         pc.setUp()
-    dofs, bytes_ = step.record.dofs, 1e6 * pc.getFactorMatrix().getMumpsInfog(22)
+    dofs, memory = step.record.dofs, 1e6 * pc.getFactorMatrix().getMumpsInfog(22)
     spent = 1e6 * stages.costs(MPI.COMM_WORLD)["cpu_seconds"]["setup"] / dofs
-    return {"scene": name, "side": side, "dofs": dofs, "kB": bytes_ / dofs / 1e3, "us": spent, "iterations": iterations}
+    kilobytes = {"kB": analysed(matrix)[0] / dofs / 1e3, "kB_of_memory": memory / dofs / 1e3}
+    return {"scene": name, "side": side, "dofs": dofs} | kilobytes | {"us": spent, "iterations": iterations}
 
 
 def main():

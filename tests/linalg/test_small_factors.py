@@ -57,7 +57,6 @@ def tried(monkeypatch):
 
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_factorise", counted)
     monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, 1.0), (20, 2.0)))
-    monkeypatch.setattr(conjugate_gradients, "_LEAST_LIMIT", 1)
     return tried
 
 
@@ -67,6 +66,14 @@ def test_factors_that_are_large_do_not(tried):
     everywhere(tried == [1.0, 2.0], "other looks")
     assert step.record.preconditioner == "p-multigrid"
     same(solved(preconditioner="cholesky"), step)
+
+
+@pytest.mark.parametrize("limit, taken", [(600.0, False), (950.0, True)])
+def test_factors_are_taken_by_their_size(monkeypatch, limit, taken):
+    """766 bytes an unknown for this plate, on any number of ranks."""
+    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, limit),))
+    step = solved(max_krylov=2000)
+    everywhere(step.record.preconditioner == ("cholesky" if taken else "p-multigrid"), "factors by their size")
 
 
 def test_looks_count_as_iterations(tried):

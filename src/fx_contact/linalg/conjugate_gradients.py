@@ -13,8 +13,6 @@ Where the solution has less than half the energy norm that this was relative to,
 on with w = omega(u).  As omega(u) >= omega(u_0) - |u - u_0|_A, omega(u) is seldom needed.
 """
 
-import math
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -29,12 +27,10 @@ _PREFIX, _FALLBACK_PREFIX = "fx_", "fx_fallback_"
 #: Bytes that a Cholesky factor of n unknowns takes, over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates
 #: (`studies.cost.flat --factors`).
 _FACTOR_BYTES = 300
-#: Iterations without convergence, each since the one before, after which Cholesky's factors take over if they take at
-#: most so many bytes an unknown.  Factors of 6 to 8 kB cost the time of 300 to 400 iterations; in bodies that bend PCG
-#: takes 400 to more than 2000 (`studies.cost.preconditioners`).
-LOOKS = ((50, 6e3), (150, 8e3))
-#: A limit of memory that MUMPS can work with on any mesh [MB].
-_LEAST_LIMIT = 50
+#: Iterations without convergence, each since the one before, after which Cholesky's factors take over if their entries
+#: take at most so many bytes an unknown.  Those of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that
+#: bend PCG takes 400 to more than 2000 (`studies.cost.preconditioners`, `studies.cost.flat --factors`).
+LOOKS = ((50, 4.5e3), (150, 6e3))
 #: Kinds of preconditioner that factorise the whole matrix.
 _FACTORS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 #: Preconditioners to go on with where PCG fails: the first if there is memory for its factors, else the second.
@@ -78,9 +74,9 @@ class ConjugateGradients:
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
     #: Instead of `LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
-    #: 30 is three times what a thick plate takes on cubes.  On cells of 1:4 it is enough, in a quarter of the time of
-    #: factors.
-    _LOOKS_OF_FLAT = ((30, 6e3), (170, 8e3))
+    #: With 30 those stay within three times the iterations on cubes.  In seconds factors pay only where cells are flatter
+    #: than about 1:16; at 1:8 they cost up to three times what PCG would.
+    _LOOKS_OF_FLAT = ((30, 4.5e3), (170, 6e3))
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
         self._coarse = coarse
@@ -258,20 +254,20 @@ class ConjugateGradients:
         return True
 
     def _factorise(self, most):
-        """Go on with Cholesky's factors if these take so many bytes an unknown: MUMPS knows before it computes them."""
-        most *= self._unknowns / self._comm.size
-        known = self.preconditioner in _FALLBACKS
-        if known or not PETSc.Sys.hasExternalPackage("mumps") or shortage(self._comm, most) is not None:
+        """Go on with Cholesky's factors if their entries take at most so many bytes an unknown.  Collective."""
+        if self.preconditioner in _FALLBACKS or not PETSc.Sys.hasExternalPackage("mumps"):
             return
-        limit = {"mat_mumps_icntl_23": max(math.ceil(most / 1e6), _LEAST_LIMIT)}
-        options, krylov = self._solver_of(PRECONDITIONERS["cholesky"] | limit)
         matrix = self._to_factorise()
+        size, memory = analysed(matrix)
+        if size > most * self._unknowns or shortage(self._comm, memory / self._comm.size) is not None:
+            matrix.destroy()
+            return
+        options, krylov = self._solver_of(PRECONDITIONERS["cholesky"])
         krylov.set_up(matrix, matrix)
         if krylov.pc.getFailedReason():
             krylov.pc.reset()
             matrix.destroy()
             return
-        krylov.pc.getFactorMatrix().setMumpsIcntl(23, 0)  # later set-ups take what they need
         self._krylov.pc.reset()
         self._take_over("cholesky", options, krylov, matrix)
         self.set_up()
@@ -295,6 +291,31 @@ class ConjugateGradients:
             self._hold(matrix)
             self.correct(correction)
             before.destroy()
+
+
+def analysed(matrix):
+    """What Cholesky's factors of a matrix take, as MUMPS estimates it before it computes them.
+
+    Collective on matrix.comm.  Ordering and estimate hardly depend on the number of ranks; the memory grows with it.
+
+    Args:
+        matrix: PETSc AIJ matrix, symmetric positive definite.
+
+    Returns:
+        Bytes of the entries, and of all memory that MUMPS would take: two floats, of all ranks together.
+    """
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor = pc.getFactorMatrix()
+    factor.setMumpsIcntl(14, PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"])
+    factor.setMumpsIcntl(23, 1)  # memory [MB], too little to go on after the analysis
+    pc.setUp()
+    entries, megabytes = factor.getMumpsInfog(20), factor.getMumpsInfog(17)
+    pc.destroy()
+    return 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes
 
 
 def _as_aij(matrix):
