@@ -76,6 +76,12 @@ def test_factors_are_taken_by_their_size(monkeypatch, limit, taken):
     everywhere(step.record.preconditioner == ("cholesky" if taken else "p-multigrid"), "factors by their size")
 
 
+def test_factors_that_fail_are_not_taken(monkeypatch):
+    """MUMPS runs out of memory, and PCG goes on from where it was."""
+    monkeypatch.setitem(conjugate_gradients.PRECONDITIONERS["cholesky"], "mat_mumps_icntl_23", 1)
+    everywhere(solved(max_krylov=2000).record.preconditioner == "p-multigrid", "no factors")
+
+
 def test_looks_count_as_iterations(tried):
     """After the most that are allowed, those before the looks among them, a stronger preconditioner takes over."""
     step = solved(max_krylov=40)

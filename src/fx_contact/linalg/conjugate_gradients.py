@@ -74,8 +74,8 @@ class ConjugateGradients:
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
     #: Instead of `LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
-    #: With 30 those stay within three times the iterations on cubes.  In seconds factors pay only where cells are flatter
-    #: than about 1:16; at 1:8 they cost up to three times what PCG would.
+    #: With 30 those stay within three times the iterations on cubes.  In seconds factors pay only where cells are
+    #: flatter than about 1:16; at 1:8 they cost up to three times what PCG would.
     _LOOKS_OF_FLAT = ((30, 4.5e3), (170, 6e3))
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
