@@ -68,18 +68,36 @@ def test_factors_that_are_large_do_not(tried):
     same(solved(preconditioner="cholesky"), step)
 
 
-@pytest.mark.parametrize("limit, taken", [(600.0, False), (950.0, True)])
-def test_factors_are_taken_by_their_size(monkeypatch, limit, taken):
-    """766 bytes an unknown for this plate, on any number of ranks."""
-    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, limit),))
-    step = solved(max_krylov=2000)
-    everywhere(step.record.preconditioner == ("cholesky" if taken else "p-multigrid"), "factors by their size")
+@pytest.mark.parametrize("limits, taken_after", [((950.0, 950.0), 10), ((600.0, 950.0), 30), ((600.0, 600.0), None)])
+def test_factors_are_taken_by_their_size(monkeypatch, limits, taken_after):
+    """766 bytes an unknown for this plate, on any number of ranks; looks after 10 iterations, and after 20 more."""
+    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", tuple(zip((10, 20), limits)))
+    record = solved(max_krylov=2000).record
+    assert record.preconditioner == ("cholesky" if taken_after else "p-multigrid")
+    assert taken_after is None or taken_after < record.krylov_iterations[-1] < taken_after + 5
 
 
 def test_factors_that_fail_are_not_taken(monkeypatch):
     """MUMPS runs out of memory, and PCG goes on from where it was."""
     monkeypatch.setitem(conjugate_gradients.PRECONDITIONERS["cholesky"], "mat_mumps_icntl_23", 1)
-    everywhere(solved(max_krylov=2000).record.preconditioner == "p-multigrid", "no factors")
+    step = solved(max_krylov=2000)
+    assert step.record.preconditioner == "p-multigrid"
+    same(solved(max_krylov=2000, preconditioner="p-multigrid"), step)
+
+
+@pytest.mark.parametrize("asked_before", [0, 1])
+def test_factors_without_memory_are_not_taken(monkeypatch, asked_before):
+    """Not analysed where the largest taken has no room, not computed where by the analysis they have none."""
+    asked, analyses, analysed = [], [], conjugate_gradients.analysed
+
+    def short(comm, size):
+        asked.append(size)
+        return "no memory" if len(asked) > asked_before else None
+
+    monkeypatch.setattr(conjugate_gradients, "shortage", short)
+    monkeypatch.setattr(conjugate_gradients, "analysed", lambda matrix: analyses.append(1) or analysed(matrix))
+    assert solved(max_krylov=2000).record.preconditioner == "p-multigrid"
+    assert len(analyses) == asked_before
 
 
 def test_looks_count_as_iterations(tried):
@@ -89,7 +107,8 @@ def test_looks_count_as_iterations(tried):
     assert step.record.preconditioner == "cholesky" and 40 < step.record.krylov_iterations[-1] < 45
 
 
-def test_a_preconditioner_that_the_user_chose_stays():
+@pytest.mark.parametrize("chosen", [{"preconditioner": "p-multigrid"}, {"options": {"pc_type": "mg"}}])
+def test_a_preconditioner_that_the_user_chose_stays(chosen):
     """Nothing takes over early."""
-    step = solved(preconditioner="p-multigrid", max_krylov=2000)
+    step = solved(**chosen, max_krylov=2000)
     assert step.record.preconditioner == "p-multigrid" and step.record.krylov_iterations[-1] > 60

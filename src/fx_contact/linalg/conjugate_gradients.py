@@ -74,8 +74,8 @@ class ConjugateGradients:
 
     _CYCLES = 1  # of BoomerAMG below p-multigrid
     #: Instead of `LOOKS` on flat cells, where 7 to 14 iterations do but in bodies that bend (`studies.cost.flat`).
-    #: With 30 those stay within three times the iterations on cubes.  In seconds factors pay only where cells are
-    #: flatter than about 1:16; at 1:8 they cost up to three times what PCG would.
+    #: With 30 those stay within three times the iterations on cubes.  In seconds factors pay where cells are flatter
+    #: than 1:16 (`studies.cost.preconditioners`).
     _LOOKS_OF_FLAT = ((30, 4.5e3), (170, 6e3))
 
     def __init__(self, matrix, solver, energy_norm, objects, coarse=None):
@@ -255,11 +255,14 @@ class ConjugateGradients:
 
     def _factorise(self, most):
         """Go on with Cholesky's factors if their entries take at most so many bytes an unknown.  Collective."""
+        most, ranks = most * self._unknowns, self._comm.size
         if self.preconditioner in _FALLBACKS or not PETSc.Sys.hasExternalPackage("mumps"):
+            return
+        if shortage(self._comm, most / ranks) is not None:
             return
         matrix = self._to_factorise()
         size, memory = analysed(matrix)
-        if size > most * self._unknowns or shortage(self._comm, memory / self._comm.size) is not None:
+        if size > most or shortage(self._comm, memory / ranks) is not None:
             matrix.destroy()
             return
         options, krylov = self._solver_of(PRECONDITIONERS["cholesky"])
