@@ -36,7 +36,9 @@ def plate(thick=1.0, half=50.0, cells=8):
     surfaces |= {"left": boxes.facets(LEFT, 0.0), "front": boxes.facets(FRONT, 0.0)}
     surfaces |= {"above": below[:1], "head": boxes.facets(UP, 0.0, "stop")}
     held = [Dirichlet(name, 0.0, 0.0, 0.0) for name in ("rim", "foot")]
-    mesh = boxes.mesh(surfaces, place=lambda name, x: x - np.outer(np.full(len(x), 0.01 * (name == "stop")), [0, 0, 1]))
+    mesh = boxes.mesh(
+        surfaces, place=lambda name, x: x - np.outer(np.full(len(x), 0.01 * (name == "stop")), [0, 0, 1])
+    )
     return Scene(
         "plate",
         mesh,

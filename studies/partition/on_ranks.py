@@ -101,7 +101,10 @@ def main():
         print(f"by keys: {len(Noted.seen)} exchanges, most partners {by_keys[0]}, {by_keys[1]:.1f} in the mean")
         print(f"others: {len(NotedOther.seen)} exchanges, most partners {others[0]}, {others[1]:.1f} in the mean")
         print(f"counted by the study: {expected.partners_max} ({expected.exchange}), {expected.partners_mean:.1f}")
-    same = COMM.rank or (expected.partners_max, round(expected.partners_mean, 6)) == (by_keys[0], round(by_keys[1], 6))
+    same = COMM.rank or (expected.partners_max, round(expected.partners_mean, 6)) == (
+        by_keys[0],
+        round(by_keys[1], 6),
+    )
     if not COMM.bcast(same):
         raise SystemExit("the study counts other partners than the run has")
 

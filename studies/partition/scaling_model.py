@@ -107,7 +107,12 @@ def predict(score, cells, dofs, kernels, network, scale=1.0):
         "estimate": most_cells * kernels.estimate + 2 * exchange(),
     }
     total = sum(seconds.values())
-    return seconds | {"total": total, "exchanges": exchanges, "reductions": reductions, "waiting": messages / iteration}
+    return seconds | {
+        "total": total,
+        "exchanges": exchanges,
+        "reductions": reductions,
+        "waiting": messages / iteration,
+    }
 
 
 def _exchanges(score, kernels, network, scale):

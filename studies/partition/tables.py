@@ -5,7 +5,12 @@ from dataclasses import asdict
 from studies.partition.scaling_model import STAGES
 
 #: Short names of what contact-sfc is compared with.
-SHORT = {"graph": "graph", "contact-sfc, curve only": "curve_only", "sfc": "sfc", "equidistributed": "equidistributed"}
+SHORT = {
+    "graph": "graph",
+    "contact-sfc, curve only": "curve_only",
+    "sfc": "sfc",
+    "equidistributed": "equidistributed",
+}
 #: Parts that the short table shows.
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 

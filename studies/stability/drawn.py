@@ -163,11 +163,15 @@ def _on_block(height, cells, order, depth, materials, pairs=1):
     surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "body")}
     ground, foot = boxes.facets(UP, 0.0, "base"), boxes.facets(DOWN, 0.0, "body")
     for k in range(pairs):
-        surfaces |= {f"{name} {k}": one[one[:, 0] % cells * pairs // cells == k]
-                     for name, one in (("ground", ground), ("foot", foot))}
+        surfaces |= {
+            f"{name} {k}": one[one[:, 0] % cells * pairs // cells == k]
+            for name, one in (("ground", ground), ("foot", foot))
+        }
     held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -depth)
     contact = tuple(ContactPair(f"ground {k}", f"foot {k}", direction=(0, 0, 1)) for k in range(pairs))
-    return Scene("on a block", boxes.mesh(surfaces, place=place), dict(zip(("base", "body"), materials)), held, contact)
+    return Scene(
+        "on a block", boxes.mesh(surfaces, place=place), dict(zip(("base", "body"), materials)), held, contact
+    )
 
 
 def _plate(thick, share, wide, ratio, poisson, cells=4):

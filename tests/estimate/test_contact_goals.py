@@ -299,8 +299,10 @@ def test_dual_forces(asked, method):
     goal, *_ = asked[-1]
     area = step.pairs.area
     stiffness = -WORLD.allreduce(float((goal.pressure * area).sum()))
-    springs = {"exact": 0.0}.get(method, 1.0) * WORLD.allreduce(float(area.sum())) / WORLD.allreduce(
-        float(step.pairs.stiffness.sum())
+    springs = (
+        {"exact": 0.0}.get(method, 1.0)
+        * WORLD.allreduce(float(area.sum()))
+        / WORLD.allreduce(float(step.pairs.stiffness.sum()))
     )
     assert abs(stiffness * (2 * 0.05 + springs) - 1) < 0.02
 

@@ -109,9 +109,7 @@ def test_contact_that_changes():
         (ContactPair("below", "above", direction=(0, 0, 1)),),
         (Traction("top", (0.0, 0.0, -1e-3)),),
     )
-    one, other = (
-        next(adapt(scene, 0.9, max_steps=1, solver=Solver(name))) for name in ("p-multigrid", "cholesky")
-    )
+    one, other = (next(adapt(scene, 0.9, max_steps=1, solver=Solver(name))) for name in ("p-multigrid", "cholesky"))
     assert one.record.preconditioner == "p-multigrid" and one.record.contact_iterations > 3
     everywhere((one.solution.active == other.solution.active).all(), "another active set")
     most = WORLD.allreduce(float(other.solution.force.max(initial=0)), op=MPI.MAX)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import EXACT, STEEL, discrete, grown, pressed, roots, strewn, two_boxes
-
 from petsc4py import PETSc
 
 from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve

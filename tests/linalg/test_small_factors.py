@@ -17,7 +17,12 @@ def plate(poisson=0.3):
     surfaces["top"] = boxes.facets(UP, 0.0625)
     loads = (Traction("top", (0.0, 0.0, -1e-9)),)
     return Scene(
-        "plate", boxes.mesh(surfaces), {"plate": Material(1.0, poisson)}, (Dirichlet("ends", 0.0, 0.0, 0.0),), (), loads
+        "plate",
+        boxes.mesh(surfaces),
+        {"plate": Material(1.0, poisson)},
+        (Dirichlet("ends", 0.0, 0.0, 0.0),),
+        (),
+        loads,
     )
 
 

@@ -74,11 +74,7 @@ def test_mirrors_of_a_wedge():
         assert np.array_equal(scene.mirrors.force(np.ones(3)), np.ones(3))
 
 
-@pytest.mark.parametrize(
-    "symmetry, made",
-    [(12, "more than 12"), (36, "24")],
-    ids=["too few", "no multiple"],
-)
+@pytest.mark.parametrize("symmetry, made", [(12, "more than 12"), (36, "24")], ids=["too few", "no multiple"])
 def test_copies_that_planes_cannot_make(symmetry, made):
     """Forces of the whole would be wrong."""
     with pytest.raises(SceneError, match=f"symmetry={symmetry}, but .* make {made} copies"):

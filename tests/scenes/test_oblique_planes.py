@@ -65,9 +65,7 @@ def test_turned_hertz(degree, poisson):
     """A quarter of two spheres turned by 30 degrees about z is what it was, hanging nodes and rubber too."""
     scene = hertz(order=2, coarse=2, material=Material(1.0, poisson))
     goals = (Reaction("top", 0.05),)
-    here, there = (
-        last(one, 0.2, degree=degree, goals=goals) for one in (scene, turned(scene, rotation("z", 30)))
-    )
+    here, there = (last(one, 0.2, degree=degree, goals=goals) for one in (scene, turned(scene, rotation("z", 30))))
     here, there = _checked_alike(here, there, 0.3 if degree == 2 else 0.6)
     assert here.hanging_nodes > 100 and there.resultants[0].parts == 4
     assert np.allclose(here.contact_centre, there.contact_centre, atol=1e-12)

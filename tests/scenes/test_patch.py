@@ -33,8 +33,8 @@ from fx_contact import Material
 from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.estimate.recovery import Recovery
-from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.supports import Supports

@@ -98,7 +98,9 @@ class Goals:
         """
         z, force, dual = self._dual(functional)
         error, pairs = self._state.estimate.error * dual.error, self._state.pairs
-        return Goal(functional.value, error, self._sum(error), dual, z, force if pairs is None else force / pairs.area)
+        return Goal(
+            functional.value, error, self._sum(error), dual, z, force if pairs is None else force / pairs.area
+        )
 
     def force(self, index):
         """The force of a contact pair, of the modelled part: Goal.  Collective.

@@ -92,7 +92,10 @@ class VolumeTerm:
         Args:
             mat: PETSc Mat in blocks of 3.
         """
-        imap, rows = self._prolongation.index_map, self._matrix @ self._supports.ghosted(self._prolongation).projector()
+        imap, rows = (
+            self._prolongation.index_map,
+            self._matrix @ self._supports.ghosted(self._prolongation).projector(),
+        )
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), number)
         mat.assemble()

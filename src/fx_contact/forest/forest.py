@@ -14,8 +14,8 @@ from mpi4py import MPI
 from fx_contact.forest.glue import Glue
 from fx_contact.forest.homes import Homes
 from fx_contact.parallel.errors import GeometryError
-from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.exchange import Exchange, few
+from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron, lattice
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice

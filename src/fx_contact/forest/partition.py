@@ -155,7 +155,9 @@ def with_cuts(forest):
     if few(forest.comm):
         return forest
     keys = curve_keys(forest, pairs=False)
-    return replace(forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size))
+    return replace(
+        forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size)
+    )
 
 
 def _moved(forest, values, destination):

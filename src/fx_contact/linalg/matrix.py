@@ -12,8 +12,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from fx_contact.parallel.errors import SolveError
-from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.mpi import together
 
 #: Memory that a block of 3 x 3 takes in the matrix, in the preconditioner, and in a copy in hypre's format.

@@ -96,9 +96,7 @@ class MixedSolver(ConjugateGradients):
             return self.energy_error
 
         residual = forces, self.pressure / volume.missing - strains
-        reason, count, change, more = self._krylov.solve_mixed(
-            system, residual, tolerance, allowed, most
-        )
+        reason, count, change, more = self._krylov.solve_mixed(system, residual, tolerance, allowed, most)
         self.pressure = self.pressure + more
         return u + change, reason, count
 

@@ -155,10 +155,7 @@ class _Partners:
     def _moved(self, rows, there, here):
         rows, result, datatype = _buffers(rows, here[1].sum())
         own, requests = [], []
-        for array, (ranks, lengths), post in (
-            (result, here, self._link.Irecv),
-            (rows, there, self._link.Isend),
-        ):
+        for array, (ranks, lengths), post in ((result, here, self._link.Irecv), (rows, there, self._link.Isend)):
             ends = np.cumsum(lengths)
             for rank, start, end in zip(ranks.tolist(), (ends - lengths).tolist(), ends.tolist()):
                 if rank == self._link.rank:

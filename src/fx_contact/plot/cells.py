@@ -9,7 +9,6 @@ from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import add_length, draw_on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 
-
 #: Colours that the colour-blind tell apart (Okabe and Ito, without black).
 _PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 #: Of a further round through them: how far they are mixed with white, or with black.
