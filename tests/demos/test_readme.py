@@ -291,6 +291,18 @@ def test_links_lead_somewhere():
             assert ((TOP / page).parent / target).exists(), f"{page}: {target}"
 
 
+@pytest.mark.parametrize("name", [".pre-commit-config.yaml", ".github/workflows/tests.yml"])
+def test_automation(name):
+    """Hooks and workflows are YAML, and the programs and folders of the project that they name are there."""
+    yaml = pytest.importorskip("yaml")
+    text = (TOP / name).read_text()
+    assert yaml.safe_load(text)
+    named = re.findall(r"\./[\w-]+|(?<![\w/])(?:tests|docs|packages|environment)\b[\w./-]*", text)
+    named = {path for path in named if "/" in path or "." in path}
+    assert "./with-dolfinx" in named
+    assert all((TOP / path).exists() for path in named), named
+
+
 def test_citation():
     """CITATION.cff has the keys of its format, and the version of the package."""
     yaml = pytest.importorskip("yaml")
