@@ -309,7 +309,7 @@ def test_citation():
     citation = yaml.safe_load((TOP / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors", "license"} <= set(citation)
     assert citation["version"] == fx_contact.__version__
-    assert f"## {fx_contact.__version__}" in (TOP / "CHANGELOG.md").read_text()
+    assert f"## [{fx_contact.__version__}]" in (TOP / "CHANGELOG.md").read_text()
     assert all({"type", "title", "authors"} <= set(reference) for reference in citation["references"])
 
 
