@@ -1,15 +1,17 @@
-"""What the demos share: their options, a line on the screen for each step, records, fields and pictures on disk."""
+"""Parts that the demos share: command line, keyword arguments of `adapt`, table of steps and records."""
 
 import argparse
 import os
 import sys
 import traceback
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import petsc4py
 from mpi4py import MPI
@@ -17,8 +19,8 @@ from mpi4py import MPI
 COMM = MPI.COMM_WORLD
 
 
-def split(words):
-    """The words of a command line that are the demo's, and PETSc's: those with one dash, and one word after each."""
+def split(words: list[str]) -> tuple[list[str], list[str]]:
+    """A command line's words for the demo, and those for PETSc: options with one dash, and one word after each."""
     own, petsc, room = [], [], False
     for word in words:
         option = word[:1] == "-" and word[1:2].isalpha()
@@ -42,49 +44,54 @@ from fx_contact import (  # noqa: E402
     Enforcement,
     ErrorControl,
     FxContactError,
-    Material,
+    Scene,
     Solver,
-    adapt,
+    Step,
+    StepRecord,
+    TrueError,
 )
 from fx_contact.adaptive.settings import DEGREE  # noqa: E402
-from fx_contact.plot import draw_mesh, draw_pressure, draw_stress  # noqa: E402
 from fx_contact.results import (  # noqa: E402
+    Hertz,
     RecordWriter,
     doubt_lines,
     force_warnings,
     table_head,
     table_row,
     total_seconds,
-    true_error,
     undirected,
-    write_fields,
 )
 
+#: A default of an option, {degree: value} where it depends on the degree.
+Default = Any
+
 #: Choices of options; the library checks them, and knows the nearest.
-METHODS, CONTROLS = "{exact,augmented-lagrangian,penalty}", "{contact,energy}"
+METHODS, CONTROLS = "{exact,penalty}", "{contact,energy}"
 PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,ilu,cholesky,p-multigrid}"
 
 
 class RankZeroParser(argparse.ArgumentParser):
     """A parser whose messages come from rank 0 alone."""
 
-    def _print_message(self, message, file=None):
+    def _print_message(self, message: str, file: Any = None) -> None:
         if COMM.rank == 0:
             super()._print_message(message, file)
 
 
-def shown(default):
-    """A default for the help, by degree where it depends on it."""
+def shown(default: Default) -> Default:
+    """A default as the help shows it."""
     return ", ".join(f"{one} at degree {p}" for p, one in default.items()) if isinstance(default, dict) else default
 
 
-def parser(description, *, tolerance, order, coarse, output, whole=False):
-    """Options that all demos have.
+def parser(
+    description: str | None, *, tolerance: Default, order: Default, coarse: Default, output: str, whole: bool = False
+) -> argparse.ArgumentParser:
+    """A parser with the options of all demos.
 
     Args:
         description: the demo's docstring.
-        tolerance, order, coarse, output: defaults of these options, {degree: value} where they depend on it.
-        whole: whether the whole bodies can be modelled too (`--symmetry full`).
+        tolerance, order, coarse, output: defaults of these options.
+        whole: offer `--symmetry full`.
     """
     result = RankZeroParser(
         description=description,
@@ -124,66 +131,51 @@ def parser(description, *, tolerance, order, coarse, output, whole=False):
     return result
 
 
-def main(options, make_scene, exact=None, *, best_scene=None, errors=None, beginning=None, across="y"):
-    """Parse, run, write; errors of the package end in one line and exit code 1 on all ranks.
-
-    Args:
-        options: ArgumentParser.
-        make_scene: function of the arguments and a Material that makes the Scene.
-        exact: function of the arguments, the Material and the force that makes a Hertz to compare with, or None.
-        best_scene: like make_scene, with the best geometry of the same root cells, for `--true-error`; None: the same.
-        errors: function of the arguments and the last Step that gives deviations from what is known, by name; or None.
-        beginning: function of the arguments, the Scene and the communicator that gives the Beginning, or None for the
-            root cells; None: `uniform`.
-        across: axis that the picture of the stress is cut across.
-    """
-    arguments = _parsed(options)
-    with plain_errors(COMM):
-        show, progress = _voice(arguments.quiet)
-        material = Material(young=arguments.young, poisson=arguments.poisson)
-        scene = make_scene(arguments, material)
-        last, steps, file = _adapted(arguments, scene, beginning or uniform, show, progress)
-        record = last.record
-        compared = exact(arguments, material, record.force) if exact and record.force > 0 else None
-        results = "steps.jsonl"
-        if not arguments.records_only:
-            results += ", fields.bp, cells.bp and contact.pvtu (for ParaView), mesh.png, "
-            results += _draw(last, arguments.output, bool(exact), compared, across)
-            record = replace(record, **last.stages.costs(COMM))
-        if errors:
-            record = replace(record, errors=errors(arguments, last))
-        if arguments.true_error:
-            true = true_error(last, arguments.true_error, (best_scene or make_scene)(arguments, material))
-            record = replace(record, true_error=true, effectivity=record.estimate / true.relative)
-        if last.record is steps[-1]:  # else it is one of the run before
-            file.write(record)
-        show(total_seconds([r.seconds for r in [*steps[:-1], record]]))
-        for line in _summary(arguments, record, compared):
-            show(line)
-        show(f"results in {arguments.output}: {results}")
-
-
-def _parsed(options):
-    """The arguments; a word that neither the demo nor PETSc knows ends the program with the nearest option."""
-    arguments, unknown = options.parse_known_args(OWN)
+def parse(options: argparse.ArgumentParser) -> argparse.Namespace:
+    """The parsed command line; an unknown word ends the program with the nearest option."""
+    given, unknown = options.parse_known_args(OWN)
     names = [word for word in options.format_help().split() if word.startswith("--")]
     unknown += [word for word in PETSC if f"-{word}" in names and word != "-help"]
     if unknown:
         near = get_close_matches(f"--{unknown[0].lstrip('-').partition('=')[0]}", names, 1)
         advice = f"did you mean {near[0]!r}?" if near else "--help lists them, all with two dashes"
         options.error(f"unknown option {unknown[0]!r}; {advice}")
-    for name, value in vars(arguments).items():
+    for name, value in vars(given).items():
         if isinstance(value, dict):  # a default by degree; another degree is refused later
-            setattr(arguments, name, value.get(arguments.degree, value[DEGREE]))
-    if arguments.restart and not arguments.checkpoint:
+            setattr(given, name, value.get(given.degree, value[DEGREE]))
+    if given.restart and not given.checkpoint:
         options.error("--restart needs --checkpoint DIR, where the run has kept its last step")
-    if arguments.restart and arguments.uniform is not None:
+    if given.restart and given.uniform is not None:
         options.error("--restart goes on from the last step of a run, --uniform begins anew: give one of them")
-    return arguments
+    return given
+
+
+def settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """The keyword arguments of `adapt` that a command line asks for.
+
+    Collective on COMM.
+    """
+    stiffness = given.penalty, given.node_stiffness
+    method = given.enforcement or ("exact" if stiffness == (None, None) else "penalty")
+    return {
+        "tolerance": given.tolerance,
+        "degree": given.degree,
+        "max_steps": given.max_steps if given.uniform is None else 1,
+        "geometry_order": given.geometry_order,
+        "enforcement": Enforcement(method, *stiffness),
+        "solver": Solver(given.preconditioner),
+        "control": ErrorControl(given.control),
+        "partition_kind": given.partition,
+        "allow": given.allow,
+        "beginning": None if given.uniform is None else Beginning.uniform(scene, given.uniform, COMM),
+        "checkpoint": given.checkpoint,
+        "restart": Checkpoint(given.checkpoint, scene, COMM) if given.restart else None,
+        "progress": _voice(given.quiet)[1],
+    }
 
 
 @contextmanager
-def plain_errors(comm):
+def plain_errors(comm: MPI.Comm) -> Iterator[None]:
     """Errors of the package end in one line and exit code 1 on all ranks; any other ends all ranks at once."""
     try:
         yield
@@ -196,75 +188,82 @@ def plain_errors(comm):
         comm.Abort(1)
 
 
-def uniform(arguments, scene, comm):
-    """The Beginning that `--uniform` asks for, or None."""
-    return None if arguments.uniform is None else Beginning.uniform(scene, arguments.uniform, comm)
+class Report:
+    """The table of steps on the screen, and the records on disk.
+
+    Collective on COMM, and so are its methods.
+
+    Args:
+        given: parsed command line.
+        before: Checkpoint to restart from, whose records head the table.
+    """
+
+    def __init__(self, given: argparse.Namespace, before: Checkpoint | None) -> None:
+        self._given, self._steps = given, list(before.records) if before else []
+        self._show = _voice(given.quiet)[0]
+        self._file = RecordWriter(given.output, COMM, self._steps)
+        self._show("\n".join([table_head(), *map(table_row, self._steps)]))
+
+    def add(self, step: Step) -> None:
+        """Show and write the record of a step."""
+        if step.record.step == len(self._steps):  # else the last one again, for its fields
+            self._file.write(step.record)
+            self._steps.append(step.record)
+            self._show(table_row(step.record))
+
+    def end(
+        self,
+        step: Step,
+        pictures: str,
+        *,
+        hertz: Hertz | None = None,
+        errors: dict[str, float] | None = None,
+        true: TrueError | None = None,
+    ) -> None:
+        """Complete the record of the last step, and show the result.
+
+        Args:
+            step: the last one.
+            pictures: names of the files that were drawn.
+            hertz: solution to compare with.
+            errors: deviations from known values, by name.
+            true: true error, measured on a finer mesh.
+        """
+        record, files = step.record, "steps.jsonl"
+        if not self._given.records_only:
+            files += f", fields.bp, cells.bp and contact.pvtu (for ParaView), {pictures}"
+            record = replace(record, **step.stages.costs(COMM))
+        if true:
+            record = replace(record, true_error=true, effectivity=record.estimate / true.relative)
+        record = replace(record, errors=errors)
+        if step.record is self._steps[-1]:  # else it is one of the run before
+            self._file.write(record)
+        self._show(total_seconds([r.seconds for r in [*self._steps[:-1], record]]))
+        for line in _summary(self._given, record, hertz):
+            self._show(line)
+        self._show(f"results in {self._given.output}: {files}")
 
 
-def _adapted(arguments, scene, beginning, show, progress):
-    """Run to the end: the last Step, the records of all, those before a restart included, and their RecordWriter."""
-    before = Checkpoint(arguments.checkpoint, scene, COMM) if arguments.restart else None
-    steps, stiffness = list(before.records) if before else [], (arguments.penalty, arguments.node_stiffness)
-    method = arguments.enforcement or ("exact" if stiffness == (None, None) else "penalty")
-    run = adapt(
-        scene,
-        arguments.tolerance,
-        COMM,
-        degree=arguments.degree,
-        max_steps=arguments.max_steps if arguments.uniform is None else 1,
-        geometry_order=arguments.geometry_order,
-        enforcement=Enforcement(method, *stiffness),
-        solver=Solver(arguments.preconditioner),
-        control=ErrorControl(arguments.control),
-        partition_kind=arguments.partition,
-        allow=arguments.allow,
-        beginning=None if before else beginning(arguments, scene, COMM),
-        checkpoint=arguments.checkpoint,
-        restart=before,
-        progress=progress,
-    )
-    file = RecordWriter(arguments.output, COMM, steps)
-    show("\n".join([table_head(), *map(table_row, steps)]))
-    for step in run:
-        if step.record.step == len(steps):  # else the last one again, for its fields
-            file.write(step.record)
-            steps.append(step.record)
-            show(table_row(step.record))
-    return step, steps, file
-
-
-def _draw(step, folder, round_contact, compared, across):
-    """Write fields and pictures; the name of the second picture."""
-    with step.stages("output"):
-        write_fields(step, folder)
-        draw_mesh(step, folder / "mesh.png")
-        if round_contact:
-            draw_pressure(step, folder / "pressure.png", compared)
-            return "pressure.png"
-        draw_stress(step, folder / "stress.png", across=across)
-        return "stress.png"
-
-
-def _summary(arguments, record, compared):
+def _summary(given: argparse.Namespace, record: StepRecord, hertz: Hertz | None) -> Iterator[str]:
     """Lines on the result, below the table."""
-    if not record.reached and arguments.uniform is None:
-        yield f"The tolerance was not reached in {arguments.max_steps} steps."
+    if not record.reached and given.uniform is None:
+        yield f"The tolerance was not reached in {given.max_steps} steps."
     yield from doubt_lines(record)
     yield from force_warnings(record)
     yield from undirected(record)
     yield f"force {record.force:.6g}, largest pressure {record.max_pressure:.5g}"
-    if compared:
+    if hertz:
         found = f"contact radius {record.contact_radius:.5g}; " if record.contact_radius is not None else ""
-        known = f"contact radius {compared.contact_radius:.5g}, largest pressure {compared.max_pressure:.5g}"
+        known = f"contact radius {hertz.contact_radius:.5g}, largest pressure {hertz.max_pressure:.5g}"
         yield f"{found}Hertz at this force: {known}"
     for name, value in (record.errors or {}).items():
         yield f"{name.replace('_', ' ')}: {value:.3%} from the reference"
-    if arguments.true_error:
+    if record.true_error:
         yield f"true energy error {record.true_error.relative:.2%}, effectivity {record.effectivity:.3f}"
 
 
-def _voice(quiet):
-    """What prints a line on rank 0, and on a terminal the progress for `adapt`: the stage at work, overwritten."""
+def _voice(quiet: bool) -> tuple[Callable[[str], None], Callable[[int, str], None] | None]:
+    """A function that prints a line on rank 0, and one that shows the present stage on a terminal, or None."""
     if quiet or COMM.rank:
         return (lambda _: None), None
     # A terminal shows the standard error directly, or through the mpirun that has started this rank.
@@ -272,10 +271,10 @@ def _voice(quiet):
     if not sys.stderr.isatty() and not ("PMIX_RANK" in os.environ and above.startswith("/dev/pts/")):
         return partial(print, flush=True), None
 
-    def stage(text=""):
+    def stage(text: str = "") -> None:
         print(f"\r{text:40}", end="\r", file=sys.stderr, flush=True)
 
-    def show(line):
+    def show(line: str) -> None:
         stage()
         print(line, flush=True)
 

@@ -7,9 +7,13 @@ drawn, and the contact pressure against Hertz's.
     mpirun -n 2 python3 demos/hertz.py --tolerance 0.01
 """
 
-from common import main, parser
+import argparse
 
-from fx_contact.results import REFERENCES, Hertz, contact_errors
+from common import COMM, Report, parse, parser, plain_errors, settings
+
+from fx_contact import Material, adapt
+from fx_contact.plot import draw_mesh, draw_pressure
+from fx_contact.results import REFERENCES, Hertz, contact_errors, true_error, write_fields
 from fx_contact.scenes import hertz
 
 #: By degree, for a cell of degree 2 costs eight: tolerance, order of the root mesh, root cells along a block.
@@ -21,28 +25,35 @@ options.add_argument("--displacement", type=float, default=0.01, help="approach 
 options.add_argument("--reference", choices=REFERENCES, help="record the deviations from these published values")
 
 
-def scene(arguments, material, order=None):
-    """The two half-spheres that the arguments describe, of another geometry order if one is given."""
-    if arguments.reference:
-        REFERENCES[arguments.reference]().check_problem(arguments.radius, arguments.displacement, material)
-    order = order or arguments.order
-    return hertz(arguments.radius, arguments.displacement, material, order, arguments.coarse, arguments.symmetry)
+def main(given: argparse.Namespace) -> None:
+    """Solve, write fields and pictures, compare with known solutions."""
+    material = Material(young=given.young, poisson=given.poisson)
+    reference = REFERENCES[given.reference]() if given.reference else None
+    if reference:
+        reference.check_problem(given.radius, given.displacement, material)
+    bodies = dict(radius=given.radius, displacement=given.displacement, material=material)
+    bodies |= dict(coarse=given.coarse, symmetry=given.symmetry)
+    scene = hertz(order=given.order, **bodies)
 
+    asked = settings(given, scene)
+    report = Report(given, asked["restart"])
+    for step in adapt(scene, **asked):
+        report.add(step)
 
-def best_scene(arguments, material):
-    """The same root cells with the geometry closest to a sphere."""
-    return scene(arguments, material, order=6)
-
-
-def exact(arguments, material, force):
-    """Hertz's solution through the computed force."""
-    return Hertz.of_equal_spheres(arguments.radius, material, force)
-
-
-def errors(arguments, step):
-    """Deviations from the published values that were asked for."""
-    return contact_errors(step, REFERENCES[arguments.reference]()) if arguments.reference else {}
+    force = step.record.force
+    exact = Hertz.of_equal_spheres(given.radius, material, force) if force > 0 else None
+    if not given.records_only:
+        with step.stages("output"):
+            write_fields(step, given.output)
+            draw_mesh(step, given.output / "mesh.png")
+            draw_pressure(step, given.output / "pressure.png", exact)
+    errors = contact_errors(step, reference) if reference else {}
+    true = None
+    if given.true_error:  # on the same root cells, with the geometry closest to a sphere
+        true = true_error(step, given.true_error, hertz(order=6, **bodies))
+    report.end(step, "mesh.png, pressure.png", hertz=exact, errors=errors, true=true)
 
 
 if __name__ == "__main__":
-    main(options, scene, exact, best_scene=best_scene, errors=errors)
+    with plain_errors(COMM):
+        main(parse(options))

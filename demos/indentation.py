@@ -6,9 +6,13 @@ benchmark models all four quarters at a tolerance of 6 %:
     mpirun -n 2 python3 demos/indentation.py --symmetry full --tolerance 0.06
 """
 
-from common import main, parser
+import argparse
 
-from fx_contact import Material
+from common import COMM, Report, parse, parser, plain_errors, settings
+
+from fx_contact import Material, adapt
+from fx_contact.plot import draw_mesh, draw_stress
+from fx_contact.results import true_error, write_fields
 from fx_contact.scenes import indentation
 
 options = parser(__doc__, tolerance=0.1, order=1, coarse=4, output="results/indentation", whole=True)
@@ -16,18 +20,30 @@ options.add_argument("--displacement", type=float, default=0.01, help="of the cu
 options.add_argument("--ratio", type=float, default=100.0, help="of the cube's to the block's modulus (%(default)s)")
 
 
-def scene(arguments, block):
-    """The cube and the block that the arguments describe."""
-    cube = Material(arguments.ratio * arguments.young, arguments.poisson)
-    return indentation(
-        displacement=arguments.displacement,
-        block=block,
-        cube=cube,
-        order=arguments.order,
-        coarse=arguments.coarse,
-        symmetry=arguments.symmetry,
+def main(given: argparse.Namespace) -> None:
+    """Solve, write fields and pictures."""
+    scene = indentation(
+        displacement=given.displacement,
+        block=Material(young=given.young, poisson=given.poisson),
+        cube=Material(young=given.ratio * given.young, poisson=given.poisson),
+        order=given.order,
+        coarse=given.coarse,
+        symmetry=given.symmetry,
     )
+    asked = settings(given, scene)
+    report = Report(given, asked["restart"])
+    for step in adapt(scene, **asked):
+        report.add(step)
+
+    if not given.records_only:
+        with step.stages("output"):
+            write_fields(step, given.output)
+            draw_mesh(step, given.output / "mesh.png")
+            draw_stress(step, given.output / "stress.png")
+    true = true_error(step, given.true_error) if given.true_error else None
+    report.end(step, "mesh.png, stress.png", true=true)
 
 
 if __name__ == "__main__":
-    main(options, scene)
+    with plain_errors(COMM):
+        main(parse(options))

@@ -5,27 +5,31 @@ Half of a slice in plane strain is modelled. Shaft and hub have as many cells ar
     mpirun -n 2 python3 demos/shaft_in_bore.py --play 0.0005
 """
 
+import argparse
+
 import numpy as np
-from common import main, parser
+from common import COMM, Report, parse, parser, plain_errors, settings
 
-from fx_contact import BodyForce, ContactPair, Dirichlet, Scene, SymmetryPlane
+from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt
+from fx_contact.plot import draw_mesh, draw_stress
 from fx_contact.problem import cylinder, ring, root_mesh_from_shapes
-from fx_contact.results import Persson
+from fx_contact.results import Persson, true_error, write_fields
 
-BORE, HUB, LENGTH = 1.0, 6.0, 0.25
+BORE, HUB, LENGTH, MATERIAL = 1.0, 6.0, 0.25, Material(young=1.0, poisson=0.3)
 
 options = parser(__doc__, tolerance=0.02, order=4, coarse=3, output="results/shaft_in_bore")
 options.add_argument("--play", type=float, default=0.002, help="difference of the radii, bore 1 (%(default)s)")
 options.add_argument("--load", type=float, default=0.002, help="on the shaft, per length (%(default)s)")
 
 
-def scene(arguments, material):
+def shaft_in_bore(
+    play: float = 0.002, load: float = 0.002, material: Material = MATERIAL, order: int = 4, n: int = 3
+) -> Scene:
     """Half of both, x >= 0; the shaft touches the bore along its lowest line."""
-    n, play, order = arguments.coarse, arguments.play, arguments.order
     shaft = cylinder(BORE - play, LENGTH, (n, 1), order, quarters=2).turned("x", 90).shifted(z=-play)
     hub = ring(BORE, HUB, LENGTH, (2 * n, 2 * n, 1), order, quarters=2).turned("x", 90)  # about the y axis
     cuts = [SymmetryPlane(f"{body} {side}") for body in ("shaft", "hub") for side in ("x = 0", "bottom", "top")]
-    weight = arguments.load / (np.pi * (BORE - play) ** 2)
+    weight = load / (np.pi * (BORE - play) ** 2)
     return Scene(
         name="shaft in bore",
         mesh=root_mesh_from_shapes({"shaft": shaft, "hub": hub}),
@@ -37,16 +41,30 @@ def scene(arguments, material):
     )
 
 
-def errors(arguments, step):
-    """Deviations: of the largest pressure from Persson's, of the contact's vertical force from the load."""
-    modulus = step.scene.materials["hub"].plane_strain_modulus
-    known = Persson(BORE, modulus, arguments.play, arguments.load)
-    (pressing,) = (one for one in step.resultants if one.kind == "contact")
-    return {
+def main(given: argparse.Namespace) -> None:
+    """Solve, write fields and pictures, compare with Persson's largest pressure and with the load."""
+    material = Material(young=given.young, poisson=given.poisson)
+    scene = shaft_in_bore(given.play, given.load, material, given.order, given.coarse)
+    asked = settings(given, scene)
+    report = Report(given, asked["restart"])
+    for step in adapt(scene, **asked):
+        report.add(step)
+
+    if not given.records_only:
+        with step.stages("output"):
+            write_fields(step, given.output)
+            draw_mesh(step, given.output / "mesh.png")
+            draw_stress(step, given.output / "stress.png", across="z")
+    known = Persson(BORE, material.plane_strain_modulus, given.play, given.load)
+    (contact,) = (one for one in step.resultants if one.kind == "contact")
+    errors = {
         "max_pressure": step.record.max_pressure / known.max_pressure - 1,
-        "load": -pressing.force[2] / (arguments.load * LENGTH) - 1,
+        "load": -contact.force[2] / (given.load * LENGTH) - 1,
     }
+    true = true_error(step, given.true_error) if given.true_error else None
+    report.end(step, "mesh.png, stress.png", errors=errors, true=true)
 
 
 if __name__ == "__main__":
-    main(options, scene, errors=errors, across="z")
+    with plain_errors(COMM):
+        main(parse(options))

@@ -31,11 +31,7 @@ def demo(name):
     sys.path.insert(0, str(DEMOS))
     found = runpy.run_path(str(DEMOS / f"{name}.py"))
     sys.path.remove(str(DEMOS))
-    return (
-        found["step"]
-        if "step" in found
-        else solve(found["scene"](found["options"].parse_args([]), Material(1.0, 0.3)), 0.1)
-    )
+    return found["step"] if "step" in found else solve(found[name](), 0.1)
 
 
 #: Scenes of the gallery: what gives the step, and by what displacements are drawn larger.
