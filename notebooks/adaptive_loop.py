@@ -15,10 +15,10 @@
 # ---
 
 # %% [markdown]
-# # How the adaptive loop works
+# # The adaptive loop
 #
-# Solve, estimate, mark, refine, and again, until the error is what you asked for. `adapt` is an iterator: each turn of
-# the loop below is one solution on one mesh, and everything about it can be looked at.
+# `adapt` repeats four stages, solve, estimate, mark and refine, until the error is below the tolerance. It is an iterator:
+# each turn of the loop below is one solution on one mesh, with all its data.
 
 # %%
 from fx_contact import adapt
@@ -37,9 +37,8 @@ for step in adapt(scene, tolerance=0.04):
 # %% [markdown]
 # ## Refine
 #
-# The root mesh knows nothing of the contact. Refinement finds it: a leaf is cut into eight, leaves that share an edge
-# differ by one level at most, and the leaf that faces it on the other body is cut too, so that nodes keep facing each
-# other.
+# The root mesh does not resolve the contact; refinement does. A refined leaf is divided into eight, and leaves that share
+# an edge differ by one level at most. The leaf that faces it on the other body is refined too, so that nodes face nodes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -53,10 +52,10 @@ for number, (axes, picture) in enumerate(zip(panels, pictures)):
 # %% [markdown]
 # ## Estimate
 #
-# The stress of the elements jumps between cells. Zienkiewicz and Zhu average it at the nodes and take the difference
-# for the error; for quadratic displacements, the default, the residual inside a cell counts instead where it is larger.
-# That is $\xi_T$ of each cell, and of all $\xi = (\sum \xi_T^2)^{1/2}$. Relative to the energy norm $\omega$ of the
-# solution this is the number that falls below the tolerance in the end.
+# The element stress jumps between cells. Zienkiewicz and Zhu average it at the nodes; the difference estimates the error
+# $\xi_T$ of a cell. For quadratic displacements, the default, $\xi_T$ is the residual inside the cell if that is larger.
+# The estimate of the whole is $\xi = (\sum \xi_T^2)^{1/2}$. The run ends when $\xi$, relative to the energy norm $\omega$ of
+# the solution, is below the tolerance.
 
 # %%
 from IPython.display import Image
@@ -71,9 +70,9 @@ Image(draw_convergence(records, "../results/notebooks/convergence.png"), width=6
 #
 # ## Mark
 #
-# If every one of $N$ cells had the error $e\,\omega/\sqrt N$, the whole would be at the tolerance $e$. Cells above that line are
-# marked, and twice if their children would be above it again. Before the last step the line is moved: up, where fewer cells
-# are enough, or down, where a few more save a step.
+# If each of $N$ cells had the error $e\,\omega/\sqrt N$, the whole error would be the tolerance $e$. Cells above this
+# threshold are marked, twice if their children would exceed it too. Before the last step the threshold moves: up if fewer
+# cells suffice, down if a few more cells save a step.
 
 # %%
 import numpy as np
@@ -89,10 +88,10 @@ plt.ylabel("cells of the last step")
 plt.legend();
 
 # %% [markdown]
-# Some cells are above the line in the last step too; others, below it, make up for them. The tail of small errors to the
-# left cannot be helped: those cells have small neighbours or are root cells, which are as coarse as they come.
+# Some cells exceed the threshold in the last step too; cells below it compensate for them. The tail of small errors on the
+# left remains: those cells have small neighbours or are root cells, which cannot be coarser.
 #
-# ## Where the time goes
+# ## Cost of the stages
 #
 # Each record has the seconds of its stages (compilation happens once and is kept on disk).
 
@@ -108,7 +107,7 @@ plt.ylabel("wall time [s]")
 plt.legend(bbox_to_anchor=(1, 1));
 
 # %% [markdown]
-# ## Take the wheel
+# ## Marking by hand
 #
 # `Beginning.after` refines the leaves that *you* mark, here all leaves near the pole, and `adapt` goes on from there.
 

@@ -17,8 +17,8 @@
 # %% [markdown]
 # # Hertz in five minutes
 #
-# Two elastic half-spheres are pressed together, pole to pole. Where do they touch, how hard, and how large is the
-# stress below the surface? One rank is enough; by symmetry a quarter of each body is modelled.
+# Two elastic half-spheres are pressed together, pole to pole. This notebook computes the contact radius, the contact
+# pressure and the stress below the surface on one rank. By symmetry a quarter of each body is modelled.
 
 # %%
 from IPython.display import Image
@@ -33,9 +33,9 @@ steps = list(adapt(scene, tolerance=0.2))
 Image(draw_mesh(steps[-1], "../results/notebooks/mesh.png", colour="level"), width=700)
 
 # %% [markdown]
-# `adapt` solved the problem several times and refined where its own estimate saw the largest errors, until the stress
-# field was good to 20 % in the energy norm. Every step has a record: the same numbers that a run on many ranks writes to
-# `steps.jsonl`. Force, radius and pressure come much closer than 20 %.
+# `adapt` solved the problem several times and refined the cells with the largest estimated errors, until the stress error
+# was 20 % in the energy norm. Every step has a record, which a run with files writes to `steps.jsonl`. Force, radius and
+# pressure are much more accurate than 20 %.
 
 # %%
 from fx_contact.results import table_head, table_row
@@ -45,8 +45,8 @@ print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
 # %% [markdown]
 # ## Pressure
 #
-# A dot is the pressure at a pair of facing nodes, of which a facet has nine. The curve is Hertz's, of half-spaces,
-# through the same force. The dots bend away where the contact ends, within one facet.
+# A dot is the pressure at a pair of facing nodes; a facet has nine. The curve is Hertz's solution of half-spaces for the
+# same force. The dots deviate at the rim of the contact, within one facet.
 
 # %%
 from fx_contact.results import Hertz
@@ -72,7 +72,7 @@ from fx_contact.plot import draw_stress
 Image(draw_stress(step, "../results/notebooks/stress.png", zoom=2), width=700)
 
 # %% [markdown]
-# ## Change something
+# ## Variation of the approach
 #
 # Hertz's force grows with the approach to the power 3/2. Do finite bodies follow?
 
@@ -93,7 +93,7 @@ plt.ylabel("force [N]")
 plt.legend();
 
 # %% [markdown]
-# Almost. They are a little stiffer: the faces that push are flat and near, not infinitely far away.
+# Almost: they are a little stiffer, since the loaded faces are flat and near, not infinitely far away.
 #
 # `fx_contact.results.output.write_fields(step, "results")` writes all fields for ParaView; the last two cells of
-# [how the adaptive loop works](adaptive_loop.ipynb) take the loop apart.
+# [the adaptive loop](adaptive_loop.ipynb) show its parts.
