@@ -21,7 +21,9 @@ COMM = MPI.COMM_WORLD
 
 def split(words: list[str]) -> tuple[list[str], list[str]]:
     """A command line's words for the demo, and those for PETSc: options with one dash, and one word after each."""
-    own, petsc, room = [], [], False
+    own: list[str] = []
+    petsc: list[str] = []
+    room = False
     for word in words:
         option = word[:1] == "-" and word[1:2].isalpha()
         (petsc if option or room and not word.startswith("--") else own).append(word)
