@@ -9,7 +9,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
-from fx_contact.adaptive.row_file import RowFile
+from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
 from fx_contact.parallel.agreement import check_alike
@@ -204,7 +204,7 @@ class Sweep:
     def _resume(self):
         """Take up the last point in the folder.  Collective."""
         path, comm = self._folder / NAME, self._comm
-        points = RowFile(path, comm).content.get("points")
+        points = CheckpointFile(path, comm).content.get("points")
         with together(comm):
             if points is None:
                 raise CheckpointError(f"{str(path)!r} is of a single run, not of a sweep: name another folder")
