@@ -183,7 +183,7 @@ ENDS = {
         ["adapt on rank 0", f"{END} on rank 1"],
         2,
     ),
-    "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on rank 0"], 3),
+    "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on ranks 0, 1"], 3),
     "fields": (
         RUN.format("") + "step = next(run)\nif last: write_fields(step, '.')",
         [END, "write_fields of step 0 on rank"],
