@@ -1,6 +1,6 @@
 """Bodies made of box cells, whose facets are found by their place: root meshes of studies and tests."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -70,8 +70,8 @@ class Boxes:
 
     def mesh(
         self,
-        surfaces: Mapping[str, npt.NDArray[np.int32]],
-        curves: Mapping[str, npt.NDArray[np.int32]] | None = None,
+        surfaces: dict[str, npt.NDArray[np.int32]],
+        curves: dict[str, npt.NDArray[np.int32]] | None = None,
         place: Callable[[str, npt.NDArray[np.float64]], npt.NDArray[np.float64]] | None = None,
     ) -> RootMesh:
         """The root mesh.

@@ -54,7 +54,7 @@ def write_checkpoint(
         OutputError: the file cannot be written; the old one stays, and nothing of the new one.
     """
     new = path.with_name(f"{path.name}.new-{comm.bcast(uuid4().hex)}")  # not shared by two runs in one folder
-    rows = comm.gather({name: len(array) for name, array in arrays.items()})
+    rows = comm.gather({name: len(array) for name, array in arrays.items()}) or []
     try:
         with together(comm), writing(path):
             if comm.rank == 0:
@@ -139,7 +139,7 @@ class CheckpointFile:
         comm, ends = self._comm, np.cumsum(self._rows[name])
         starts = ends - self._rows[name]
         low, high = (int(ends[-1]) * (comm.rank + i) // comm.size for i in (0, 1))
-        own = np.flatnonzero((starts < high) & (ends > low)).tolist() or [0]
+        own = [piece for piece in range(len(ends)) if starts[piece] < high and ends[piece] > low] or [0]
         with together(comm), _reading(self._path):
             return np.concatenate(
                 [
@@ -151,7 +151,7 @@ class CheckpointFile:
     def _piece(self, name: str, rank: int) -> npt.NDArray[Any]:
         """The array that a rank has written."""
         with self._archive.open(_member(name, rank)) as member:
-            array = np.lib.format.read_array(member, allow_pickle=False)
+            array: npt.NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
             if member.read() or len(array) != self._rows[name][rank]:  # to the end, where the checksum is compared
                 raise BadZipFile
         return array

@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -149,12 +149,12 @@ def meetings_of(comm: Any) -> "Meetings | None":
     """The Meetings of a communicator; None if it is none or has one rank.  Local."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
-    known: Meetings | None = comm.Get_attr(_keyval)
+    known: Any = comm.Get_attr(_keyval)
     if known is None:
         known = Meetings(comm)
         comm.Set_attr(_keyval, known)
         _all.append(known)
-    return known
+    return cast(Meetings, known)
 
 
 class Meetings:
@@ -170,14 +170,16 @@ class Meetings:
     """
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        self._comm, self._link, self._number = comm, MPI.COMM_NULL, 0
+        self._comm, self._number = comm, 0
+        self._link: MPI.Intracomm | None = None
+        self._told: list[MPI.Request] | None = None  # messages to the others that this rank waits
         self.inside, self.torn, self.over, self.turns = False, False, False, 0
         self._difference = ""  # between the calls of the last meeting, as a sentence
 
     @property
     def link(self) -> MPI.Intracomm:
         """Duplicate of the communicator, for messages of this package alone.  Collective when first asked for."""
-        if self._link == MPI.COMM_NULL:
+        if self._link is None:
             self._link = self._comm.Dup()
         return self._link
 
