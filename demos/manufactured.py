@@ -10,10 +10,11 @@ the estimated and the true error in the energy norm, their ratio (the effectivit
 from pathlib import Path
 
 from common import COMM, CONTROLS, RankZeroParser, plain_errors
+from manufactured_solution import adapt_manufactured
 
 from fx_contact import ErrorControl
 from fx_contact.adaptive.settings import DEGREE
-from fx_contact.results import RecordWriter, adapt_manufactured
+from fx_contact.results import RecordWriter
 
 if __name__ == "__main__":
     options = RankZeroParser(description=__doc__.split("\n\n")[0])

@@ -31,7 +31,7 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import ContactPair, Scene
 from fx_contact.problem.shapes import root_mesh_from_shapes, rotation
 from fx_contact.problem.solids import block
-from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.2)
 

@@ -24,7 +24,7 @@ from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.conjugate_gradients import analysed
 from fx_contact.parallel.timing import Stages
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import plain, write
 
 ASPECTS, POISSON = (1.0, 2.0, 4.0, 16.0, 100.0, 1000.0), (0.3, 0.49, 0.4999)

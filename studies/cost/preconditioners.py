@@ -35,7 +35,7 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, indentation
-from fx_contact.scenes.boxes import DOWN, UP, Boxes
+from studies.boxes import DOWN, UP, Boxes
 from studies.tables import plain, write
 
 #: Cells of a plate along its sides and through it.

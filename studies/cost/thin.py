@@ -15,7 +15,7 @@ import numpy as np
 
 from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Pressure, Scene, SymmetryPlane, adapt
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.runs import STAGES
 from studies.stability.shapes import four_supports
 from studies.tables import plain, write

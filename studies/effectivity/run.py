@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from demos.manufactured_solution import adapt_manufactured
 from fx_contact import Dirichlet, ErrorControl, Material, Pressure, Scene, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.marking import for_tolerance
-from fx_contact.results import adapt_manufactured
 from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import hertz, indentation
-from fx_contact.scenes.boxes import FRONT, LEFT, UP, Boxes
+from studies.boxes import FRONT, LEFT, UP, Boxes
 from studies.tables import write
 
 COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effectivity", "assumed", "corrected")

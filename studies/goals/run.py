@@ -34,7 +34,7 @@ from fx_contact import (
 )
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import write
 
 #: Tolerances of the energy error, and that of the finer solution.

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane
 from fx_contact.scenes import punch
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.cases import Case
 from studies.stability.checks import Twin
 from studies.stability.references import hertz_force, material, stack_force, stack_pressed

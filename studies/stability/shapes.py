@@ -6,7 +6,7 @@ import numpy as np
 
 from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
 from fx_contact.problem import hexahedron
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 
 PLAIN = Material(young=1.0, poisson=0.3)
 

@@ -28,7 +28,7 @@ from fx_contact.adaptive.validity import Doubt, _place_of_largest, doubts_of_sce
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results import doubt_lines
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
-from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 #: Without lateral strain, so that strains are known.
 MATERIAL = Material(young=1.0, poisson=0.0)

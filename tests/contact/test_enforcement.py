@@ -50,7 +50,7 @@ from fx_contact.fem.dirichlet import find_supports  # noqa: E402
 from fx_contact.parallel.errors import SolveError  # noqa: E402
 from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
 from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, stack  # noqa: E402
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
 from studies.stability.shapes import oblique
 
 pytestmark = pytest.mark.whole_run

@@ -16,7 +16,7 @@ from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpso
 from fx_contact.fem.space import Space  # noqa: E402
 from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
 from fx_contact.scenes import punch, stack  # noqa: E402
-from fx_contact.scenes.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
+from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
 from studies.stability.shapes import bump, in_two, ring, waves
 
 pytestmark = pytest.mark.whole_run

@@ -9,7 +9,7 @@ from conftest import WORLD, everywhere
 from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, adapt
 from fx_contact.estimate.contact_goals import moved_by_strains
 from fx_contact.scenes import punch, stack
-from fx_contact.scenes.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import beam
 
 pytestmark = pytest.mark.whole_run

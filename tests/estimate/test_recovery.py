@@ -16,7 +16,7 @@ from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.boundary_conditions import BodyForce, Traction
 from fx_contact.problem.materials import Material
-from fx_contact.scenes.boxes import DOWN, UP, Boxes
+from studies.boxes import DOWN, UP, Boxes
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
 

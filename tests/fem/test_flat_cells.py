@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Solver, Traction, adapt
 from fx_contact.fem.flat_cells import FLAT, strong_blocks
 from fx_contact.linalg.p_multigrid import solved_here, within_blocks
-from fx_contact.scenes.boxes import DOWN, UP, Boxes
+from studies.boxes import DOWN, UP, Boxes
 
 
 def slab(aspect, poisson=0.3):

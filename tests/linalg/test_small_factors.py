@@ -6,7 +6,7 @@ from conftest import everywhere
 
 from fx_contact import Dirichlet, Material, Scene, Solver, Traction, adapt
 from fx_contact.linalg import conjugate_gradients
-from fx_contact.scenes.boxes import LEFT, RIGHT, UP, Boxes
+from studies.boxes import LEFT, RIGHT, UP, Boxes
 
 
 def plate(poisson=0.3):

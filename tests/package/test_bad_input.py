@@ -41,7 +41,6 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors
-from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a
@@ -676,16 +675,6 @@ CASES = {
         )
         for degree in (0, 3, 1.0, True, "2", None)
     },
-    "manufactured degree": (
-        lambda: next(adapt_manufactured(0.1, COMM, degree=3)),
-        SceneError,
-        "degree 1 or 2, got 3",
-    ),
-    "manufactured control": (
-        lambda: next(adapt_manufactured(0.1, COMM, control="energy")),
-        SceneError,
-        "control must be an ErrorControl, got 'energy'",
-    ),
     "partition misspelt": (
         lambda: adapt(press(two_cubes()), 0.1, COMM, partition_kind="contact_sfc"),
         SceneError,

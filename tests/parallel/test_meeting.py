@@ -16,7 +16,7 @@ from fx_contact import Beginning, CallError, Checkpoint, RootMesh, adapt, root_m
 from fx_contact.parallel import meeting
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
-from fx_contact.results import RecordWriter, adapt_manufactured, contact_errors, true_error, write_fields
+from fx_contact.results import RecordWriter, contact_errors, true_error, write_fields
 
 COMM = MPI.COMM_WORLD
 #: Where one rank goes another way: the last one, or the one to which all others speak.
@@ -38,7 +38,6 @@ CALLS = {
     "adapt": lambda run, folder: adapt(run.step.scene, 0.1),
     "solve": lambda run, folder: solve(run.step.scene, 0.1),
     "the next step of adapt": lambda run, folder: next(run),
-    "the next step of adapt_manufactured": lambda run, folder: next(adapt_manufactured(0.5)),
     "sweep": lambda run, folder: sweep(lambda _: run.step.scene, [1.0], 0.1),
     FIELDS: lambda run, folder: write_fields(run.step, folder),
     "true_error of step 0": lambda run, folder: true_error(run.step, 0.01),
@@ -184,7 +183,7 @@ ENDS = {
         ["adapt on rank 0", f"{END} on rank 1"],
         2,
     ),
-    "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on rank 0"], 3),
+    "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on ranks 0, 1"], 3),
     "fields": (
         RUN.format("") + "step = next(run)\nif last: write_fields(step, '.')",
         [END, "write_fields of step 0 on rank"],

@@ -8,7 +8,7 @@ import pytest
 from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.scenes.boxes import DOWN, UP, Boxes
+from studies.boxes import DOWN, UP, Boxes
 
 #: The nodes of a cell of order 1, turned by half a turn about z.
 TURNED = [3, 2, 1, 0, 7, 6, 5, 4]

@@ -10,7 +10,7 @@ from uuid import uuid4
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.row_file import RowFile, write_rows
+from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.recovery import Estimate
@@ -80,7 +80,7 @@ class CheckpointWriter:
         values = np.concatenate([prolongation.prolong(step.solution.displacement), step.along[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
-        write_rows(
+        write_checkpoint(
             self._path,
             forest.comm,
             {
@@ -94,10 +94,10 @@ class CheckpointWriter:
                 **(further or {}),
             },
             {
-                "leaves": _names(forest.cell, forest.level, forest.anchor)[:, None],
-                "indicator": _by_leaf(step)[:, None],
-                "refine": step.contact_error.refine[:, None].astype(float),
-                "nodes": prolongation.space.keys[rows, None],
+                "leaves": _names(forest.cell, forest.level, forest.anchor),
+                "indicator": _by_leaf(step),
+                "refine": step.contact_error.refine.astype(np.int8),
+                "nodes": prolongation.space.keys[rows],
                 "values": values[rows],
             },
             self._allow,
@@ -106,7 +106,7 @@ class CheckpointWriter:
 
     def _allow(self):
         """Raises OutputError for the checkpoint of another run, CheckpointError for what is none.  Local."""
-        if self._path.exists() and RowFile(self._path, MPI.COMM_SELF).content["run"] not in self._replaceable:
+        if self._path.exists() and CheckpointFile(self._path, MPI.COMM_SELF).content["run"] not in self._replaceable:
             raise OutputError(
                 f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
                 "restart, remove it, or name another folder"
@@ -193,7 +193,7 @@ class Checkpoint:
             asked = scene_parts(scene)
         check_alike(comm, {"folder": str(folder), **asked})
         self.comm, self._scene = comm, scene
-        self._file = RowFile(self.path, comm)
+        self._file = CheckpointFile(self.path, comm)
         content = self._file.content
         self._compare(content["problem"], asked)
         self.run = content["run"]
@@ -238,16 +238,14 @@ class Checkpoint:
         """
         scene, comm, content = self._scene, self.comm, self._file.content
         leaves, keys, values, error, refine = map(
-            self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
+            self._file.array, ("leaves", "nodes", "values", "indicator", "refine")
         )
-        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0])))
-        keys, rows = np.unique(keys[:, 0], return_index=True)
+        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves)))
+        keys, rows = np.unique(keys, return_index=True)
         space = Space(forest, content["degree"])
         directory = Directory(comm, keys, forest.homes.of_points)
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
-        estimate = Estimate(
-            stress=None, error=error[:, 0], energy=None, **known, child_error=child_error(space.degree)
-        )
+        estimate = Estimate(stress=None, error=error, energy=None, **known, child_error=child_error(space.degree))
         history = RefinementHistory(**content["history"])
-        return State(forest, values[space.cells], estimate, refine[:, 0].astype(np.int8), history)
+        return State(forest, values[space.cells], estimate, refine, history)

@@ -1,39 +1,49 @@
 """Load paths: scenes that depend on a number, each solved from where the one before has ended."""
 
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.adaptive_loop import adapt
+from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
-from fx_contact.adaptive.row_file import RowFile
+from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
+from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path, check_comm, check_number, shown
 from fx_contact.problem.fingerprint import mesh_digest
-from fx_contact.problem.scene import check_scene
+from fx_contact.problem.scene import Scene, check_scene
 
 #: How a point begins (`SweepRecord.begun`).
-ANEW, KEPT, COARSE = "anew", "kept", "coarse"
+ANEW, COARSE = "anew", "coarse"
 
 
 @collective("comm")
-def sweep(scene_of, values, tolerance, comm=MPI.COMM_WORLD, *, folder=None, restart=False, **options):
+def sweep(
+    scene_of: Callable[[float], Scene],
+    values: Iterable[float],
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    **options: Any,
+) -> "Sweep":
     """Solve scenes that depend on a number (approach, force, modulus), each to a prescribed accuracy.
 
-    Collective on comm; so is every point of the iteration.  A point begins with the forest and the displacement of the
-    one before (`carry_over`).  The forest is kept, but for leaves finer than needed, as long as one solve on it reaches
-    the tolerance; from the first point on where it does not, points begin on a coarse forest.  With a kept forest goes
-    the measured effectivity theta of the estimator.  That is sound while neither Poisson's ratios (locking) nor the set
-    of closed contact pairs (what is bent or sheared) change; where they do the forest is coarse, and theta is measured.
-    Where the root mesh or the contact pairs of the scene change, a point is begun anew.
+    Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before, on
+    its forest coarsened by two refinements (`carry_over`): the point refines where its own error is, and measures the
+    effectivity of the estimator.  Where the root mesh or the contact pairs of the scene change, a point is begun anew.
 
     Contact without friction has no history: the points may be solved in any order.
 
@@ -41,13 +51,9 @@ def sweep(scene_of, values, tolerance, comm=MPI.COMM_WORLD, *, folder=None, rest
         scene_of: function of a value that gives the Scene; called collectively, in turn.
         values: of the parameter, numbers.
         tolerance: prescribed relative error e in the energy norm of each point, (6) [-].
-        comm: MPI communicator.
         folder: for `sweep.jsonl`, `sweep.csv` and the checkpoint of the last point; None: nothing is written.
         restart: whether to go on after the last point in that folder; `values` may be more than then.
         options: of `adapt`, for each point; a `beginning` is for points that are begun anew.
-
-    Returns:
-        Sweep, an iterator of SweepPoint.
 
     Raises:
         SceneError: values are no finite numbers, arguments differ between ranks, or as `adapt`.
@@ -71,8 +77,8 @@ def sweep(scene_of, values, tolerance, comm=MPI.COMM_WORLD, *, folder=None, rest
     return Sweep(scene_of, values, tolerance, comm, folder, restart, options)
 
 
-def _checked(values):
-    """Values as a list of float.  Raises SceneError unless they are finite numbers, one at least."""
+def _checked(values: Iterable[float]) -> list[float]:
+    """Raises SceneError unless they are finite numbers, one at least."""
     try:
         values = list(values)
     except TypeError:
@@ -88,8 +94,7 @@ class SweepPoint:
 
     Attributes:
         value: of the parameter.
-        step: Step, the last one.
-        record: SweepRecord.
+        step: the last one.
     """
 
     value: float
@@ -100,89 +105,85 @@ class SweepPoint:
 class Sweep:
     """A load path: an iterator of its points.
 
-    Collective on comm.  `sweep` makes it.
-
-    Args:
-        scene_of, values, tolerance, comm, folder, restart, options: as `sweep` has them, checked.
+    Collective on comm.  `sweep` makes it, from its arguments, checked.
 
     Attributes:
-        records: list of SweepRecord, of all points so far, with those before a restart.
+        records: of all points so far, with those before a restart.
     """
 
-    def __init__(self, scene_of, values, tolerance, comm, folder, restart, options):
-        self.records = []
+    def __init__(
+        self,
+        scene_of: Callable[[float], Scene],
+        values: list[float],
+        tolerance: float,
+        comm: MPI.Intracomm,
+        folder: Path | None,
+        restart: bool,
+        options: dict[str, Any],
+    ) -> None:
+        self.records: list[SweepRecord] = []
         self._scene_of, self._values, self._tolerance, self._comm = scene_of, values, tolerance, comm
-        self._folder, self._options, self._writer = folder, options, None
-        self._before, self._last = None, None  # a Checkpoint to restart from; State and Scene of the last point
-        self._settings = None  # of the last run
+        self._folder, self._options = folder, options
+        self._writer: CheckpointWriter | None = None
+        self._before: Checkpoint | None = None  # to restart from
+        self._last: State | None = None  # of the last point
+        self._settings: Any = None  # of the last run
         if restart:
             self._resume()
 
-    def __iter__(self):
+    def __iter__(self) -> "Sweep":
         return self
 
-    def __next__(self):
+    def __next__(self) -> SweepPoint:
         if len(self.records) >= len(self._values):
             raise StopIteration
         with calling(self._comm, "the next point of sweep"):
             return self._point()
 
-    def _point(self):
-        """Solve the next SweepPoint.  Collective."""
+    def _point(self) -> SweepPoint:
+        """Solve the next one.  Collective."""
         value = self._values[len(self.records)]
         scene = self._scene_of(value)
         with together(self._comm):
             check_scene(scene)
         start = time.process_time()
-        run, begun, solves = self._solved(scene)
-        compiled = sum(one.cpu_seconds["compile"] for one in solves)
+        run, begun = self._solved(scene)
+        compiled = sum(one.cpu_seconds["compile"] for one in run.records)
         record = SweepRecord(
             point=len(self.records),
             value=value,
             begun=begun,
-            solves=len(solves),
-            unknowns=sum(one.dofs for one in solves),
+            solves=len(run.records),
+            unknowns=sum(one.dofs for one in run.records),
             cpu_seconds=self._comm.allreduce(time.process_time() - start) - compiled,
             record=run.step.record,
         )
         self.records.append(record)
-        self._last = (State.of(run.step), scene)
+        self._last = State.of(run.step)
         if self._folder is not None:
             self._keep(run)
         return SweepPoint(value, run.step, record)
 
-    def _solved(self, scene):
-        """The finished Run of a scene, how it has begun, and the StepRecords of all solves.  Collective."""
-        given_up = []
-        for way in self._ways(scene):
-            try:
-                run = self._begun(scene, way)
-            except PartitionError:  # the merged forest has too few leaves for the ranks
-                if way == ANEW:
-                    raise
-                continue
-            if way != KEPT or (run.step.record.reached and self._closed_alike(run.step.record)):
-                break
-            given_up += run.records
+    def _solved(self, scene: Scene) -> tuple[Run, str]:
+        """The finished Run of a scene, and how it has begun.  Collective."""
+        begun = COARSE if self._last is not None and _same_root(self._last.forest, scene) else ANEW
+        try:
+            run = self._begun(scene, begun)
+        except PartitionError:  # the coarse forest has too few leaves for the ranks
+            if begun == ANEW:
+                raise
+            begun = ANEW
+            run = self._begun(scene, begun)
         while run.advance():
             pass
-        return run, way, given_up + run.records
+        return run, begun
 
-    def _ways(self, scene):
-        """How the point of a scene may begin, the best first.  Local."""
-        if self._last is None or not _same_root(self._last[0].forest, scene):
-            return [ANEW]
-        record, before = self.records[-1], self._last[1]
-        alike = [m.poisson for m in scene.materials.values()] == [m.poisson for m in before.materials.values()]
-        return [KEPT, COARSE, ANEW] if alike and record.begun != COARSE else [COARSE, ANEW]
-
-    def _begun(self, scene, way):
+    def _begun(self, scene: Scene, way: str) -> Run:
         """A Run of a scene after its first step.  Collective."""
         options = dict(self._options)
-        if way != ANEW:
+        if way == COARSE:
             asked, kind = self._settings, options.get("partition_kind", "contact-sfc")
-            coarse = way == COARSE
-            options["beginning"] = carried_over(self._last[0], asked.tolerance, asked.control, kind, coarse)
+            options["beginning"] = carried_over(self._last, asked.tolerance, asked.control, kind)
         run = adapt(scene, self._tolerance, self._comm, **options)
         self._settings = run.settings
         if self._folder is not None and self._writer is None:
@@ -191,20 +192,16 @@ class Sweep:
         run.advance()
         return run
 
-    def _closed_alike(self, record):
-        """Whether the same contact pairs are closed as in the last point.  Local."""
-        return np.array_equal(np.array(record.pair_forces) > 0, np.array(self.records[-1].record.pair_forces) > 0)
-
-    def _keep(self, run):
+    def _keep(self, run: Run) -> None:
         """Write the points so far, and the state from which a restart goes on.  Collective."""
         points = [record.as_json() for record in self.records]
         self._writer.save(run.step, [run.step.record], {"problem": run.settings.problem, "points": points})
         write_sweep(self._folder, self._comm, self.records)
 
-    def _resume(self):
+    def _resume(self) -> None:
         """Take up the last point in the folder.  Collective."""
         path, comm = self._folder / NAME, self._comm
-        points = RowFile(path, comm).content.get("points")
+        points = CheckpointFile(path, comm).content.get("points")
         with together(comm):
             if points is None:
                 raise CheckpointError(f"{str(path)!r} is of a single run, not of a sweep: name another folder")
@@ -220,11 +217,11 @@ class Sweep:
         self._settings = adapt(scene, self._tolerance, comm, **self._options).settings
         with together(comm):
             self._before.check(self._settings.problem, self._settings.kept())
-        self._last = (self._before.load(), scene)
+        self._last = self._before.load()
         write_sweep(self._folder, comm, self.records)
 
 
-def _same_root(forest, scene):
+def _same_root(forest: Forest, scene: Scene) -> bool:
     """Whether a forest is on the root mesh of a scene, with its contact pairs.  Local."""
     same = forest.mesh is scene.mesh or mesh_digest(forest.mesh) == mesh_digest(scene.mesh)
     return same and np.array_equal(forest.pairing.partner, scene.pairing.partner)

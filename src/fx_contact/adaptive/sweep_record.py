@@ -5,6 +5,10 @@ import io
 import json
 import os
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+from mpi4py import MPI
 
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.errors import OutputError, writing
@@ -21,9 +25,9 @@ class SweepRecord:
     Attributes:
         point: number of the point, from 0.
         value: of the parameter.
-        begun: "anew" on the root cells, on the last point's forest "kept" where that was needed, or on a "coarse" one.
-        solves: number of steps solved, with the one on a kept forest that did not do.
-        unknowns: of all these solves together.
+        begun: "anew" on the root cells, or on the "coarse" forest of the point before.
+        solves: number of steps.
+        unknowns: of all steps together.
         cpu_seconds: of the point, all ranks together, without its scene and compilation [s].
         record: StepRecord of the last step.
     """
@@ -36,18 +40,15 @@ class SweepRecord:
     cpu_seconds: float
     record: StepRecord
 
-    def as_json(self):
-        """The entries: dict.  Local."""
+    def as_json(self) -> dict[str, Any]:
+        """The entries.  Local."""
         return asdict(self) | {"record": self.record.as_json()}
 
     @classmethod
-    def from_json(cls, entries):
-        """A record from its entries.
+    def from_json(cls, entries: dict[str, Any]) -> Self:
+        """A record from its entries, as `as_json` gives them.
 
         Local.
-
-        Args:
-            entries: dict, as `as_json` gives it.
 
         Raises:
             TypeError: an entry is missing.
@@ -56,15 +57,13 @@ class SweepRecord:
         return cls(**known | {"record": StepRecord.from_json(entries["record"])})
 
 
-def write_sweep(folder, comm, points):
+def write_sweep(folder: Path, comm: MPI.Intracomm, points: list[SweepRecord]) -> None:
     """Write the points of a load path as `sweep.jsonl` and `sweep.csv`, in the place of those that are there.
 
     Collective on comm; rank 0 writes.
 
     Args:
-        folder: Path of a folder that is there.
-        comm: MPI communicator.
-        points: list of SweepRecord.
+        folder: one that is there.
 
     Raises:
         OutputError: a file cannot be written.
@@ -76,7 +75,7 @@ def write_sweep(folder, comm, points):
                 _replace(folder / name, text)
 
 
-def _replace(path, text):
+def _replace(path: Path, text: str) -> None:
     """Write a file beside the old one, then let it take its name.  Local."""
     new = path.with_name(f"{path.name}.new")
     if path.exists() and not path.is_file():
@@ -86,8 +85,8 @@ def _replace(path, text):
         os.replace(new, path)
 
 
-def _table(points):
-    """The points as CSV: str."""
+def _table(points: list[SweepRecord]) -> str:
+    """The points as CSV."""
     columns = [one.name for one in fields(SweepRecord) if one.name != "record"]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")

@@ -1,20 +1,24 @@
-"""Settings compared: between the ranks of a run, which would wait for each other for ever, and with a run before."""
+"""Comparison of settings: between the ranks of a run, and with an earlier run."""
 
 import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
 
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path
 
 
-def check_alike(comm, settings):
+def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
     """See that all ranks are asked for the same.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        settings: dict that JSON can hold, what this rank is asked for by name.
+        settings: what this rank is asked for by name, as JSON can hold it.
 
     Raises:
         SceneError: ranks differ; it says in what.
@@ -25,20 +29,21 @@ def check_alike(comm, settings):
             raise SceneError(f"all ranks must be asked for the same, but they differ in {differing}")
 
 
-def shared_path(comm, what, value, error=SceneError, kind=as_path):
+def shared_path(
+    comm: MPI.Intracomm,
+    what: str,
+    value: Any,
+    error: type[Exception] = SceneError,
+    kind: Callable[[str, Any, type[Exception]], Path] = as_path,
+) -> Path:
     """A path from what the user gave, the same on all ranks.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        what: it is, for the message.
-        value: as given.
-        error: type to raise where it is no path.
+        what: its name in the message.
+        error: raised where it is no path.
         kind: `as_path`, or `as_folder` where files will be in it.
-
-    Returns:
-        Path.
 
     Raises:
         SceneError, or the error given: it is none on some rank, or not the same on all.
@@ -49,17 +54,12 @@ def shared_path(comm, what, value, error=SceneError, kind=as_path):
     return path
 
 
-def differences(one, other, here, there):
-    """What two settings differ in, as a sentence has it; empty if in nothing.
-
-    Local.
+def differences(one: Mapping[str, Any], other: Mapping[str, Any], here: str, there: str) -> str:
+    """Entries in which two settings differ, as a sentence has them; empty if in none.  Local.
 
     Args:
-        one, other: dict that JSON can hold.
+        one, other: as JSON can hold them.
         here, there: what follows the values of each.
-
-    Returns:
-        str.
     """
     one, other = (json.loads(json.dumps(settings, default=float)) for settings in (one, other))
     return "; ".join(
@@ -69,11 +69,11 @@ def differences(one, other, here, there):
     )
 
 
-def _alike(one, other):
-    """Whether two values are equal, or written alike: NaN is not equal to itself."""
+def _alike(one: Any, other: Any) -> bool:
+    """Two values are equal, or written alike: NaN is not equal to itself."""
     return one == other or json.dumps(one) == json.dumps(other)
 
 
-def _brief(value):
+def _brief(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 200 else text[:197] + "..."

@@ -138,8 +138,6 @@ class _Partners:
 
     def __init__(self, comm, destination):
         meetings = meetings_of(comm)
-        if not meetings.own:
-            meetings.duplicate()
         meetings.turns, self._link = meetings.turns + 1, meetings.link
         self.targets, self._sent = np.unique(destination, return_counts=True)
         self.sources, self.received = _announced(self._link, _LENGTHS[meetings.turns % 2], self.targets, self._sent)

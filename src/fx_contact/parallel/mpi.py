@@ -16,10 +16,13 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.parallel.exchange import Exchange
-from fx_contact.parallel.hashing import mixed
+
+#: 2^64 over the golden ratio, odd: multiples of it lie evenly (D. E. Knuth, The Art of Computer Programming 3, 6.4).
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 @contextmanager
@@ -64,19 +67,11 @@ def _sendable(error):
         return RuntimeError(f"{type(error).__name__}: {error}")
 
 
-def hashed(keys, size):
-    """A rank for each key; neighbouring keys spread evenly.
-
-    Local.
-
-    Args:
-        keys: (n,) int64 non-negative.
-        size: number of ranks.
-
-    Returns:
-        (n,) int32.
-    """
-    return ((mixed(keys) >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
+def hashed(keys: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int32]:
+    """A rank below `size` for each non-negative key, by Fibonacci hashing: neighbouring keys spread evenly.  Local."""
+    bits = keys.astype(np.uint64)
+    mixed = (bits ^ bits >> np.uint64(32)) * _GOLDEN
+    return ((mixed >> np.uint64(33)) % np.uint64(size)).astype(np.int32)
 
 
 class Directory:

@@ -4,7 +4,6 @@ from fx_contact.adaptive.resultants import undirected
 from fx_contact.results.accuracy import contact_errors, field_error
 from fx_contact.results.analytic import Hertz, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
-from fx_contact.results.manufactured import adapt_manufactured
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import REFERENCES, ContactReference
@@ -18,7 +17,6 @@ __all__ = [
     "Persson",
     "RecordWriter",
     "ShrinkFit",
-    "adapt_manufactured",
     "contact_errors",
     "contact_functions",
     "doubt_lines",

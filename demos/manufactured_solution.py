@@ -4,9 +4,12 @@ A smooth displacement u is chosen on a quarter of a ring.  The loads are the bod
 tractions t = sigma(u) n; both ends of the ring have prescribed displacements.  There is no contact.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -16,7 +19,7 @@ from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.recovery import Recovery
+from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.compilation import compiled
@@ -28,12 +31,10 @@ from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
-from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.meeting import calling
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.validation import shown
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.shapes import root_mesh_from_shapes
 from fx_contact.problem.solids import ring
 from fx_contact.results.accuracy import field_error, fine_quadrature
@@ -42,30 +43,22 @@ from fx_contact.results.accuracy import field_error, fine_quadrature
 _CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)
 
 
-def quarter_ring(order=3, coarse=4):
+def quarter_ring(order: int = 3, coarse: int = 4) -> RootMesh:
     """Root mesh of a quarter of a ring: radii 0.5 and 1, height 0.5 [m].  Local.
+
+    Its two straight ends are `start` and `end`, all other faces `outside`.
 
     Args:
         order: of the root mesh, 1 to 6.
         coarse: root cells across the ring; twice as many around it.
-
-    Returns:
-        RootMesh, the body `ring`, its two straight ends `start` and `end`, all other faces `outside`.
     """
     shape = ring(0.5, 1.0, 0.5, (coarse, 2 * coarse, coarse), order, quarters=1)
     outside = [f"ring {side}" for side in ("inside", "outside", "bottom", "top")]
     return root_mesh_from_shapes({"ring": shape}, {"start": "ring y = 0", "end": "ring x = 0", "outside": outside})
 
 
-def bump(x):
-    """The displacement u = d exp(-|x - x_c|^2 / (2 w^2)) [m].  Local.
-
-    Args:
-        x: position, three UFL expressions or NumPy arrays [m].
-
-    Returns:
-        three of the same.
-    """
+def bump(x: Any) -> list[Any]:
+    """The displacement u = d exp(-|x - x_c|^2 / (2 w^2)) [m]; x has three UFL expressions or arrays [m].  Local."""
     exp = ufl.exp if isinstance(x[0], ufl.core.expr.Expr) else np.exp
     height = exp(-sum((a - b) ** 2 for a, b in zip(x, _CENTRE)) / (2 * _WIDTH**2))
     return [direction * height for direction in _DIRECTION]
@@ -91,81 +84,64 @@ class ManufacturedStep:
     """The state after one step.
 
     Attributes:
-        record: ManufacturedRecord.
-        forest: Forest.
-        elasticity: Elasticity; its `u` is the displacement.
-        estimate: Estimate.
+        elasticity: its `u` is the displacement.
     """
 
     record: ManufacturedRecord
     forest: Forest
     elasticity: Elasticity
-    estimate: object
+    estimate: Estimate
 
 
 def adapt_manufactured(
-    tolerance,
-    comm=MPI.COMM_WORLD,
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
-    degree=DEGREE,
-    order=3,
-    geometry_order=None,
-    coarse=4,
-    uniform=False,
-    control=None,
-    max_steps=20,
-):
+    degree: int = DEGREE,
+    order: int = 3,
+    coarse: int = 4,
+    uniform: bool = False,
+    control: ErrorControl | None = None,
+    max_steps: int = 20,
+) -> Iterator[ManufacturedStep]:
     """Solve the manufactured problem on finer and finer forests.
 
     Collective on comm; so is every step of the iteration.
 
     Args:
         tolerance: estimated error relative to the solution at which to stop [-].
-        comm: MPI communicator.
         degree: p of the displacement, 1 or 2.
-        order: of the root mesh, 1 to 6.
-        geometry_order: of the leaf maps; None: that of the root mesh.
+        order: of the root mesh and the leaf maps, 1 to 6.
         coarse: root cells across the ring.
         uniform: refine all leaves in each step, from a mesh whose lower half is finer, so that all steps have hanging
             nodes; else refine those that the control marks.
-        control: ErrorControl, for its marking alone; None: the default one.
+        control: for its marking alone; None: the default one.
         max_steps: most solves.
-
-    Yields:
-        ManufacturedStep.
-
-    Raises:
-        SceneError: a tolerance that is not positive, another degree, no ErrorControl.
     """
-    if not tolerance > 0:
-        raise SceneError(f"the tolerance must be a positive number, got {tolerance!r}")
     control = ErrorControl() if control is None else control
-    if not isinstance(control, ErrorControl):
-        raise SceneError(f"control must be an ErrorControl, got {shown(control)}")
     mesh, history, step = quarter_ring(order, coarse), control.begin(), None
     for number in range(max_steps):
         stages = Stages()
-        with calling(comm, "the next step of adapt_manufactured"):
-            if step is None:
-                forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
-                if uniform:
-                    forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
-            else:
-                times = np.ones(len(forest), dtype=np.int8)
-                if not uniform:
-                    marked, history = control.marked(step.estimate, tolerance, history, comm)
-                    times[step.elasticity.leaf_mesh.leaf] = marked
-                forest, _ = forest.refined_with(times)
-            with stages("partition"):
-                forest, _ = repartition(forest, None, "contact-sfc")
-            step = _solve(number, Space(forest, degree), geometry_order or order, tolerance, stages)
+        if step is None:
+            forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
+            if uniform:
+                forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
+        else:
+            times = np.ones(len(forest), dtype=np.int8)
+            if not uniform:
+                marked, history = control.marked(step.estimate, tolerance, history, comm)
+                times[step.elasticity.leaf_mesh.leaf] = marked
+            forest, _ = forest.refined_with(times)
+        with stages("partition"):
+            forest, _ = repartition(forest, None, "contact-sfc")
+        step = _solve(number, Space(forest, degree), order, tolerance, stages)
         yield step
         if step.record.estimate <= tolerance:
             return
 
 
-def _solve(number, space, order, tolerance, stages):
-    """Discretise, solve and estimate: ManufacturedStep.  Collective."""
+def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stages) -> ManufacturedStep:
+    """Discretise, solve and estimate.  Collective."""
     forest, material = space.forest, Material(young=1.0, poisson=0.3)
     with stages("hanging"):
         prolongation = Prolongation(space)
@@ -203,7 +179,7 @@ def _solve(number, space, order, tolerance, stages):
     return ManufacturedStep(record, forest, elasticity, guess)
 
 
-def _load(forest, elasticity, stages):
+def _load(forest: Forest, elasticity: Elasticity, stages: Stages) -> npt.NDArray[np.float64]:
     """Nodal forces of f and t on the conforming nodes: (owned, 3) [N].  Collective."""
     mesh, test = elasticity.mesh, ufl.TestFunction(elasticity.function_space)
     mesh.topology.create_connectivity(2, 3)
@@ -218,7 +194,7 @@ def _load(forest, elasticity, stages):
     return elasticity.prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(form).array))
 
 
-def _prescribed(forest, prolongation):
+def _prescribed(forest: Forest, prolongation: Prolongation) -> npt.NDArray[np.float64]:
     """u at the conforming nodes of both ends of the ring: (owned, 3) [m], NaN elsewhere.  Collective."""
     space, on = prolongation.space, np.zeros(len(prolongation.space), dtype=bool)
     for name in ("start", "end"):

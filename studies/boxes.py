@@ -1,6 +1,9 @@
 """Bodies made of box cells, whose facets are found by their place: root meshes of studies and tests."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
+import numpy.typing as npt
 
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
@@ -19,12 +22,15 @@ class Boxes:
         order: of the cell maps.
     """
 
-    def __init__(self, order):
+    def __init__(self, order: int) -> None:
         self._order = order
-        self._points, self._cells, self._bodies, self._body = [], [], [], []
+        self._points: list[npt.NDArray[np.float64]] = []
+        self._cells: list[npt.NDArray[np.integer]] = []
+        self._body: list[npt.NDArray[np.int32]] = []
+        self._bodies: list[str] = []
         self._count = 0
 
-    def add(self, name, low, high, counts):
+    def add(self, name: str, low: Sequence[float], high: Sequence[float], counts: Sequence[int]) -> None:
         """Add a body.
 
         Args:
@@ -39,7 +45,9 @@ class Boxes:
         self._bodies.append(name)
         self._count += len(shape.points)
 
-    def facets(self, face, level, body=None, within=np.inf):
+    def facets(
+        self, face: int, level: float, body: str | None = None, within: float = np.inf
+    ) -> npt.NDArray[np.int32]:
         """Faces of cells that look one way and lie in a plane.
 
         Args:
@@ -49,7 +57,7 @@ class Boxes:
             within: half width of the square about the z axis that the facets' centres lie in [-].
 
         Returns:
-            (n, 2) int32 rows (cell, local face).
+            (n, 2) rows (cell, local face).
         """
         low, high = self._ends()
         axis, end = hexahedron.FACE_AXIS[face], (low, high)[hexahedron.FACE_SIDE[face]]
@@ -60,15 +68,17 @@ class Boxes:
         cell = np.flatnonzero(here)
         return np.stack([cell, np.full(len(cell), face)], axis=1).astype(np.int32)
 
-    def mesh(self, surfaces, curves=None, place=None):
+    def mesh(
+        self,
+        surfaces: dict[str, npt.NDArray[np.int32]],
+        curves: dict[str, npt.NDArray[np.int32]] | None = None,
+        place: Callable[[str, npt.NDArray[np.float64]], npt.NDArray[np.float64]] | None = None,
+    ) -> RootMesh:
         """The root mesh.
 
         Args:
-            surfaces, curves: name -> rows, as in RootMesh.
-            place: function of a body's name and its (n, 3) float64 points [-] that says where they are [m].
-
-        Returns:
-            RootMesh.
+            surfaces, curves: rows by name, as in RootMesh.
+            place: a body's name and its (n, 3) points [-] -> their positions [m]; None: as they are.
         """
         points = [place(name, x) for name, x in zip(self._bodies, self._points)] if place else self._points
         return RootMesh(
@@ -80,7 +90,7 @@ class Boxes:
             curves=curves or {},
         )
 
-    def _ends(self):
-        """Low and high corners of all cells: two (n, 3) float64."""
+    def _ends(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Low and high corners (n, 3) of all cells."""
         points, cells = np.concatenate(self._points), np.concatenate(self._cells)
         return points[cells[:, 0]], points[cells[:, -1]]
