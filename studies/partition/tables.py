@@ -52,7 +52,7 @@ def table(rows):
             for kind, row in here.items():
                 result[-1] |= {
                     f"cut_{kind}": row.quality.cut_facets / best,
-                    f"imbalance_{kind}": row.quality.weight_imbalance,
+                    f"imbalance_{kind}": row.quality.imbalance,
                     f"partners_max_{kind}": row.partners.partners_max,
                     f"partners_mean_{kind}": row.partners.partners_mean,
                 }
