@@ -20,7 +20,7 @@ from math import log
 from pathlib import Path
 from string import Formatter
 
-from studies.partition.claims import claims, in_milliseconds
+from studies.partition.tables import claims, in_milliseconds
 from studies.stability.figures import named
 
 TOP = Path(__file__).parents[1]
@@ -64,46 +64,28 @@ PARTITION = {
     "parts": "{parts:d}",
     "leaves a part": "{leaves_per_part:,}",
     "cut facets, graph": "{cut_facets_graph:,}",
-    "contact-sfc": "{cut_contact_sfc:.2f}",
-    "curve only": "{cut_curve_only:.2f}",
+    "contact-sfc": "{cut_contact-sfc:.2f}",
     "sfc": "{cut_sfc:.2f}",
     "equidistributed": "{cut_equidistributed:.2f}",
     "split pairs, sfc": "{split_pairs_sfc:,}",
-    "imbalance, contact-sfc": "{imbalance_contact_sfc:.3f}",
     "imbalance, graph": "{imbalance_graph:.3f}",
     "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
-    "neighbours": "{neighbours:.1f}",
-    "halo a part": "{halo_KiB:.0f} KiB",
 }
-PARTITION2 = {
-    name: text for name, text in PARTITION.items() if name not in ("curve only", "imbalance, equidistributed")
-}
-PARTITION2["imbalance of unknowns"] = "{imbalance_unknowns:.3f}"
-
 PARTNERS = {
     "benchmark": "{benchmark}",
     "parts": "{parts:d}",
-    "contact-sfc": "{partners_max_contact_sfc:d} ({partners_mean_contact_sfc:.1f})",
-    "curve only": "{partners_max_curve_only:d} ({partners_mean_curve_only:.1f})",
-    "sfc": "{partners_max_sfc:d} ({partners_mean_sfc:.1f})",
-    "graph": "{partners_max_graph:d} ({partners_mean_graph:.1f})",
-    "equidistributed": "{partners_max_equidistributed:d} ({partners_mean_equidistributed:.1f})",
-    "keys a part, contact-sfc": "{keys_KiB:.0f} KiB",
-    "keys a part, equidistributed": "{keys_KiB_equidistributed:.0f} KiB",
-    "reductions, curve": "{reductions_curve_only:d} ({summed_curve_only:.1f} P)",
-    "contact-sfc, reductions": "{reductions_contact_sfc:d} ({summed_contact_sfc:.1f} P)",
+    **{
+        kind: f"{{partners_max_{kind}:d}} ({{partners_mean_{kind}:.1f}})"
+        for kind in ("contact-sfc", "sfc", "graph", "equidistributed")
+    },
+    "reductions": "{reductions:d} ({summed:.1f} P)",
 }
 MODEL = {
     "benchmark": "{benchmark}",
     "processors": "{parts:d}",
-    **{name: f"{{{name}_ms:,.0f}}" for name in ("tree", "assemble", "setup", "solve", "estimate", "total")},
+    "contact-sfc": "{total_ms:,.0f}",
     "gain": ("{gain:.2f}", ""),
-    "exchanges of the tree": "{exchanges_ms:,.1f}",
-    "its reductions": "{reductions_ms:,.1f}",
-    "messages in the solver": "{waiting:.0%}",
-    "curve only": "{curve_only_ms:,.0f}",
-    "sfc": "{sfc_ms:,.0f}",
-    "equidistributed": "{equidistributed_ms:,.0f}",
+    **{kind: f"{{{kind}_ms:,.0f}}" for kind in ("sfc", "graph", "equidistributed")},
 }
 KERNELS = {
     "tree": "{tree:.1f}",
@@ -331,7 +313,7 @@ TABLES = {
         markdown, columns={"promise": "{promise}", "measured": "{measured}"}
     ),
     "studies/partition/table.csv": partial(markdown, columns=PARTITION),
-    "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION2),
+    "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION),
     "studies/partition/table.csv#partners": partial(markdown, columns=PARTNERS),
     "studies/partition/table_degree2.csv#partners": partial(markdown, columns=PARTNERS),
     **{

@@ -133,20 +133,12 @@ def _seconds(steps, stages):
 
 
 def growth(folder, large):
-    """CPU seconds and memory of a step against its unknowns: slopes in the logarithms, and a picture."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for case, marker in zip([*GROWTH, *(LARGE if large else {})], "os^Dv"):
+    """CPU seconds and memory of a step against its unknowns: slopes in the logarithms."""
+    for case in [*GROWTH, *(LARGE if large else {})]:
         steps = records(case, folder)
         dofs = np.array([step["dofs"] for step in steps])
         seconds = np.array([cpu([step]) for step in steps])
         memory = np.array([step["peak_memory_bytes"] for step in steps])
-        for panel, values in zip(axes, (seconds, memory / 1e9)):
-            panel.loglog(dofs, values, marker=marker, label=f"{case.demo} {case.options}")
         big = dofs >= 1e4
         slopes = [np.polyfit(np.log(dofs[big]), np.log(y[big]), 1)[0] for y in (seconds, memory)]
         rate = np.interp(np.log([1e5, dofs[-1]]), np.log(dofs), seconds / dofs)
@@ -157,11 +149,6 @@ def growth(folder, large):
             "slope_of_memory": slopes[1],
             "rate_over_that_at_1e5": rate[1] / rate[0],
         }
-    for panel, label in zip(axes, ("CPU seconds of a step, all ranks", "peak memory of all ranks [GB]")):
-        panel.set(xlabel="conforming dofs", ylabel=label)
-        panel.grid(which="both", alpha=0.3)
-    axes[0].legend(frameon=False, fontsize=8)
-    figure.savefig(folder / "growth.png", dpi=150)
 
 
 def python(folder, _large):

@@ -1,7 +1,6 @@
 """Pictures of the partition study."""
 
 import matplotlib
-import numpy as np
 
 matplotlib.use("Agg")
 
@@ -11,34 +10,34 @@ from studies.pictures.files import with_few_colours  # noqa: E402
 
 STYLES = {
     "contact-sfc": dict(color="#0072B2", marker="o"),
-    "contact-sfc, curve only": dict(color="#56B4E9", marker=".", ls=":"),
     "sfc": dict(color="#009E73", marker="s"),
     "graph": dict(color="#000000", marker="^"),
     "equidistributed": dict(color="#D55E00", marker="v"),
 }
-STAGE_COLOURS = dict(
-    zip(("tree", "assemble", "setup", "solve", "estimate"), ("#009E73", "#E69F00", "#CC79A7", "#0072B2", "#999999"))
-)
 
 
 def draw_cuts(rows, path):
-    """Cut facets of each kind against the number of parts, one panel a benchmark.
+    """Cut facets of each kind over those of PT-SCOTCH against the number of parts, one panel a benchmark.
 
     Args:
-        rows: Scores.
+        rows: dicts, those of `tables.table`.
         path: of the PNG.
     """
-    scenes = list(dict.fromkeys(row.scene for row in rows))
+    scenes = list(dict.fromkeys(row["benchmark"] for row in rows))
     figure, panels = plt.subplots(
         1, len(scenes), figsize=(5.2 * len(scenes), 4.2), layout="constrained", squeeze=False
     )
     for axes, scene in zip(panels[0], scenes):
-        here = [row for row in rows if row.scene == scene]
+        here = [row for row in rows if row["benchmark"] == scene]
+        parts = [row["parts"] for row in here]
         for kind, style in STYLES.items():
-            chosen = [row.quality for row in here if row.kind == kind and row.quality.cut_facets]
-            axes.loglog([q.parts for q in chosen], [q.cut_facets for q in chosen], label=kind, ms=5, lw=1.4, **style)
-        axes.set_title(f"{scene}, {here[0].leaves:,} leaves", fontsize=11)
-        _axes(axes, "parts", "cut facets", here)
+            axes.loglog(parts, [row[f"cut_{kind}"] for row in here], label=kind, ms=5, lw=1.4, **style)
+        axes.set_title(scene, fontsize=11)
+        axes.set(xlabel="parts", ylabel="cut facets over those of graph")
+        axes.set_xticks(parts, [f"{p}" for p in parts], rotation=45, fontsize=8)
+        axes.set_yticks([1, 2, 5, 10], ["1", "2", "5", "10"])
+        axes.minorticks_off()
+        axes.spines[["top", "right"]].set_visible(False)
     panels[0][0].legend(frameon=False, fontsize=9)
     figure.savefig(path, dpi=130)
     plt.close(figure)
@@ -65,42 +64,7 @@ def side_by_side(pictures, title, path):
     with_few_colours(path)
 
 
-def draw_prediction(predictions, dofs, path):
-    """Predicted seconds of an adaptive step against the number of processors, beside the ideal slope.
+if __name__ == "__main__":
+    from studies import tables
 
-    Args:
-        predictions: kind -> {parts: seconds by stage}.
-        dofs: of the mesh, by benchmark name: a title.
-        path: of the PNG.
-    """
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.4, 4.4), layout="constrained")
-    for kind in reversed(STYLES):  # contact-sfc on top
-        by_parts = predictions[kind]
-        parts = np.array(list(by_parts))
-        left.loglog(parts, [s["total"] for s in by_parts.values()], label=kind, ms=5, lw=1.4, **STYLES[kind])
-    best = predictions["contact-sfc"]
-    parts = np.array(list(best))
-    for stage, colour in STAGE_COLOURS.items():
-        right.loglog(parts, [s[stage] for s in best.values()], color=colour, marker="o", ms=4, lw=1.4, label=stage)
-    for axes, stage, what in ((left, "total", "all stages"), (right, "solve", "contact-sfc by stage")):
-        axes.loglog(
-            parts, best[parts[0]][stage] * parts[0] / parts, "--", color="#666666", lw=1, label=f"ideal ({stage})"
-        )
-        axes.set_title(f"MODEL: {dofs}, {what}", fontsize=11)
-        axes.set_xticks(parts, [f"{p}" for p in parts], rotation=45, fontsize=8)
-        axes.minorticks_off()
-        axes.set_xlabel("processors")
-        axes.set_ylabel("seconds of an adaptive step")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, fontsize=9)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
-
-
-def _axes(axes, xlabel, ylabel, rows):
-    ticks = sorted({row.quality.parts for row in rows})
-    axes.set_xticks(ticks, [f"{p}" for p in ticks], rotation=45, fontsize=8)
-    axes.minorticks_off()
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(ylabel)
-    axes.spines[["top", "right"]].set_visible(False)
+    draw_cuts(tables.read(tables.TOP / "studies/partition/table.csv")[1], tables.TOP / "studies/partition/cut.png")

@@ -4,7 +4,7 @@
     mpirun -n 2 python3 -m studies.partition.on_ranks --few 0      # from point to point on two ranks, too
 
 The last step of Hertz at degree 1. Exchanges by keys are those after the leaves have come to their ranks, as the study
-counts them for the partition of the run; the others move leaves, straighten interfaces and make graphs. It fails where
+counts them for the partition of the run; the others move leaves and make graphs. It fails where
 the study counts something else.
 """
 
@@ -18,7 +18,7 @@ from fx_contact import adapt
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest import forest, interface_smoothing, leaf_graph
+from fx_contact.forest import forest, leaf_graph
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel import exchange, mpi
 from fx_contact.scenes import hertz
@@ -47,7 +47,7 @@ class NotedOther(Noted):
 def run(tolerance):
     """The last step of a run, with the partners of its exchanges noted.  Collective."""
     mpi.Exchange = Noted
-    forest.Exchange = interface_smoothing.Exchange = leaf_graph.Exchange = NotedOther
+    forest.Exchange = leaf_graph.Exchange = NotedOther
     made = adaptive_loop.repartition
 
     def repartition(*arguments):

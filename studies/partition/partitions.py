@@ -13,10 +13,7 @@ from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
 from studies.partition.assignment import assign
-from studies.partition.partners import most_pairs, straightening
 
-#: What is scored beside the kinds: contact-sfc before its interfaces are straightened.
-CURVE = "contact-sfc, curve only"
 #: PT-SCOTCH differs from run to run, most where parts are few: up to so many parts, the median of so many runs.
 REPEATED, REPEATS = 64, 5
 
@@ -26,12 +23,12 @@ class Made:
     """A partition, and how it came about.
 
     Attributes:
-        kind: a key of `KINDS`, or `CURVE`.
+        kind: a key of `KINDS`.
         part: (n,) int, part of each leaf.
         seconds: to make it, once keys and graph are there.
         cuts: (parts - 1,) int64, of the curve; None if it has none.
         rows: name -> (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
-        sums: `reductions`, `summed` and `weighed`, as `Partners` has them.
+        sums: `reductions` and `summed`, as `Partners` has them.
     """
 
     kind: str
@@ -106,7 +103,7 @@ def before(forests, lineage, parts, kind):
         part = dealt_out_again(forests[:-1], lineage, parts)
     else:
         try:
-            units, part = assign(forests[-2], parts, "contact-sfc" if kind == CURVE else kind)
+            units, part = assign(forests[-2], parts, kind)
         except PartitionError:
             return None
         part = part[units.of_leaf]
@@ -117,31 +114,27 @@ def partitions(forests, lineage, parts, pieces):
     """Yield all partitions into a number of parts as `Made`; `pieces` are Units with and without pairs."""
     for units in (pieces[True].graph, *pieces.values()):
         units.comm = Summing(units.comm)
-    for kind in (CURVE, *KINDS):
-        about = KINDS["contact-sfc" if kind == CURVE else kind]
-        units, rows, cuts, loads = pieces[about.pairs], {}, None, []
+    for kind, about in KINDS.items():
+        units, cuts = pieces[about.pairs], None
         present = before(forests, lineage, parts, kind)
         Summing.noted.clear()
         start = time.perf_counter()
         if kind == "equidistributed":
             part = dealt_out_again(forests, lineage, parts)
+            rows = {"move": (present, part)}
         else:
             part, cuts = along_curve(units, parts, None)
             rows = {"move": (present, part[units.of_leaf])}
-            if kind != CURVE and len(about.stages) > 1:
+            if kind == "graph":
                 curve = part
-                with straightening(cuts, parts) as (asked, loads):
-                    part, _ = about.stages[1](units, parts, part)
+                part, _ = by_graph(units, parts, part)
                 rows["graph along the curve"] = curve[units.graph.rows], curve[units.graph.matrix.indices]
-                rows["straightening"] = most_pairs(asked, parts)
                 rows["move from the curve"] = curve[units.of_leaf], part[units.of_leaf]
             part = part[units.of_leaf]
         seconds = time.perf_counter() - start
-        if kind == "equidistributed":
-            rows = {"move": (present, part)}
         if present is None:
             rows.pop("move")
-        sums = {"reductions": len(Summing.noted), "summed": sum(Summing.noted), "weighed": len(loads)}
+        sums = {"reductions": len(Summing.noted), "summed": sum(Summing.noted)}
         yield Made(kind, part, seconds, cuts, rows, sums)
 
 

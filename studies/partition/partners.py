@@ -1,18 +1,16 @@
 """With how many other parts a part exchanges rows in an adaptive step: counted on one rank, for any partition.
 
-A step of a run: leaves move from the partition before, interfaces are straightened, nodes are named, hanging ones find
-theirs, the graph of the leaves is made, and refinement asks around.  In each exchange a part is a partner of another
+A step of a run: leaves move from the partition before, nodes are named, hanging ones find theirs, the graph of the
+leaves is made, and refinement asks around.  In each exchange a part is a partner of another
 where a row goes from one to the other, an answer back.  Solver and halos are not counted here.
 """
 
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_contact.fem.prolongation import _hanging_points, _masters, _points_on
-from fx_contact.forest import interface_smoothing
 from fx_contact.forest.homes import Homes
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL
@@ -33,7 +31,6 @@ class Partners:
         key_bytes_max: sent and received by the part that moves most.
         reductions: how often numbers are summed over the ranks while the partition is made.
         summed: how many numbers these are in all.
-        weighed: how often the weights of all parts are taken, over the ranks or, of small graphs, by each for itself.
     """
 
     exchange: str
@@ -43,7 +40,6 @@ class Partners:
     key_bytes_max: int
     reductions: int = 0
     summed: int = 0
-    weighed: int = 0
 
 
 class Exchanges:
@@ -77,7 +73,7 @@ class Exchanges:
             part: (n,) int, part of each leaf.
             cuts: (parts - 1,) int64, of the curve, by which homes are given; None: by a hash.
             others: dict, name -> (k,) int and (k,) int parts, between which rows go in an exchange that is not by keys.
-            sums: dict, `reductions`, `summed` and `weighed` of `Partners`, if there are any.
+            sums: dict, `reductions` and `summed` of `Partners`, if there are any.
 
         Returns:
             Partners.
@@ -186,41 +182,3 @@ def _facing(forest):
         "facing leaves": _distinct(np.tile(leaf, 2), np.concatenate([codes, partners])),
         "groups of facing leaves": _distinct(leaf, forest.representatives[leaf]),
     }
-
-
-@contextmanager
-def straightening(cuts, parts):
-    """While interfaces are straightened, between which parts rows go: by the curve, and to those that are asked.
-
-    Args:
-        cuts: (parts - 1,) int64, of the curve along which the leaves lie meanwhile.
-        parts: number of parts.
-
-    Yields:
-        list of (k,) int64 pairs, first part times `parts` plus second, and list of the weights of all parts, as often
-        as they are taken.
-    """
-    before, sums, found, loads = interface_smoothing._admitted, interface_smoothing._loads, [], []
-
-    def noted(comm, part, gain, keys, weights, room):
-        """As the original."""
-        found.append(np.unique(np.searchsorted(cuts, keys, side="right") * parts + part))
-        return before(comm, part, gain, keys, weights, room)
-
-    def summed(*arguments):
-        """As the original."""
-        loads.append(sums(*arguments))
-        return loads[-1]
-
-    interface_smoothing._admitted, interface_smoothing._loads = noted, summed
-    try:
-        yield found, loads
-    finally:
-        interface_smoothing._admitted, interface_smoothing._loads = before, sums
-
-
-def most_pairs(found, parts):
-    """Of several exchanges the pairs of parts of the one with the most partners: (k,) and (k,) int64."""
-    empty = np.empty(0, dtype=np.int64)
-    best = max(found, key=lambda pairs: _partners(parts, *np.divmod(pairs, parts)).max(initial=0), default=empty)
-    return np.divmod(best, parts)

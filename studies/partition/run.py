@@ -9,12 +9,12 @@ degree 2 take 10 GB a rank, so that the pages show what --quick gives there:
     mpirun -n 2 python3 -m studies.partition.run --degree 2 --quick
 
 It leaves in results/partition table.csv, model.csv, kernels.csv (at degree 2 table_degree2.csv and so on), quality.csv,
-targets.md, cost.md, prediction.md and pictures.
+cost.md and pictures.
 """
 
 import argparse
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +25,6 @@ from demos.common import RankZeroParser, plain_errors
 from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.interface_smoothing import BOXES, FEW, MOST_BOXES, WORTHWHILE
 from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import KINDS
 from fx_contact.forest.super_elements import Units, curve_keys
@@ -35,13 +34,13 @@ from fx_contact.parallel.mpi import together
 from fx_contact.plot import draw_parts
 from fx_contact.scenes import hertz, indentation
 from studies import tables
-from studies.partition.figures import draw_cuts, draw_prediction, side_by_side
+from studies.partition.figures import draw_cuts, side_by_side
 from studies.partition.measures import Judge, Quality
-from studies.partition.partitions import CURVE, REPEATED, history, of_middle_cut, parents, partitions
+from studies.partition.partitions import REPEATED, history, of_middle_cut, parents, partitions
 from studies.partition.partners import Exchanges, Partners
 from studies.partition.scaling_kernels import TIMES, counted, measure, migration
 from studies.partition.scaling_model import Network, predict
-from studies.partition.tables import model, prediction, quality, table, targets
+from studies.partition.tables import model, quality, table
 
 #: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the quick one at degree 1 and 2,
 #: unknowns in the paper, half width of the picture [m].
@@ -90,10 +89,9 @@ def draw_in_32(name, forests, lineage, folder):
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
     judge = Judge(forest, Prolongation(Space(forest, 1)))
     for made in partitions(forests[: chosen + 1], lineage, 32, pieces):
-        if made.kind in KINDS:
-            found, path = judge.score(made.part, 32), folder / f"{name}_{made.kind}_32.png"
-            pictures[f"{made.kind}: {found.cut_facets:,} cut facets, {found.split_pairs:,} split pairs"] = path
-            draw_parts(forest, made.part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
+        found, path = judge.score(made.part, 32), folder / f"{name}_{made.kind}_32.png"
+        pictures[f"{made.kind}: {found.cut_facets:,} cut facets, {found.split_pairs:,} split pairs"] = path
+        draw_parts(forest, made.part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 
@@ -133,7 +131,7 @@ def scored(name, degree, quick, most, folder):
             partners = exchanges.count(int(parts), part, cuts, made.rows, made.sums)
             quality = judge.score(part, int(parts))
             rows.append(Score(name, len(forest), dofs, made.kind, quality, partners, made.seconds))
-        cuts = ", ".join(f"{row.kind} {row.quality.cut_facets:,}" for row in rows[-1 - len(KINDS) :])
+        cuts = ", ".join(f"{row.kind} {row.quality.cut_facets:,}" for row in rows[-len(KINDS) :])
         print(f"{name}, {len(forest):,} leaves in {parts} parts, cut facets: {cuts}", flush=True)
     return rows, cost
 
@@ -146,26 +144,14 @@ def predicted(rows, kernels):
             continue
         dofs = BENCHMARKS[row.scene][2]
         scale = dofs / row.dofs
-        partners = with_sums(row, rows, scale)
+        # A part has more leaves, and each cut of the curve is found so many rounds later.
+        later, sums = max(np.log2(scale), 0) * (row.kind != "equidistributed"), row.partners
+        partners = replace(
+            sums, reductions=sums.reductions + later, summed=sums.summed + later * (row.quality.parts - 1)
+        )
         seconds = predict(replace(row, partners=partners), scale * row.leaves, dofs, kernels, Network(), scale)
         result.setdefault(row.scene, {}).setdefault(row.kind, {})[row.quality.parts] = seconds
     return result
-
-
-def with_sums(row, rows, scale):
-    """The Partners of a Score with the sums over ranks that a mesh larger by a factor takes."""
-    partners, parts = row.partners, row.quality.parts
-    if row.kind == "equidistributed":
-        return partners
-    if row.kind == "contact-sfc" and scale * row.leaves >= WORTHWHILE * parts and parts * BOXES[0] > MOST_BOXES:
-        # There interfaces flow, on graphs that no rank has as a whole: at most so many sums as on others.
-        here = [other for other in rows if other.scene == row.scene]
-        most = max(other.partners.weighed for other in here if other.quality.parts > FEW)
-        curve = next(o.partners for o in here if (o.kind, o.quality.parts) == (CURVE, parts))
-        partners = replace(partners, reductions=curve.reductions + most, summed=curve.summed + most * parts)
-    # A part has more leaves, and each cut of the curve is found so many rounds later.
-    later = max(np.log2(scale), 0)
-    return replace(partners, reductions=partners.reductions + later, summed=partners.summed + later * (parts - 1))
 
 
 def cost_table(costs, rows, moved):
@@ -175,7 +161,7 @@ def cost_table(costs, rows, moved):
     for title in next(iter(costs.values())):
         values = (f"{1e6 * cost[title] / leaves[name]:.2f}" for name, cost in costs.items())
         lines.append(f"| {title}, one rank, microseconds a leaf | " + " | ".join(values) + " |")
-    for kind in (CURVE, *KINDS):
+    for kind in KINDS:
         for parts in sorted({row.quality.parts for row in rows} & {2, 32, 1024}):
             found = {row.scene: row.seconds for row in rows if (row.kind, row.quality.parts) == (kind, parts)}
             values = (f"{1e6 * found[name] / leaves[name]:.2f}" for name in costs)
@@ -185,16 +171,6 @@ def cost_table(costs, rows, moved):
         f"\nMigration of all {count:,} leaves to the next of {COMM.size} ranks: "
         f"{1e6 * seconds * COMM.size / count:.2f} microseconds a leaf of a rank, {size} bytes a leaf."
     )
-    return "\n".join(lines)
-
-
-def kernel_table(kernels):
-    """The measured kernels, in Markdown."""
-    lines = ["| kernel | |", "|---|--:|"]
-    for field in fields(kernels):
-        value = getattr(kernels, field.name)
-        if field.name != "levels":
-            lines.append(f"| {field.name} | {f'{1e6 * value:.3g} us' if field.name in TIMES else value} |")
     return "\n".join(lines)
 
 
@@ -240,8 +216,7 @@ def study(arguments):
     if COMM.rank == 0:
         tables.write(folder / "quality.csv", list(quality(rows)), made_by)
         keep(folder, "table", degree, table(rows), made_by)
-        draw_cuts(rows, folder / "cut.png")
-    write(targets(rows), folder / "targets.md")
+        draw_cuts(table(rows), folder / "cut.png")
     forecast(arguments, rows, {name: found[name][1] for name in BENCHMARKS}, made_by)
     show(f"results in {folder}")
 
@@ -265,18 +240,9 @@ def forecast(arguments, rows, costs, made_by):
     counts = counted(COMM, tolerance, degree)
     if COMM.rank == 0:
         kernels = replace(measure(tolerance, degree), **counts)
-        dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}
         keep(folder, "kernels", degree, [{name: 1e6 * getattr(kernels, name) for name in TIMES}], made_by)
-        seconds = predicted(rows, kernels)
-        text = [f"MODEL, not a measurement: {Network()}, kernels as measured here:\n", kernel_table(kernels)]
-        if COMM.size == 1:
-            text.append("\nOn one rank no rows travel: exchanges are missing. Run on two ranks.")
-        for name, kinds in seconds.items():
-            title = f"{name}, {dofs[name] / 1e6:.1f} million dofs"
-            text += ["", prediction(title, kinds)]
-            draw_prediction(kinds, title, folder / f"prediction_{name}.png")
-        write("\n".join(text), folder / "prediction.md")
-        keep(folder, "model", degree, list(model(seconds, dofs)), made_by)
+        dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}
+        keep(folder, "model", degree, list(model(predicted(rows, kernels), dofs)), made_by)
 
 
 def write(text, path):

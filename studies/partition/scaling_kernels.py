@@ -5,14 +5,12 @@ import os
 import re
 import tempfile
 import time
-from contextlib import contextmanager
 from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.forest import interface_smoothing
 from fx_contact.forest.partition import repartition
 from fx_contact.scenes import hertz
 from studies.partition.scaling_model import KEYS, Kernels
@@ -78,30 +76,12 @@ def counted(comm, tolerance, degree=1):
         degree: of the displacements.
 
     Returns:
-        dict: `exchanges`, `straightening` and `volume` of Kernels.
+        dict: `exchanges` and `volume` of Kernels.
     """
-    steps = adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree, partition_kind="sfc")
-    by_keys, away = Counting.last_step(steps)
-    with as_for_many_parts():
-        counts, _ = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree))
+    counts, away = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree))
     # Of hashed keys one in as many as there are ranks stays.
     volume = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS[degree]
-    return {
-        "exchanges": tuple(by_keys.tolist()),
-        "straightening": tuple((counts - by_keys).tolist()),
-        "volume": volume,
-    }
-
-
-@contextmanager
-def as_for_many_parts():
-    """Straightening does what it does for hundreds of parts: one start, one coarse graph, on no rank as a whole."""
-    before = interface_smoothing.FEW, interface_smoothing.MOST_BOXES
-    interface_smoothing.FEW = interface_smoothing.MOST_BOXES = 0
-    try:
-        yield
-    finally:
-        interface_smoothing.FEW, interface_smoothing.MOST_BOXES = before
+    return {"exchanges": tuple(counts.tolist()), "volume": volume}
 
 
 def _measured(tolerance, degree):
@@ -126,7 +106,6 @@ def _measured(tolerance, degree):
         cycle=(seconds["solve"] / iterations - product) * dof,
         iterations=iterations,
         exchanges=None,
-        straightening=None,
         volume=None,
         levels=None,
     )

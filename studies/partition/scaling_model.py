@@ -39,7 +39,6 @@ class Kernels:
         iterations: of PCG, all solves of an adaptive step together.
         exchanges: of an adaptive step: how often ranks tell each other how many rows will come, and how often rows
             travel, which they never do on one rank.
-        straightening: the same of the exchanges that straighten the interfaces of contact-sfc, of few rows each.
         volume: bytes of those by keys over the bytes of all keys, `KEYS` a cell, once; 0 on one rank.
         levels: (levels, 2) rows (unknowns over those of the finest level, entries a row) of the hierarchy.
     """
@@ -52,7 +51,6 @@ class Kernels:
     cycle: float
     iterations: int
     exchanges: tuple
-    straightening: tuple
     volume: float
     levels: np.ndarray
 
@@ -124,8 +122,7 @@ def _exchanges(score, kernels, network, scale):
     everywhere in it.
     """
     parts, partners, rounds = score.quality.parts, score.partners.partners_max, np.log2(max(score.quality.parts, 2))
-    straightened = score.kind == "contact-sfc"
-    lengths, rows = np.array(kernels.exchanges) + straightened * np.array(kernels.straightening)
+    lengths, rows = kernels.exchanges
     volume = scale if score.kind == "equidistributed" or parts <= FEW_RANKS else scale ** (2 / 3)
     moved = kernels.volume * score.partners.key_bytes_max / 2 * volume / network.bandwidth
     if parts <= FEW_RANKS:

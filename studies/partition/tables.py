@@ -2,28 +2,17 @@
 
 from dataclasses import asdict
 
-from studies.partition.scaling_model import STAGES
-
-#: Short names of what contact-sfc is compared with.
-SHORT = {
-    "graph": "graph",
-    "contact-sfc, curve only": "curve_only",
-    "sfc": "sfc",
-    "equidistributed": "equidistributed",
-}
+#: Kinds beside contact-sfc.
+OTHERS = ("graph", "sfc", "equidistributed")
 #: Parts that the short table shows.
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
-
-
-def all_of(row):
-    """A Score with what its Quality and Partners hold: dict."""
-    return {**vars(row), **asdict(row.quality), **asdict(row.partners)}
 
 
 def quality(rows):
     """All measures of all partitions: a dict each, for a CSV file."""
     for row in rows:
-        yield {k: v for k, v in all_of(row).items() if k not in ("quality", "partners")}
+        measures = {**vars(row), **asdict(row.quality), **asdict(row.partners)}
+        yield {k: v for k, v in measures.items() if k not in ("quality", "partners")}
 
 
 def model(predictions, dofs):
@@ -38,13 +27,13 @@ def model(predictions, dofs):
     """
     for scene, kinds in predictions.items():
         for parts, ours in kinds["contact-sfc"].items():
-            others = {f"total_{name}": kinds[kind][parts]["total"] for kind, name in SHORT.items()}
+            others = {f"total_{kind}": kinds[kind][parts]["total"] for kind in OTHERS}
             dealt = kinds["equidistributed"][parts]["waiting"]
             yield {"benchmark": scene, "dofs": dofs[scene], "parts": parts, **ours, **others, "waiting_dealt": dealt}
 
 
 def table(rows):
-    """The short table: cuts over those of PT-SCOTCH, split pairs, imbalance of weights, neighbours and halo.
+    """The short table: cuts over those of PT-SCOTCH, split pairs, imbalance of weights, partners, sums.
 
     Args:
         rows: Scores.
@@ -52,138 +41,78 @@ def table(rows):
     Returns:
         list of dicts.
     """
-    found = {(row.scene, row.quality.parts, row.kind): row.quality for row in rows}
-    talks = {(row.scene, row.quality.parts, row.kind): row.partners for row in rows}
-    names = {"contact-sfc": "contact_sfc", **SHORT}
+    found = {(row.scene, row.quality.parts, row.kind): row for row in rows}
     result = []
     for scene, leaves in dict.fromkeys((row.scene, row.leaves) for row in rows):
         for parts in sorted({row.quality.parts for row in rows} & set(SHOWN)):
-            ours, graph, curve, blind, dealt = (found[scene, parts, kind] for kind in names)
-            result.append(
-                {
-                    "benchmark": scene,
-                    "parts": parts,
-                    "leaves_per_part": leaves // parts,
-                    "cut_facets_graph": graph.cut_facets,
-                    "cut_contact_sfc": ours.cut_facets / graph.cut_facets,
-                    "cut_curve_only": curve.cut_facets / graph.cut_facets,
-                    "cut_sfc": blind.cut_facets / graph.cut_facets,
-                    "cut_equidistributed": dealt.cut_facets / graph.cut_facets,
-                    "split_pairs_sfc": blind.split_pairs,
-                    "imbalance_contact_sfc": ours.weight_imbalance,
-                    "imbalance_graph": graph.weight_imbalance,
-                    "imbalance_equidistributed": dealt.weight_imbalance,
-                    "imbalance_unknowns": ours.unknowns_imbalance,
-                    "neighbours": ours.neighbours_mean,
-                    "halo_KiB": ours.halo_bytes_max / 1024,
-                    **{
-                        f"partners_{end}_{name}": getattr(talks[scene, parts, kind], f"partners_{end}")
-                        for kind, name in names.items()
-                        for end in ("max", "mean")
-                    },
-                    "keys_KiB": talks[scene, parts, "contact-sfc"].key_bytes_max / 1024,
-                    "keys_KiB_equidistributed": talks[scene, parts, "equidistributed"].key_bytes_max / 1024,
-                    **{
-                        f"{name}_{names[kind]}": number
-                        for kind in ("contact-sfc, curve only", "contact-sfc")
-                        for name, number in sums(talks[scene, parts, kind], parts).items()
-                    },
+            here = {kind: found[scene, parts, kind] for kind in ("contact-sfc", *OTHERS)}
+            best, talks = here["graph"].quality.cut_facets, here["contact-sfc"].partners
+            result.append({"benchmark": scene, "parts": parts, "leaves_per_part": leaves // parts})
+            result[-1]["cut_facets_graph"] = best
+            for kind, row in here.items():
+                result[-1] |= {
+                    f"cut_{kind}": row.quality.cut_facets / best,
+                    f"imbalance_{kind}": row.quality.imbalance,
+                    f"partners_max_{kind}": row.partners.partners_max,
+                    f"partners_mean_{kind}": row.partners.partners_mean,
                 }
-            )
+            result[-1] |= {
+                "split_pairs_sfc": here["sfc"].quality.split_pairs,
+                "reductions": talks.reductions,
+                "summed": talks.summed / (parts - 1),  # numbers for each of the cuts
+            }
     return result
 
 
-def sums(partners, parts):
-    """How many sums over the ranks a partition takes, and of how many numbers for each of its P - 1 cuts: dict."""
-    return {"reductions": partners.reductions, "summed": partners.summed / (parts - 1)}
-
-
-def targets(rows):
-    """What must hold of contact-sfc, held against the scores.
+def claims(rows):
+    """Questions, what the paper says of strong scaling, and what the MODEL does.
 
     Args:
-        rows: Scores.
+        rows: dicts, as `model` makes them, of both benchmarks up to 8192 processors.
 
     Returns:
-        str, Markdown list: each target, the worst value found, and where.
+        list of dicts: `question`, `paper`, `model`.
     """
-    found = {(row.scene, row.quality.parts, row.kind): row for row in rows}
-    ours = [row for row in rows if row.kind == "contact-sfc"]
-    large = [row for row in ours if row.leaves >= 1000 * row.quality.parts]
+    found = {(row["benchmark"], row["parts"]): row for row in rows}
 
-    def against(row, kind):
-        other = found[row.scene, row.quality.parts, kind].quality
-        return row.quality.cut_facets / other.cut_facets if other.cut_facets else float("inf")
+    def gain(scene, start, what="total"):
+        """Speed on twice as many processors."""
+        return f"{found[scene, start][what] / found[scene, 2 * start][what]:.2f}"
 
-    def with_pairs(row):
-        blind = found[row.scene, row.quality.parts, "sfc"].quality
-        return blind.cut_facets + blind.split_pairs
+    def blind(parts):
+        """Time of the pair-blind curve over that of contact-sfc."""
+        return f"{found['hertz', parts]['total_sfc'] / found['hertz', parts]['total']:.2f}"
 
-    def overweight(row):
-        spare = max(0.02, 2 * row.quality.parts / row.leaves)
-        return (row.quality.weight_imbalance - 1) / spare
-
-    lines = []
-    for text, limit, value, chosen in (
-        ("split pairs", 0, lambda row: row.quality.split_pairs, ours),
-        ("weight above the mean, of what is allowed (2 % or one super-element)", 1, overweight, ours),
-        (
-            "cut facets over those of PT-SCOTCH, parts of 1000 leaves and more",
-            1.2,
-            lambda r: against(r, "graph"),
-            large,
+    answers = {
+        "`equidistributed` for Hertz past 512 processors": (
+            "useless",
+            f"1024 at {gain('hertz', 512, 'total_equidistributed')} times the speed of 512; messages take "
+            f"{found['hertz', 512]['waiting_dealt']:.0%} of the solver there, the paper's profile says 70 %",
         ),
-        ("cut facets over those of the pair-blind curve, the same parts", 1.05, lambda r: against(r, "sfc"), large),
-        (
-            "the same where the curve's cuts through the contact count, a facet for each pair that it splits",
-            1.05,
-            lambda row: row.quality.cut_facets / with_pairs(row),
-            large,
+        "the curve for the indentation": ("to 8192", f"8192 at {gain('indentation', 4096)} times the speed of 4096"),
+        "Hertz to 4096": (
+            "scales",
+            f"{gain('hertz', 2048)} times the speed of 2048, 8192 at {gain('hertz', 4096)} times that",
         ),
-    ):
-        missed = [f"{row.scene} in {row.quality.parts}: {value(row):.3f}" for row in chosen if value(row) > limit]
-        worst = max(chosen, key=value)
-        verdict = f"MISSED ({', '.join(missed)})" if missed else "held"
-        lines.append(
-            f"- {text}: at most {value(worst):.3f} ({worst.scene}, {worst.quality.parts} parts), "
-            f"allowed {limit}: {verdict}"
-        )
-    return "\n".join(lines)
+        "Hertz, whole pairs: time of `sfc` over that of `contact-sfc`": (
+            "",
+            f"{blind(512)} on 512, {blind(2048)} on 2048, {blind(4096)} on 4096",
+        ),
+    }
+    return [{"question": question, "paper": paper, "model": found} for question, (paper, found) in answers.items()]
 
 
-def prediction(scene, predictions):
-    """Seconds by stage of contact-sfc and totals of the other kinds, and what follows.
+def in_milliseconds(rows):
+    """Rows of the MODEL with milliseconds, and the speed over that of half as many processors.
 
     Args:
-        scene: name of the benchmark.
-        predictions: kind -> {parts: seconds by stage}.
+        rows: dicts, as `model` makes them.
 
-    Returns:
-        str, Markdown.
+    Yields:
+        dict for each of them.
     """
-    kinds = [kind for kind in predictions if kind != "contact-sfc"]
-    lines = [
-        f"| {scene}: parts | " + " | ".join(STAGES) + " | contact-sfc | " + " | ".join(kinds) + " |",
-        "|--:|" + "--:|" * (len(STAGES) + 1 + len(kinds)),
-    ]
-    for parts, seconds in predictions["contact-sfc"].items():
-        stages = " | ".join(f"{seconds[stage]:.3g}" for stage in STAGES)
-        others = " | ".join(f"{predictions[kind][parts]['total']:.3g}" for kind in kinds)
-        lines.append(f"| {parts} | {stages} | {seconds['total']:.3g} | {others} |")
-    lines.append("")
-    for kind, by_parts in predictions.items():
-        start = next(iter(by_parts))
-        first = by_parts[start]["total"] * start
-        efficient = [p for p, s in by_parts.items() if first / (p * s["total"]) >= 0.5]
-        fastest = min(by_parts, key=lambda p: by_parts[p]["total"])
-        waiting = ", ".join(
-            f"{100 * s['waiting']:.0f} % at {p}" for p, s in by_parts.items() if p in (256, 1024, 4096)
-        )
-        lines.append(
-            f"- {kind}: efficiency of at least 50 % (against {start}) up to {max(efficient)} parts, shortest time at "
-            f"{fastest}; messages and reductions take of the solver's time {waiting}"
-        )
-    solve = {p: s["solve"] for p, s in predictions["contact-sfc"].items()}
-    gains = ", ".join(f"{p} to {2 * p}: {solve[p] / solve[2 * p]:.2f}" for p in solve if 2 * p in solve and p >= 256)
-    lines.append(f"- gain of the solver by doubling, contact-sfc: {gains} (ideal 2)")
-    return "\n".join(lines)
+    totals = {(row["benchmark"], row["parts"]): row["total"] for row in rows}
+    for row in rows:
+        milliseconds = {f"{k.removeprefix('total_')}_ms": 1e3 * v for k, v in row.items() if k.startswith("total")}
+        half = totals.get((row["benchmark"], row["parts"] // 2))
+        yield {**row, **milliseconds, "gain": half and half / row["total"]}

@@ -14,7 +14,7 @@ from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.cases import Case
 from studies.stability.checks import Twin
 from studies.stability.references import hertz_force, material, stack_force, stack_pressed
-from studies.stability.shapes import beam, corner, films, on_a_base
+from studies.stability.shapes import beam, corner, films, on_a_base, on_block
 from studies.stability.twins import swapped
 
 #: Of the random numbers, and how many scenes of each family.
@@ -38,7 +38,6 @@ class _Draw:
         self._numbers = numbers
 
     def between(self, low, high):
-        """A number."""
         return float(self._numbers.uniform(low, high))
 
     def decades(self, low, high):
@@ -50,7 +49,6 @@ class _Draw:
         return int(self._numbers.integers(low, high + 1))
 
     def material(self, decades=1.0):
-        """A Material."""
         return material(self.decades(-decades, decades), self.between(0.0, 0.45))
 
 
@@ -69,7 +67,7 @@ def _round(draw):
         def height(here, there):
             return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
 
-        return _on_block(height, cells, 2, depth, both)
+        return on_block("body", height, cells, 2, depth, both, (" 0",))
 
     return "round body", _compared(partial(make, cells), partial(make, cells + 1), curved=True)
 
@@ -83,7 +81,7 @@ def _crests(draw, pairs=1):
         def above(x, y):
             return height * ((x / middle) ** 2 - 1) ** 2 + slope * (1 - x / middle) / 2 + y**2 / 8
 
-        return _on_block(above, cells, 4, depth, both, pairs)
+        return on_block("body", above, cells, 4, depth, both, [f" {k}" for k in range(pairs)])
 
     row = f"two crests, {pairs} pair{'s' * (pairs > 1)}"
     return row, _compared(partial(make, 2), partial(make, 4), curved=True, tolerance=0.25)
@@ -151,29 +149,6 @@ def _films(draw):
     return "films", _compared(make, partial(make, cells=4))
 
 
-def _on_block(height, cells, order, depth, materials, pairs=1):
-    """A block whose lower face has a height above another one, a function of x and y, its top lowered."""
-    boxes = Boxes(order)
-    boxes.add("base", (-1.0, -1.0, -1.0), (1.0, 1.0, 0.0), (cells, cells, 2))
-    boxes.add("body", (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (cells, cells, 2))
-
-    def place(body, x):
-        return x + np.outer((1 - x[:, 2]) * height(x[:, 0], x[:, 1]) * (body == "body"), [0, 0, 1])
-
-    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "body")}
-    ground, foot = boxes.facets(UP, 0.0, "base"), boxes.facets(DOWN, 0.0, "body")
-    for k in range(pairs):
-        surfaces |= {
-            f"{name} {k}": one[one[:, 0] % cells * pairs // cells == k]
-            for name, one in (("ground", ground), ("foot", foot))
-        }
-    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -depth)
-    contact = tuple(ContactPair(f"ground {k}", f"foot {k}", direction=(0, 0, 1)) for k in range(pairs))
-    return Scene(
-        "on a block", boxes.mesh(surfaces, place=place), dict(zip(("base", "body"), materials)), held, contact
-    )
-
-
 def _plate(thick, share, wide, ratio, poisson, cells=4):
     """A quarter of a plate of 8 m that is held at two ends, bent on a stop by a pressure.
 
@@ -192,7 +167,7 @@ def _plate(thick, share, wide, ratio, poisson, cells=4):
     boxes.add("stop", (0.0, 0.0, -1.0), (float(wide), 2.0, 0.0), (wide * cells // 4, cells // 2, 1))
 
     def place(name, x):
-        return x - np.outer(np.full(len(x), gap * (name == "stop")), [0, 0, 1])
+        return x - [0, 0, gap * (name == "stop")]
 
     below = boxes.facets(DOWN, 0.0, "plate")
     surfaces = {

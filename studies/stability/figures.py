@@ -62,31 +62,6 @@ def named(scores):
     return "\n".join(lines)
 
 
-def table(scores, command):
-    """Counts of scores for each axis, then every scene that has not the best one, with its command.
-
-    Args:
-        scores: dicts.
-        command: function of a name.
-
-    Returns:
-        str, Markdown.
-    """
-    lines = [counts(scores), ""]
-    for kind in reversed(SCORES):
-        about = [one for one in scores if one["score"] == kind and kind not in ("right", "refused")]
-        if about:
-            lines.append(f"{kind}: {SCORES[kind][3]}\n")
-            lines += [f"- `{command(one['name'])}`: {one.get('message') or _worst(one)}" for one in about]
-            lines.append("")
-    return "\n".join(lines)
-
-
-def _worst(one):
-    name, deviation, allowed, _ = max(one["checks"], key=_nearest)
-    return f"{name} {deviation:.1e} of {allowed:.1e}"
-
-
 def draw_matrix(scores, path, other):
     """A row for each family of each axis, a cell a scene: its value, and iterations as colour or the letter of a score.
 

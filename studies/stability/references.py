@@ -72,9 +72,14 @@ def stack_pressed(materials, pressure, **more):
     }
 
 
+def changed(make, change):
+    """A function that makes a scene and changes it."""
+    return lambda: change(make())
+
+
 def with_twin(make, transform, **known):
     """A scene and a transformed one."""
-    return {"scene": make, "reference": Twin(lambda: transform(make()), **known)}
+    return {"scene": make, "reference": Twin(changed(make, transform), **known)}
 
 
 def units_of(length, stress):

@@ -12,8 +12,8 @@ one rank, with a time limit; a crash and a hang are scores too.
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
     python3 -m studies.stability.run --degree 1         # displacements of degree 1
 
-A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv,
-table.md and matrix.png, of another degree than the default scores_degree1.jsonl and so on.  The picture has below each
+A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv
+and matrix.png, of another degree than the default scores_degree1.jsonl and so on.  The picture has below each
 scene what the other degree has made of it, as kept here.
 """
 
@@ -24,14 +24,12 @@ import os
 import shlex
 import signal
 import time
-import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from queue import SimpleQueue
 
 from mpi4py import MPI
 
@@ -43,13 +41,16 @@ from fx_contact.problem.fingerprint import scene_parts
 from studies import tables
 from studies.stability.cases import sample
 from studies.stability.checks import LOST, Exact, State
-from studies.stability.figures import draw_matrix, rows, table
+from studies.stability.figures import draw_matrix, named, rows
 from studies.stability.scenes import cases
 
 #: Refinement ends above so many unknowns of each degree, whether the accuracy is reached or not.
 MOST_DOFS = {1: 40_000, 2: 160_000}
 #: Seconds that a scene may take.
-TIME_LIMIT = 400.0
+TIME_LIMIT = 400
+#: Entries of the record that are kept.
+KEPT = ("step", "cells", "dofs", "max_level", "active_pairs", "estimate", "ratio", "assumed_effectivity")
+KEPT += ("force", "max_penetration", "penalty_share")
 #: Twins that this process has solved.
 _TWINS = {}
 
@@ -77,8 +78,7 @@ def score(case, changed=nullcontext()):
     Returns:
         dict: name and place in the matrix, "score" (a key of `figures.SCORES`), the checks, the record.
     """
-    start = time.process_time()
-    result = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
+    start, result = time.process_time(), place(case)
     try:
         result |= _judged(case, changed)
     except FxContactError as error:
@@ -87,26 +87,18 @@ def score(case, changed=nullcontext()):
     return result | {"cpu_seconds": time.process_time() - start}
 
 
+def place(case):
+    """Name and place of a scene in the matrix, without a check: dict."""
+    return {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
+
+
 def _judged(case, changed):
     start = time.process_time()
     with changed:
         state, iterations = solve(case.scene(), case, case.tolerance)
     record, reference = state.record, case.reference
     result = {"iterations": iterations, "noise": state.noise, "own_cpu_seconds": time.process_time() - start}
-    for name in (
-        "step",
-        "cells",
-        "dofs",
-        "max_level",
-        "active_pairs",
-        "estimate",
-        "ratio",
-        "assumed_effectivity",
-        "force",
-        "max_penetration",
-        "penalty_share",
-    ):
-        result[name] = getattr(record, name)
+    result |= {name: getattr(record, name) for name in KEPT}
     result["doubts"] = ", ".join(doubt.kind for doubt in record.doubts)
     if reference is None:
         return result | {"score": "wrong", "message": "there is no solution, but one was delivered"}
@@ -116,17 +108,13 @@ def _judged(case, changed):
     else:
         compared = state.against_twin(_twin_of(case, record), reference)
     result["checks"] = [[c.name, c.deviation, c.allowed, c.holds] for c in (*sound, *compared)]
-    reached = record.reached
-    if not all(c.holds for c in sound) or (reached and not all(c.holds for c in compared)):
-        return result | {"score": "wrong", "message": "; ".join(c.name for c in (*sound, *compared) if not c.holds)}
-    if not reached:
-        return result | {
-            "score": "unreached",
-            "message": f"estimated error {record.estimate:.0%}, {record.dofs} dofs",
-        }
-    if state.noise > LOST:
-        return result | {"score": "noisy"}
-    return result | {"score": "right"}
+    failed = [c.name for c in sound + compared * record.reached if not c.holds]
+    if failed:
+        return result | {"score": "wrong", "message": "; ".join(failed)}
+    if not record.reached:
+        about = f"estimated error {record.estimate:.0%}, {record.dofs} dofs"
+        return result | {"score": "unreached", "message": about}
+    return result | {"score": "noisy" if state.noise > LOST else "right"}
 
 
 def _twin_of(case, record):
@@ -144,9 +132,6 @@ def _twin_of(case, record):
         if twin.same_mesh or _TWINS[key].record.cells != record.cells:
             return _TWINS[key]
         tolerance /= 2
-
-
-# --------------------------------------------------------------------------------------------------------- the study
 
 
 def command(name, degree=DEGREE):
@@ -176,87 +161,46 @@ def keep(path, one):
         file.write((json.dumps(one) + "\n").encode())
 
 
-class Worker:
-    """A process that scores scenes, one after the other; where it dies, the next scene gets a new one.
+def study(chosen, path, limit=TIME_LIMIT):
+    """Score what has no score yet, in as many processes as there are cores.
+
+    Where a process dies, the scene that it was at gets a score for that, and another process goes on behind it.
 
     Args:
+        chosen: name -> Case, of one degree.
         path: of the file that keeps the scores.
+        limit: seconds that a scene may take.
     """
+    context, cores = get_context("spawn"), len(os.sched_getaffinity(0))
 
-    def __init__(self, path):
-        self._path, self._process, self._pipe = path, None, None
+    def attempt(share):
+        while todo := [case for case in share if case.name not in read(path)]:
+            names = [case.name for case in todo]
+            process = context.Process(target=_serve, args=(names, todo[0].degree, path, limit), daemon=True)
+            process.start()
+            process.join()
+            lost = next((case for case in todo if case.name not in read(path)), None)
+            if lost:
+                code = process.exitcode
+                hung = code == -signal.SIGALRM
+                result = {"score": "hang" if hung else "crash", "cpu_seconds": limit if hung else 0.0}
+                keep(path, place(lost) | result | {"message": f"exit code {code}"})
 
-    def attempt(self, case):
-        """Score a scene, or keep a score for it if the process dies.
-
-        Returns:
-            dict, the score.
-        """
-        start = time.monotonic()
-        if self._process is None:
-            context = get_context("spawn")
-            self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_serve, args=(theirs, self._path), daemon=True)
-            self._process.start()
-            theirs.close()
-        failure = "hang", f"not done in {TIME_LIMIT:.0f} s"
-        try:
-            self._pipe.send((case.name, case.degree))
-            if self._pipe.poll(TIME_LIMIT):
-                failure = self._pipe.recv()
-        except (EOFError, OSError):
-            self._process.join()
-            failure = "crash", f"exit code {self._process.exitcode}"
-        if failure:
-            self.end()
-            place = {"name": case.name, "axis": case.axis, "row": case.row, "value": case.value, "checks": []}
-            lost = dict(zip(("score", "message"), failure)) | {"cpu_seconds": time.monotonic() - start}
-            keep(self._path, place | lost)
-        return read(self._path)[case.name]
-
-    def end(self):
-        """Kill the process, if there is one."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-            self._process = None
+    todo = [case for case in chosen.values() if case.name not in read(path)]
+    with ThreadPoolExecutor(cores) as threads:
+        list(threads.map(attempt, [todo[k::cores] for k in range(cores)]))
 
 
-def _serve(pipe, path):
-    """Score and keep the scenes whose names and degrees come through a pipe; the answer is None, or what went wrong."""
+def _serve(names, degree, path, limit):
+    """Score scenes one after the other; a signal ends the process where one takes too long."""
     named = cases(METHODS)
-    while True:
-        name, degree = pipe.recv()
-        try:
-            keep(path, score(replace(named[name], degree=degree)))
-            pipe.send(None)
-        except Exception as error:
-            pipe.send(("crash", traceback.format_exception_only(error)[-1].strip()))
-
-
-def study(chosen, path):
-    """Score what has no score yet, as many at once as there are cores; a line for each."""
-    done = read(path)
-    todo = [case for case in chosen.values() if case.name not in done]
-    cores, idle = len(os.sched_getaffinity(0)), SimpleQueue()
-    workers = [Worker(path) for _ in range(cores)]
-    for worker in workers:
-        idle.put(worker)
-
-    def attempt(case):
-        worker = idle.get()
-        try:
-            return worker.attempt(case)
-        finally:
-            idle.put(worker)
-
-    try:
-        with ThreadPoolExecutor(cores) as threads:
-            for number, one in enumerate(threads.map(attempt, todo), start=1):
-                print(f"{number:4}/{len(todo)}  {line(one)}", flush=True)
-    finally:
-        for worker in workers:
-            worker.end()
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    for name in names:
+        signal.setitimer(signal.ITIMER_REAL, limit)
+        one = score(replace(named[name], degree=degree))
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        keep(path, one)
+        print(line(one), flush=True)
 
 
 def line(one):
@@ -285,8 +229,8 @@ def main():
     parser.add_argument("--list", action="store_true", help="print the names of the scenes chosen")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
-    named = {name: replace(case, degree=arguments.degree) for name, case in cases(METHODS).items()}
-    chosen = sample(named) if arguments.quick else named
+    scenes = {name: replace(case, degree=arguments.degree) for name, case in cases(METHODS).items()}
+    chosen = sample(scenes) if arguments.quick else scenes
     if arguments.list:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # not PETSc's, for `| head`
         print("\n".join(chosen))
@@ -295,10 +239,10 @@ def main():
     suffix = "" if arguments.degree == DEGREE else f"_degree{arguments.degree}"
     path = arguments.output / f"scores{suffix}.jsonl"
     if arguments.only is not None:
-        if arguments.only not in named:
-            near = difflib.get_close_matches(arguments.only, named, cutoff=0.3)
+        if arguments.only not in scenes:
+            near = difflib.get_close_matches(arguments.only, scenes, cutoff=0.3)
             parser.error(f"no scene {arguments.only!r}; the nearest are {', '.join(near)}; --list shows all")
-        one = score(named[arguments.only])
+        one = score(scenes[arguments.only])
         keep(path, one)
         show(one)
         return
@@ -306,13 +250,11 @@ def main():
     known = read(path)
     scores = [known[name] for name in chosen if name in known]
     made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick + _option(arguments.degree)
-    files = [f"{name}{suffix}.{kind}" for name, kind in (("scores", "csv"), ("matrix", "png"), ("table", "md"))]
-    tables.write(arguments.output / files[0], list(rows(scores, partial(command, degree=arguments.degree))), made_by)
+    kept = arguments.output / f"scores{suffix}.csv"
+    tables.write(kept, list(rows(scores, partial(command, degree=arguments.degree))), made_by)
     _, other = tables.read(tables.TOP / f"studies/stability/scores{'_degree1' * (not suffix)}.csv")
-    draw_matrix(scores, arguments.output / files[1], {row["name"]: row for row in other})
-    text = table(scores, partial(command, degree=arguments.degree))
-    (arguments.output / files[2]).write_text(text)
-    print(f"\n{text}\nresults in {arguments.output}: {', '.join([path.name, *files])}")
+    draw_matrix(scores, arguments.output / f"matrix{suffix}.png", {row["name"]: row for row in other})
+    print(f"\n{named(scores)}\n\ncommands and messages: {kept}")
 
 
 if __name__ == "__main__":

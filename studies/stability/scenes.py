@@ -15,6 +15,7 @@ from studies.stability.references import (
     HERTZ_A,
     OTHER_CONTACT,
     OTHER_MESH,
+    changed,
     hertz,
     hertz_force,
     material,
@@ -52,11 +53,12 @@ DEPTHS = [*(10.0**n for n in range(-8, 0)), 0.3]
 
 def enforcements(methods):
     """Enforcement and its factor; families: round, flat, flat and unlike, round and loaded by force."""
+    by_force = partial(punch, force=1e-3)
     families = {
         "spheres": {"scene": partial(hertz, 1.0, 0.01), "reference": HERTZ_A},
         "stack": stack_force([PLAIN] * 2),
         "stack 1 : 1000": stack_force([PLAIN, material(1e3)]),
-        "punch by force": with_twin(partial(punch, force=1e-3), lambda scene: scene, default=True, **OTHER_CONTACT),
+        "punch by force": {"scene": by_force, "reference": Twin(by_force, default=True, **OTHER_CONTACT)},
     }
     for method, (family, what) in product(methods, families.items()):
         for factor in [None] if method == "exact" else FACTORS[method != "penalty" :]:
@@ -87,15 +89,14 @@ def compressibility():
             ("punch, finer", partial(punch, block=both, punch=both), True),
             ("indentation, finer", partial(indentation, block=both, cube=material(100.0, poisson)), False),
         ):
-            twin = with_twin(make, lambda scene: scene, **(OTHER_MESH | {"curved": curved}))
-            yield Case("Poisson", name, value, **twin, tolerance=0.25)
+            yield Case("Poisson", name, value, make, Twin(make, **OTHER_MESH, curved=curved), tolerance=0.25)
         for name, height, meshes, closer in (
             ("clamped, flat", 0.1, ((4, 4, 1), (12, 12, 4)), 0.5),  # 0.3 takes 60,000 unknowns at 0.49
             ("clamped, tall", 5.0, ((1, 1, 6), (2, 2, 12)), 0.3),
         ):
             make, twin = (partial(stack, [both, material(3.0, poisson)], height=height, cells=c) for c in meshes)
-            twin = Twin(lambda twin=twin: clamped(twin()), **(OTHER_MESH | {"tolerance": closer}))
-            yield Case("Poisson", name, value, lambda make=make: clamped(make()), twin, tolerance=0.25)
+            known = Twin(changed(twin, clamped), **OTHER_MESH | {"tolerance": closer})
+            yield Case("Poisson", name, value, changed(make, clamped), known, tolerance=0.25)
 
 
 def aspects():
@@ -103,24 +104,10 @@ def aspects():
     for aspect in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0):
         yield Case("aspect", "blocks", f"{aspect:g}", **stack_force([PLAIN, material(3.0)], 1e-4, height=aspect))
     unlike = [PLAIN, material(3.0)]
-    for aspect, cells in (
-        (0.01, (1, 1, 200)),
-        (0.03, (1, 1, 66)),
-        (0.1, (2, 2, 40)),
-        (1.0, (4, 4, 8)),
-        (10.0, (10, 10, 2)),
-        (30.0, (15, 15, 1)),
-        (100.0, (50, 50, 1)),
-    ):
-        make, twin = (partial(stack, unlike, cells=c) for c in (cells, (4, 4, 8)))
-        yield Case(
-            "aspect",
-            "clamped, cubes",
-            f"{aspect:g}",
-            lambda make=make: clamped(make()),
-            Twin(lambda twin=twin: clamped(twin()), **OTHER_MESH),
-            tolerance=0.25,
-        )
+    cubes = {0.01: (1, 200), 0.03: (1, 66), 0.1: (2, 40), 1.0: (4, 8), 10.0: (10, 2), 30.0: (15, 1), 100.0: (50, 1)}
+    for aspect, (wide, high) in cubes.items():
+        make, twin = (changed(partial(stack, unlike, cells=c), clamped) for c in ((wide, wide, high), (4, 4, 8)))
+        yield Case("aspect", "clamped, cubes", f"{aspect:g}", make, Twin(twin, **OTHER_MESH), tolerance=0.25)
 
 
 def degenerate():
@@ -128,10 +115,8 @@ def degenerate():
     unlike = [PLAIN, material(3.0)]
     for axes, name in (((2,), "nodes moved along z"), ((0, 1, 2), "nodes moved along x, y, z")):
         for amount in (0.5, 0.9, 0.99, 0.999, 0.9999):
-
-            def make(amount=amount, axes=axes):
-                return sheared_nodes(clamped(stack(unlike, order=2)), amount, list(axes))
-
+            blocks = changed(partial(stack, unlike, order=2), clamped)
+            make = changed(blocks, partial(sheared_nodes, amount=amount, axes=list(axes)))
             twin = Twin(lambda: clamped(stack(unlike)), **OTHER_MESH)
             if ((1 - amount) / (1 + amount)) ** len(axes) < 1e-8:  # the Jacobian determinant: degenerate by contract
                 twin = None
@@ -149,13 +134,8 @@ def depths():
         if depth <= 0.08:
             yield Case("approach", "spheres, order 6", value, **hertz_force(depth))
         else:
-            make = partial(hertz, 1.0, depth)
-            yield Case(
-                "approach",
-                "spheres, order 6",
-                value,
-                **with_twin(make, partial(scaled, length=1e-3), **units_of(1e-3, 1.0)),
-            )
+            twin = with_twin(partial(hertz, 1.0, depth), partial(scaled, length=1e-3), **units_of(1e-3, 1.0))
+            yield Case("approach", "spheres, order 6", value, **twin)
         if depth <= 0.01:
             # The poles of order 3 leave the sphere by 1.4e-7 R where 1e-6 R is pressed: refused, as too coarse.
             small = {"reference": None} if depth <= 1e-5 else {}
@@ -227,10 +207,8 @@ def tilts():
     for family, make in families.items():
         for axis, degrees in ((x, 10), (x, 30), (x, 45), (x, 80), (space, 50), (space, 170)):
             value = f"{degrees} about {'x' if axis == x else '(1,2,3)'}"
-            rotation = about(axis, degrees)
-            twin = with_twin(make, partial(turned, rotation=rotation))
-            twin = {"scene": twin["reference"].scene, "reference": Twin(make)}
-            yield Case("tilt", family, value, **twin, tolerance=0.25)
+            tilted = changed(make, partial(turned, rotation=about(axis, degrees)))
+            yield Case("tilt", family, value, tilted, Twin(make), tolerance=0.25)
     for degrees in (10, 30, 45):
         make, along = (partial(oblique, degrees, direction) for direction in ((0.0, 0.0, 1.0), None))
         yield Case("tilt", "plane across its direction", str(degrees), make, Twin(along), tolerance=0.25)
@@ -238,7 +216,7 @@ def tilts():
     right |= {"y down": np.array(about(x, 90)).round(), "upside down": np.diag([-1.0, 1.0, -1.0])}
     for value, rotation in right.items():
         for family, make in (("quarter of spheres", partial(hertz, coarse=2)), ("indentation", indentation)):
-            yield Case("tilt", family, value, lambda make=make, by=rotation: turned(make(), by), Twin(make))
+            yield Case("tilt", family, value, changed(make, partial(turned, rotation=rotation)), Twin(make))
 
 
 def held_by_contact():
@@ -280,10 +258,10 @@ def between_nodes():
         yield Case("between nodes", "waves: phase", f"{phase:g}", make, known, tolerance=0.25)
     for cells in ((2, 2, 1), (4, 4, 1)):
         for height in (0.25, 1.0, 5.0):
-            make, twin = (partial(stack, [PLAIN, material(3.0)], height=height, cells=c) for c in (cells, (6, 6, 6)))
-            known = Twin(lambda twin=twin: all_held(twin()), **OTHER_MESH)
+            blocks = partial(stack, [PLAIN, material(3.0)], height=height)
+            make, twin = (changed(partial(blocks, cells=c), all_held) for c in (cells, (6, 6, 6)))
             row = f"all held, {cells[0]} x {cells[1]}: height"
-            yield Case("between nodes", row, f"{height:g}", lambda make=make: all_held(make()), known, tolerance=0.2)
+            yield Case("between nodes", row, f"{height:g}", make, Twin(twin, **OTHER_MESH), tolerance=0.2)
     for bodies in (5, 6, 8):
         make, by = partial(ring, bodies), about((0, 0, 1), 37)
         twin = with_twin(make, partial(turned, rotation=by))

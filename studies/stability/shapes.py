@@ -68,19 +68,12 @@ def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN), order=1):
         "wall face": boxes.facets(RIGHT, 0.0, "wall"),
         "cube side": boxes.facets(LEFT, 0.0, "cube"),
     }
-    held = [("bottom", "z", 0.0), ("floor left", "x", 0.0), ("wall left", "x", 0.0), ("wall top", "z", -push)]
-    held += [("cube top", "z", -push), ("cube right", "x", -push), ("y = 0", "y", 0.0), ("y = 1", "y", 0.0)]
-    return Scene(
-        "corner",
-        boxes.mesh(surfaces),
-        dict(zip(("floor", "wall", "cube"), materials)),
-        tuple(Dirichlet(where, **{axis: value}) for where, axis, value in held),
-        (
-            ContactPair("ground of wall", "wall foot", direction=(0.0, 0.0, 1.0)),
-            ContactPair("ground of cube", "cube foot", direction=(0.0, 0.0, 1.0)),
-            ContactPair("wall face", "cube side", direction=(1.0, 0.0, 0.0)),
-        ),
-    )
+    held = [Dirichlet("bottom", z=0.0), Dirichlet("floor left", x=0.0), Dirichlet("wall left", x=0.0)]
+    held += [Dirichlet("wall top", z=-push), Dirichlet("cube top", z=-push), Dirichlet("cube right", x=-push)]
+    held += [Dirichlet("y = 0", y=0.0), Dirichlet("y = 1", y=0.0)]
+    pairs = [ContactPair(f"ground of {body}", f"{body} foot", direction=(0.0, 0.0, 1.0)) for body in ("wall", "cube")]
+    pairs.append(ContactPair("wall face", "cube side", direction=(1.0, 0.0, 0.0)))
+    return Scene("corner", boxes.mesh(surfaces), dict(zip(("floor", "wall", "cube"), materials)), held, pairs)
 
 
 def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
@@ -92,9 +85,7 @@ def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
         displacement: of the top [m].
         radius: of curvature [m].
     """
-    return _pressed_on(
-        "bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement
-    )
+    return on_block("bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement)
 
 
 def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
@@ -110,7 +101,7 @@ def waves(phase=0.0, cells=2, displacement=0.001, amplitude=0.01, order=6):
         amplitude: of the waves [m].
         order: of the root mesh.
     """
-    return _pressed_on("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
+    return on_block("waves", lambda x, _: amplitude * np.sin(2 * np.pi * (x + phase)), cells, order, displacement)
 
 
 def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2):
@@ -317,8 +308,18 @@ def oblique(degrees, direction=None):
     return Scene("oblique", boxes.mesh(surfaces, place=place), {"base": PLAIN, "block": PLAIN}, held, (pair,))
 
 
-def _pressed_on(name, height, cells, order, displacement):
-    """A block whose lower face has a height above another block, a function of x and y, with its top moved down."""
+def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN), parts=("",)):
+    """A block whose lower face has a height above another block, with its top moved down.
+
+    Args:
+        name: of the upper body.
+        height: function of x and y [m].
+        cells: root cells along x and y, twice as many as contact pairs or more.
+        order: of the root mesh.
+        displacement: of the top [m].
+        materials: of the lower and the upper body.
+        parts: ends of the names of the contact surfaces of each contact pair, side by side along x.
+    """
     boxes = Boxes(order)
     boxes.add("base", (-1.0, -1.0, -1.0), (1.0, 1.0, 0.0), (cells, cells, 2))
     boxes.add(name, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), (cells, cells, 2))
@@ -327,10 +328,13 @@ def _pressed_on(name, height, cells, order, displacement):
         return x + np.outer((1 - x[:, 2]) * height(x[:, 0], x[:, 1]) * (body == name), [0, 0, 1])
 
     surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, name)}
-    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, name)}
+    for surface, facets in (("ground", boxes.facets(UP, 0.0, "base")), ("foot", boxes.facets(DOWN, 0.0, name))):
+        part = facets[:, 0] % cells * len(parts) // cells
+        surfaces |= {f"{surface}{end}": facets[part == k] for k, end in enumerate(parts)}
     held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-displacement)
-    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
-    return Scene(name, boxes.mesh(surfaces, place=place), {"base": PLAIN, name: PLAIN}, held, (pair,))
+    contact = tuple(ContactPair(f"ground{end}", f"foot{end}", direction=(0.0, 0.0, 1.0)) for end in parts)
+    mesh = boxes.mesh(surfaces, place=place)
+    return Scene(name, mesh, dict(zip(("base", name), materials)), held, contact)
 
 
 def ring(bodies=6, shrink=0.01):

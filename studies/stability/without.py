@@ -46,7 +46,6 @@ def _no_gap(between):
 #: What is put in the place of a rule, by its name: object, attribute, replacement.
 RULES = {
     "forces": (contact_goals, "allowed_errors", lambda forces, *_: np.full(len(forces), np.inf)),
-    "bound of a force": (contact_goals, "_bound", lambda *_: np.inf),
     "gap between nodes in a force": (GapBetweenNodes, "on_cells", lambda between, _: _no_gap(between)),
     "penetration between nodes": (GapBetweenNodes, "penetrated", _none),
     "effectivity": (ErrorControl, "correction", lambda *_: 1.0),

@@ -13,15 +13,13 @@ Results go to results/work_precision: runs.jsonl (each run), points.csv, promise
 
 import argparse
 import json
-import os
-import platform
 import time
 from pathlib import Path
 
 from tqdm import tqdm
 
 from studies.runs import RunFailed, cpu, run, wall
-from studies.tables import TABLES, write
+from studies.tables import TABLES, machine, write
 from studies.work_precision.figures import draw_all
 from studies.work_precision.points import points
 from studies.work_precision.tables import medians, promises, rows
@@ -29,18 +27,6 @@ from studies.work_precision.tables import medians, promises, rows
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].
 _ONCE, _LIMIT = 12.0, 1800.0
-
-
-def machine():
-    """What the times depend on: processor, cores, load at the moment."""
-    info = Path("/proc/cpuinfo")
-    models = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
-    return {
-        "processor": models[0] if models else platform.processor(),
-        "cores": os.cpu_count(),
-        "load": os.getloadavg()[0],
-        "python": platform.python_version(),
-    }
 
 
 def one_run(point, repeat, folder):
@@ -152,9 +138,8 @@ def _told(runs):
     """Machine and versions in one line."""
     good = [record for record in runs if "failed" not in record]
     versions = good[-1]["last"].get("versions", {}) if good else {}
-    machine = runs[-1]["machine"]
     parts = [f"{name} {version}" for name, version in versions.items()]
-    return f"{machine['processor']}, {machine['cores']} cores; {', '.join(parts)}; {runs[-1]['date'][:10]}"
+    return f"{runs[-1]['machine']}; {', '.join(parts)}; {runs[-1]['date'][:10]}"
 
 
 if __name__ == "__main__":

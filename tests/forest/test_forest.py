@@ -121,7 +121,7 @@ def test_marked_leaves_and_no_others_without_need(scene):
 
 
 def test_refined_repeatedly(scene):
-    """Leaves marked twice are refined by two levels, a linear field goes along; all stop at the finest level."""
+    """Leaves marked twice are refined by two levels, and a linear field goes along."""
     forest = grown(roots(scene), 1)
     times = chosen(forest, 0.1, 5) + 2 * (forest.cell == 0)
     fine, values = forest.refined_with(times, forest.corners @ [[1.0], [2.0], [-3.0]])
@@ -132,30 +132,22 @@ def test_refined_repeatedly(scene):
     everywhere((fine.level[below] >= forest.level + times).all(), "a leaf was refined less often than asked for")
     assert WORLD.allreduce(int((fine.level[below] - forest.level).max(initial=0)), op=MPI.MAX) >= 2
 
+
+def test_finest_level(scene):
+    """Refinement to one corner of a paired root cell stops at the finest level, then raises on all ranks."""
     cell = int(np.argwhere(scene.pairing.first)[0, 0])
     forest = roots(scene)
     for _ in range(MAX_LEVEL - 1):
         forest, _ = forest.refined(corner_marks(forest, cell, 3))
-    deepest, _ = forest.refined_with(2 * corner_marks(forest, cell, 3).astype(int))
-    assert WORLD.allreduce(int(deepest.level.max(initial=0)), op=MPI.MAX) == MAX_LEVEL
-    with pytest.raises(GeometryError, match="finest level"):
-        marks = corner_marks(deepest, cell, 3).astype(int)
-        deepest.refined_with(marks)
-
-
-def test_finest_level(scene):
-    """Refinement to one corner of a paired root cell reaches the finest level, then raises on all ranks."""
-    cell = int(np.argwhere(scene.pairing.first)[0, 0])
-    forest = roots(scene)
-    for _ in range(MAX_LEVEL):
-        forest, _ = forest.refined(corner_marks(forest, cell, 3))
+    forest, _ = forest.refined_with(2 * corner_marks(forest, cell, 3).astype(int))
     assert WORLD.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX) == MAX_LEVEL
     total = whole(forest)
     volume = np.bincount(total.cell, weights=8.0 ** -total.level.astype(float))
     everywhere((volume == 1).all() and balanced(total), "the deep forest is not balanced")
     assert len(total) < 100_000
-    with pytest.raises(GeometryError, match="finest level"):
-        forest.refined(corner_marks(forest, cell, 3))
+    for refine in (forest.refined, forest.refined_with):
+        with pytest.raises(GeometryError, match="finest level"):
+            refine(corner_marks(forest, cell, 3))
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
@@ -193,19 +185,20 @@ def test_facing_leaves_coincide(scene):
 
 def test_facing_vertices_hang_together(scene):
     """A vertex on a contact surface hangs if and only if the vertex that faces it does, on the rim too."""
-    forest = whole(grown(roots(scene), 5, share=0.1))
-    rows, hanging = facing_vertices(forest), hanging_keys(forest)
-    first, second = (np.isin(column, hanging) for column in rows.T)
-    assert first.sum() > 5 and (~first).sum() > 5, "no hanging vertex on the contact surface"
-    assert (first == second).all()
+    hangs_alike(grown(roots(scene), 5, share=0.1))
 
 
 def test_facing_vertices_hang_together_in_a_corner():
     """The same where the contact surface has a concave edge, with a cell there that has no face on it."""
-    forest = whole(grown(roots(corner_scene(one_pair=True)), 3, share=0.2))
+    hangs_alike(grown(roots(corner_scene(one_pair=True)), 3, share=0.2))
+
+
+def hangs_alike(forest):
+    """Assert that facing vertices both hang or both do not, and that some do."""
+    forest = whole(forest)
     rows, hanging = facing_vertices(forest), hanging_keys(forest)
     first, second = (np.isin(column, hanging) for column in rows.T)
-    assert first.any()
+    assert first.sum() > 5 and (~first).sum() > 5, "no hanging vertex on the contact surface"
     assert (first == second).all()
 
 

@@ -18,11 +18,9 @@ from model_problems import (
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.forest import interface_smoothing
-from fx_contact.forest.leaf_graph import Graph
-from fx_contact.forest.partition import KINDS, along_curve, repartition
+from fx_contact.forest.partition import KINDS, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.forest.super_elements import Units, curve_keys
+from fx_contact.forest.super_elements import curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from studies.partition.assignment import assign
@@ -38,16 +36,6 @@ def rank_of(forest):
     """Rank of every leaf, in ascending order of the leaves' codes, on all ranks."""
     order = np.argsort(gathered(forest.comm, code_of(forest)))
     return gathered(forest.comm, np.full(len(forest), forest.comm.rank))[order]
-
-
-@pytest.mark.parametrize("parts, offered", [([0, 0, 0, 0, 1], [3]), ([0, 0, 0, 1, 1], [])])
-def test_sides_are_changed_at_no_gain_where_that_evens_out(parts, offered):
-    """On a path the vertex at the interface gains nothing: it is offered to a part that stays lighter than its own."""
-    ends = np.stack([np.arange(4), np.arange(1, 5)], axis=1)
-    graph = Graph(MPI.COMM_SELF, 5, *np.concatenate([ends, ends[:, ::-1]]).T, np.ones(8, dtype=np.int64))
-    part, weights = np.array(parts, dtype=np.int32), np.ones(5, dtype=np.int64)
-    vertex, target, gain = interface_smoothing._offers(graph, weights, part, np.bincount(part), most=4, upward=True)
-    assert vertex.tolist() == offered and not gain.any() and (target == 1).all()
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
@@ -95,24 +83,9 @@ def test_curve_partitions_are_balanced(kind, parts):
     assert weights.max() <= max(1.02 * len(forest) / parts, len(forest) / parts + units.weights.max())
 
 
-@pytest.mark.parametrize("parts", [2, 5, 40])
-def test_straightening_pays(parts):
-    """The cut is far shorter than the curve's while parts are large, and never longer."""
-    forest = grown(roots(pressed(two_boxes(upper=(3, 3, 3), margin=1)), MPI.COMM_SELF), 4)
-    units = Units(forest, True)
-    curve, straight = along_curve(units, parts, None)[0], assign(forest, parts, "contact-sfc")[1]
-    assert units.graph.cut(straight) <= (0.9 if parts < 10 else 1) * units.graph.cut(curve)
-    mean = len(forest) / parts
-    assert np.bincount(straight, weights=units.weights).max() <= max(1.02 * mean, mean + units.weights.max())
-
-
-@pytest.mark.parametrize("least", [interface_smoothing.LEAST, 1], ids=["", "finer graphs and shells"])
 @pytest.mark.parametrize("kind", ["contact-sfc", "sfc", "equidistributed"])
-def test_same_parts_in_serial(kind, least, monkeypatch):
+def test_same_parts_in_serial(kind):
     """A partition into as many parts as there are ranks, made by one rank, is the one that the ranks make."""
-    if kind != "contact-sfc" and least == 1:
-        pytest.skip("not straightened")
-    monkeypatch.setattr(interface_smoothing, "LEAST", least)
     scene = pressed(two_boxes(upper=(3, 3, 3), margin=1))
     forest, alone = roots(scene), roots(scene, MPI.COMM_SELF)
     home = np.repeat(np.arange(WORLD.size), WORLD.allgather(len(forest)))
@@ -121,7 +94,7 @@ def test_same_parts_in_serial(kind, least, monkeypatch):
     lowest = np.full(len(alone), WORLD.size)
     np.minimum.at(lowest, group, home)
     home = lowest[group]
-    for salt in range(4):
+    for salt in range(3):
         forest, _ = repartition(forest, None, kind)
         units, part = assign(alone, WORLD.size, kind, home)
         home = part[units.of_leaf]
@@ -129,8 +102,7 @@ def test_same_parts_in_serial(kind, least, monkeypatch):
         forest, _ = forest.refined(chosen(forest, 0.4, salt))
         alone, glue = alone.refined(chosen(alone, 0.4, salt))
         home = home[glue.parent]
-    assert len(alone) > 1000 * WORLD.size, "parts too small to be straightened"
-    assert least > 1 or interface_smoothing.graphs(WORLD.size, len(alone) / WORLD.size) == interface_smoothing.BOXES
+    assert len(alone) > 300 * WORLD.size
 
 
 def test_equidistributed_shares():

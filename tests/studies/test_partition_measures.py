@@ -42,15 +42,10 @@ def test_quality_by_definition(make, parts):
     forest = repartition(grown(roots(make()), 3, share=0.1), None)[0]
     octants = (forest.anchor.astype(np.int64) // (SIDE // 2)) @ [1, 3, 5] % parts
     for part in (random_parts(forest, parts), octants):
-        weights = 1.0 + forest.level
-        found = Judge(forest, Prolongation(Space(forest, 1)), weights).score(part, parts)
-        total = whole(forest)
-        everyone, weight = gathered(WORLD, part), gathered(WORLD, weights)
-        for value, loads in (
-            (found.imbalance, np.bincount(everyone)),
-            (found.weight_imbalance, np.bincount(everyone, weights=weight)),
-        ):
-            assert value == pytest.approx(loads.max() * parts / loads.sum(), rel=1e-14)
+        found = Judge(forest, Prolongation(Space(forest, 1))).score(part, parts)
+        total, everyone = whole(forest), gathered(WORLD, part)
+        loads = np.bincount(everyone)
+        assert found.imbalance == pytest.approx(loads.max() * parts / loads.sum(), rel=1e-14)
         assert found.cut_facets == cut_facets(total, everyone)
         needs, joined = by_search(total)
         split = sum(everyone[a] != everyone[b] for a, b in joined)
@@ -60,18 +55,11 @@ def test_quality_by_definition(make, parts):
             for key in keys:
                 users.setdefault(key, set()).add(everyone[leaf])
         several = [sorted(who) for who in users.values() if len(who) > 1]
-        assert found.interface_nodes == len(several) > 0
-        needed = np.bincount([one for who in users.values() for one in who], minlength=parts)
-        assert found.unknowns_imbalance == needed.max() / needed.mean()
         assert found.halo_bytes == BYTES * sum(len(who) - 1 for who in several)
         assert found.halo_bytes / parts <= found.halo_bytes_max <= found.halo_bytes
         pairs = {(a, b) for who in several for a in who for b in who if a != b}
         degree = np.bincount([a for a, _ in pairs], minlength=parts)
         assert (found.neighbours_max, found.neighbours_mean) == (degree.max(), degree.mean())
-        graph = create_leaf_graph(total)
-        joined += [(a, b) for a, b in zip(graph.rows, graph.matrix.indices)]
-        pieces = np.bincount(everyone[components(joined, everyone)], minlength=parts)
-        assert (found.pieces_max, found.pieces_mean) == (pieces.max(), pieces.mean())
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -157,21 +145,6 @@ def by_search(forest):
             where = forest.pairing.partners(forest.cell[one[0]], forest.level[one[0]], forest.anchor[one[0]], one[1])
             joined.append((leaf, int(find_leaves(forest, *where)[0])))
     return needs, joined
-
-
-def components(edges, part):
-    """One leaf of each connected piece of the parts."""
-    root = list(range(len(part)))
-
-    def find(leaf):
-        while root[leaf] != leaf:
-            leaf = root[leaf]
-        return leaf
-
-    for a, b in edges:
-        if part[a] == part[b]:
-            root[find(a)] = find(b)
-    return [leaf for leaf in range(len(part)) if root[leaf] == leaf]
 
 
 def cut_facets(forest, part):

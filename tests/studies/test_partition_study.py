@@ -1,7 +1,7 @@
 """The partition study from end to end on small meshes: scores, kernels on the ranks, prediction, tables, pictures."""
 
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def test_study(study, kernels, monkeypatch, tmp_path):
     if WORLD.rank > 0:
         return
     _, rows = read(folder / "quality.csv")
-    assert len(rows) == 5 * (len(KINDS) + 1)
+    assert len(rows) == 5 * len(KINDS)
     for row in rows:
         assert (row["kind"] == "sfc") == (row["split_pairs"] > 0), row
         assert (row["kind"] == "equidistributed") == (row["reductions"] == 0), row
@@ -57,8 +57,7 @@ def test_study(study, kernels, monkeypatch, tmp_path):
     for row in rows:
         stages = [row[name] for name in STAGES]
         assert min(stages) > 0 and sum(stages) == pytest.approx(row["total"], rel=1e-5)  # six digits are kept
-    assert "MODEL" in (folder / "prediction.md").read_text()
-    for name in ("cut", "prediction_hertz", "hertz_32", *(f"hertz_{kind}_32" for kind in KINDS)):
+    for name in ("cut", "hertz_32", *(f"hertz_{kind}_32" for kind in KINDS)):
         assert (folder / f"{name}.png").stat().st_size > 10_000, name
 
 
@@ -87,7 +86,5 @@ def test_kernels(kernels):
     assert len(TIMES) == 6
     for name in TIMES:
         everywhere(getattr(kernels, name) > 0, name)
-    assert {"exchanges", "straightening"} <= {field.name for field in fields(kernels)}
     lengths, rows = kernels.exchanges
     assert lengths > 10 and (rows > lengths) == (WORLD.size > 1)
-    assert min(kernels.straightening) >= 0 and (kernels.straightening[1] > 0) == (WORLD.size > 1)

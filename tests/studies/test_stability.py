@@ -1,7 +1,6 @@
 """Some scenes of the stress matrix: no scene is delivered wrong, none dies, and the judge sees what is wrong."""
 
 import os
-import signal
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from studies.stability import run as stability
 from studies.stability import without
 from studies.stability.cases import Case, sample
 from studies.stability.checks import Check, Exact
-from studies.stability.figures import SCORES, draw_matrix, rows, table
+from studies.stability.figures import SCORES, draw_matrix, named, rows
 from studies.stability.references import stack_force
 from studies.stability.scenes import cases
 from studies.stability.shapes import sheared_nodes
@@ -51,7 +50,7 @@ def test_the_tables():
 
 
 def judged(reference, **changes):
-    """A stack's score against a reference."""
+    """The score of a stack against a reference."""
     known = {"scene": lambda: stack([SOFT, SOFT]), "reference": reference}
     return stability.score(Case("axis", "family", "value", **(known | changes)))
 
@@ -204,28 +203,16 @@ def test_processes(tmp_path, monkeypatch):
     for name in set(os.environ) - set(outside()):  # they are no ranks of an mpirun above
         monkeypatch.delenv(name)
     names = ["bodies/stack/2", "held-by-contact/refused/pulled-stack", "gap/stack/1e-2"]
-    chosen = {name: NAMED[name] for name in names}
-    path = tmp_path / "scores.jsonl"
-    stability.study({name: chosen[name] for name in names[:2]}, path)
-    assert [stability.read(path)[name]["score"] for name in names[:2]] == ["right", "refused"]
-    lines = path.read_text()
-    stability.study({name: chosen[name] for name in names[:2]}, path)
-    assert path.read_text() == lines
-    monkeypatch.setattr(stability, "TIME_LIMIT", 0.1)
-    stability.study(chosen, path)
-    assert stability.read(path)[names[2]]["score"] == "hang"
-    monkeypatch.setattr(stability, "TIME_LIMIT", 60.0)
-    worker = stability.Worker(path)
-    for end, message in ((None, "KeyError: 'no/such/scene'"), (os.kill, "exit code -9")):
-        if end:
-            assert worker.attempt(chosen[names[0]])["score"] == "right"
-            end(worker._process.pid, signal.SIGKILL)
-        dead = worker.attempt(Case("no", "such", "scene", None, None))
-        assert dead["score"] == "crash" and dead["message"] == message
-    worker.end()
-    scores = list(stability.read(path).values())
+    chosen, path = {name: NAMED[name] for name in names}, tmp_path / "scores.jsonl"
+    lost = {"lost": Case("no", "such", "scene", None, None)}
+    for more, limit in (({}, 60.0), (lost, 60.0), ({"late": NAMED["gap/stack/-1e-4"]}, 0.1)):
+        stability.study(chosen | more, path, limit)
+        scores = stability.read(path)
+        assert len(path.read_text().splitlines()) == len(scores), "scored again"
+    expected = dict(zip(names, ("right", "refused", "right"))) | {"no/such/scene": "crash", "gap/stack/-1e-4": "hang"}
+    assert {name: one["score"] for name, one in scores.items()} == expected
+    scores = list(scores.values())
     draw_matrix(scores, tmp_path / "matrix.png", {one["name"]: one for one in scores[:2]})
     assert [row["score"] for row in rows(scores, str)] == [one["score"] for one in scores]
     assert (tmp_path / "matrix.png").stat().st_size > 5_000  # with a palette; next to nothing on white has 2,000
-    text = table(scores, stability.command)
-    assert "--only gap/stack/1e-2" in text and {one["score"] for one in scores} <= set(SCORES)
+    assert "- crash: `no/such/scene`" in named(scores) and {one["score"] for one in scores} <= set(SCORES)

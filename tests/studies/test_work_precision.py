@@ -25,7 +25,7 @@ def line(point, repeat, wall, error):
         "command": point.case.command,
         "repeat": repeat,
         "date": "2025-01-01 00:00:00",
-        "machine": {"processor": "a processor", "cores": 2},
+        "machine": "a processor, 2 cores",
         "wall": wall,
         "cpu": 2 * wall,
         "process_seconds": wall + 1,
@@ -60,7 +60,7 @@ def test_tables_and_plots(tmp_path):
     ]
     broken = wanted[1].case.command
     runs = [r for r in runs if r["command"] != broken]
-    runs.append({"command": broken, "repeat": 0, "failed": "SolveError: no", "machine": {}, "date": "2025-01-01"})
+    runs.append({"command": broken, "repeat": 0, "failed": "SolveError: no", "machine": "", "date": "2025-01-01"})
     found = medians(wanted, runs)
     assert len(found) == len(wanted) and found[1].failed == "SolveError: no"
     assert all(r.wall == 2.0 and r.cpu == 4.0 and r.runs == 3 for r in found if not r.failed)

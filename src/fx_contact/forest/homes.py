@@ -3,7 +3,7 @@
 The home of a lattice point is the rank whose piece of the space-filling curve holds it, as the last partition along the
 curve has cut it: the key names a root entity and integer coordinates there, a root cell of that entity gives the place
 on the curve, and the cuts, which all ranks know, the rank.  So a rank exchanges facts with its neighbours alone,
-however many ranks there are.  Straightened interfaces, and refinement since, move leaves away from home, not far.
+however many ranks there are.  Refinement moves leaves away from home, not far.
 """
 
 from functools import lru_cache

@@ -1,13 +1,12 @@
 """The graph of the leaves, distributed like them: leaves that share a facet, across hanging interfaces too.
 
-Contracting it gives the graph of any groups of leaves: of facing leaves, or of the boxes of a coarser forest.
+Contracting it gives the graph of any groups of leaves, such as facing ones.
 """
 
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
-from scipy.sparse import coo_matrix, csr_matrix, vstack
+from scipy.sparse import coo_matrix
 
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory
@@ -53,11 +52,6 @@ class Graph:
         """(k,) int64, this rank's vertex of each entry of `matrix`.  Local."""
         return np.repeat(np.arange(self.size), np.diff(self.matrix.indptr))
 
-    @cached_property
-    def degree(self):
-        """(size,) int64, weight of all edges of each vertex.  Local."""
-        return np.asarray(self.matrix.sum(axis=1), dtype=np.int64).ravel()
-
     def ghosted(self, values):
         """Values of this rank's vertices and of the ghosts.
 
@@ -70,27 +64,6 @@ class Graph:
             (size + ghosts,) array.
         """
         return np.concatenate([values, self._exchange.backward(values[self._asked])])
-
-    def ghosted_rows(self, matrix):
-        """Sparse rows of this rank's vertices and of the ghosts.
-
-        Collective on comm.
-
-        Args:
-            matrix: (size, k) scipy CSR.
-
-        Returns:
-            (size + ghosts, k) scipy CSR.
-        """
-        asked = matrix[self._asked]
-        lengths = np.diff(asked.indptr)
-        entries = Exchange(self.comm, np.repeat(self._exchange.source, lengths))
-        start = np.concatenate([[0], np.cumsum(self._exchange.backward(lengths))])
-        far = csr_matrix(
-            (entries.forward(asked.data), entries.forward(asked.indices), start),
-            shape=(len(self.ghosts), matrix.shape[1]),
-        )
-        return vstack([matrix, far], format="csr")
 
     def cut(self, part):
         """Weight of all edges between different parts.
@@ -120,17 +93,6 @@ class Graph:
         """
         number = self.ghosted((self.comm.exscan(count) or 0) + group)
         return Graph(self.comm, count, group[self.rows], number[self.matrix.indices], self.matrix.data)
-
-    def gathered(self):
-        """The whole graph on every rank: for small ones.  Collective on comm.
-
-        Returns:
-            Graph, on this rank alone.
-        """
-        number = np.concatenate([self.offset + np.arange(self.size), self.ghosts])
-        edges = self.offset + self.rows, number[self.matrix.indices], self.matrix.data
-        rows, columns, weights = (np.concatenate(self.comm.allgather(values)) for values in edges)
-        return Graph(MPI.COMM_SELF, int(self.ends[-1]), rows, columns, weights)
 
 
 def create_leaf_graph(forest):

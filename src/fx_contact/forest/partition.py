@@ -1,7 +1,7 @@
 """Four kinds of partition of the leaves, made anew after every refinement.
 
     contact-sfc      the Hilbert curve; facing leaves are one super-element with the weight of both (section 3 of the
-                     paper); then the interfaces between the parts are straightened
+                     paper)
     equidistributed  facing leaves on their own share of the ranks, all leaves dealt out by local number (the paper's
                      former way)
     sfc              the Hilbert curve, blind to contact: pairs may be split
@@ -17,16 +17,12 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
-from fx_contact.forest.interface_smoothing import smoothed
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel import compat
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
-
-#: Largest weight of a part over the mean, unless one unit alone exceeds it.
-IMBALANCE = 1.02
 
 
 def along_curve(units, parts, _home):
@@ -36,14 +32,6 @@ def along_curve(units, parts, _home):
     """
     cuts = space_filling_curve.cut_curve(units.comm, units.keys, units.weights, parts)
     return np.searchsorted(cuts, units.keys, side="right").astype(np.int32), cuts
-
-
-def straightened(units, parts, home):
-    """The present parts with shorter interfaces: (m,) int32 part of each unit, no cuts.  Collective on units.comm."""
-    total, heaviest = units.comm.allreduce(int(units.weights.sum())), int(units.weights.max(initial=0))
-    heaviest = units.comm.allreduce(heaviest, op=MPI.MAX)
-    limit = max(IMBALANCE * total / parts, total / parts + heaviest)
-    return smoothed(units.graph, units.keys, units.weights, home, parts, limit), None
 
 
 def by_graph(units, parts, _home):
@@ -96,7 +84,7 @@ class Kind:
 
 
 KINDS = {
-    "contact-sfc": Kind(True, (along_curve, straightened)),
+    "contact-sfc": Kind(True, (along_curve,)),
     "equidistributed": Kind(True, (dealt_out,)),
     "sfc": Kind(False, (along_curve,)),
     "graph": Kind(True, (along_curve, by_graph)),
