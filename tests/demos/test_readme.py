@@ -33,7 +33,7 @@ RUN = (
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
-    r"|(mpirun -n \d )?python3 (tests/mutations/run|studies/equivalence/(records|compare))\.py .*"
+    r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
 )
 #: What is not.
 SKIPPED = {
@@ -69,7 +69,7 @@ SMALLER = (
     (r"(mpirun -n \d )?(python3 studies/equivalence/records\.py) .*", r"\2 --quick --only patch after.json"),
     (r"(studies.*compare(\.py)?) (\S+) .*", r"\1 \3 \3"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
-    (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
+    (r"(studies\.mutations\.run).*", r"\1 --count 2 --list"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
 #: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
