@@ -41,7 +41,7 @@ class _Watch:
         sys.monitoring.set_events(_TOOL, sys.monitoring.events.LINE)
 
     def _line(self, code: Any, line: int) -> Any:
-        if code.co_filename.startswith(SOURCE):
+        if SOURCE and code.co_filename.startswith(SOURCE):
             self.seen.add((code.co_filename[len(SOURCE) :], line))
         return sys.monitoring.DISABLE
 
