@@ -1,18 +1,20 @@
-"""Figures of contact that all ranks have together, from node pairs made up; one rank has none."""
+"""Figures of contact that all ranks have together, from node pairs made up; one rank may have none."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from conftest import WORLD
 from model_problems import side_by_side
 
 from fx_contact.adaptive.contact_figures import figures_of_contact
 
 
-def test_figures_of_all_ranks():
+@pytest.mark.parametrize("idle", [False, True])
+def test_figures_of_all_ranks(idle):
     """Forces and counts add up over ranks and by pair; pressure and penetration are the largest of all."""
-    most = max(WORLD.size - 1, 1)
-    each = 0 if WORLD.rank == most else 2  # on the last of several ranks nothing
+    most = max(WORLD.size - idle, 1)
+    each = 0 if WORLD.rank == most else 2
     number = np.arange(2 * WORLD.rank, 2 * WORLD.rank + each)
     rows = SimpleNamespace(
         contact=number % 2,
