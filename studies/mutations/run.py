@@ -137,6 +137,8 @@ def outcome(tree: Path, ranks: int, tests: list[tuple[str, float]], more: Iterab
             return False, "no end, and no test says so"
         said.seek(0)
         text = said.read()
+    if code and "no tests ran" in text:
+        raise RuntimeError(f"the map is out of date, make it anew with --map:\n{text[-1000:]}")
     names = _FAILED.findall(text)
     return code != 0, names[-1] if names else "\n".join(text.splitlines()[-3:])
 
@@ -174,13 +176,28 @@ def known() -> dict[str, dict[str, Any]]:
     return {entry["mutation"]: entry for entry in map(json.loads, lines)}
 
 
+def _copy(folder: Path, example: list[Mutation]) -> Path:
+    """A copy of the tree, in which the tests of a mistake pass without it."""
+
+    def ignored(place: str, names: list[str]) -> list[str]:
+        return [
+            name for name in names if name == "__pycache__" or (place == str(ROOT) and name in (".git", "results"))
+        ]
+
+    tree = Path(shutil.copytree(ROOT, folder, ignore=ignored, symlinks=True))
+    for mutation in example:
+        fails, what = outcome(tree, 1, Map.load(1).judges(mutation)[:20])
+        if fails:
+            sys.exit(f"without any mistake a test fails: {what}")
+    return tree
+
+
 def study(mutations: list[Mutation], jobs: int, rest: bool) -> None:
     """Judge mistakes, several at a time, each in a tree of its own, and append the results."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         trees: SimpleQueue[Path] = SimpleQueue()
         for job in range(jobs):
-            ignored = shutil.ignore_patterns(".git", "results", "__pycache__")
-            trees.put(Path(shutil.copytree(ROOT, Path(folder) / str(job), ignore=ignored, symlinks=True)))
+            trees.put(_copy(Path(folder) / str(job), mutations[:1]))
 
         def one(mutation: Mutation) -> None:
             tree = trees.get()
