@@ -216,6 +216,9 @@ def test_turned_out_of_the_axes():
         (lambda: shrink_fit(interference=3.0), "no ring"),
         (lambda: stack(cells=(2, 0, 2)), "root cells"),
         (lambda: stack(height=0.0), "height"),
+        (lambda: shrink_fit(height=0.0), "^height must"),
+        (lambda: punch(radius=0.0), "^radius must"),
+        (lambda: punch(displacement=np.inf), "^displacement must"),
     ],
 )
 def test_arguments(make, message):
