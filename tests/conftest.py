@@ -1,10 +1,12 @@
 """Model problems that several tests share, and what keeps tests collective: ranks pass and fail together."""
 
+import faulthandler
 import os
-import sys
+import threading
 import time
 import traceback
 import zlib
+from collections.abc import Generator
 
 import numpy as np
 import pytest
@@ -18,11 +20,14 @@ def pytest_addoption(parser):
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the pages print to the letter, for hours")
     parser.addoption("--quick", action="store_true", help="leave out tests that are marked as slow")
+    parser.addoption("--limit", type=float, default=120.0, help="seconds of a test, five times as many of a slow one")
     parser.addoption("--whole-runs-on", metavar="RANKS", help="numbers of ranks of which one has each whole run")
 
 
 def pytest_configure(config):
-    """The marks of these tests."""
+    """The marks of these tests, and where the watchdog writes, which no test captures."""
+    global _LOG
+    _LOG = os.dup(2)
     config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
     config.addinivalue_line(
         "markers",
@@ -54,6 +59,9 @@ def pytest_collection_modifyitems(config, items):
 _MEETING = WORLD.Dup()
 _PATIENCE = 60.0
 """Seconds that a rank which failed alone waits for the others, which may be stuck in a collective call."""
+_LOG = 2
+_BACKSTOP = 1.0
+"""Seconds after the limit of a test when its rank ends even in C code that holds the lock of the interpreter."""
 
 
 def everywhere(condition, message, comm=WORLD):
@@ -61,32 +69,31 @@ def everywhere(condition, message, comm=WORLD):
     assert comm.allreduce(bool(condition), op=MPI.LAND), message
 
 
-def _meet(failure):
+def _meet(failure, limit):
     """End a phase of a test together: the ranks that failed, or an abort if the others do not come."""
     failed = np.zeros(WORLD.size, dtype=np.int32)
     failed[WORLD.rank] = failure is not None
     total = np.empty_like(failed)
     request = _MEETING.Iallreduce(failed, total)
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + min(_PATIENCE, limit / 2)
     while not request.Test():
         if failure is not None and time.monotonic() > deadline:
-            traceback.print_exception(failure, file=sys.__stderr__)
-            sys.__stderr__.flush()
+            os.write(_LOG, "".join(traceback.format_exception(failure)).encode())
             WORLD.Abort(1)
         time.sleep(1e-4)
     return np.flatnonzero(total)
 
 
-def _together():
+def _together(item):
     failure, result = None, None
     try:
         result = yield
     except pytest.skip.Exception:
-        _meet(None)
+        _meet(None, _limit(item))
         raise
     except BaseException as caught:
         failure = caught
-    failed = _meet(failure)
+    failed = _meet(failure, _limit(item))
     if failure is not None:
         raise failure
     assert not len(failed), f"failed on ranks {failed.tolist()}"
@@ -95,12 +102,44 @@ def _together():
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
-    return (yield from _together())
+    return (yield from _together(item))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
-    return (yield from _together())
+    return (yield from _together(item))
+
+
+# ------------------------------------------------------------------------------------------------------ no test hangs
+
+
+def _limit(item: pytest.Item) -> float:
+    """Seconds that a test may take."""
+    return item.config.getoption("--limit") * (5 if item.get_closest_marker("slow") else 1)
+
+
+def _end(test: str, limit: float) -> None:
+    """Name a test that does not end, show where this rank is, and end all ranks once they have done the same."""
+    faulthandler.cancel_dump_traceback_later()
+    os.write(_LOG, f"\n{test} does not end within {limit:g} s: rank {WORLD.rank} of {WORLD.size} is in\n".encode())
+    faulthandler.dump_traceback(_LOG)
+    time.sleep(2 * _BACKSTOP)
+    os._exit(1)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Watch a test with its fixtures."""
+    limit = _limit(item)
+    timer = threading.Timer(limit, _end, (item.nodeid, limit))
+    timer.daemon = True
+    timer.start()
+    faulthandler.dump_traceback_later(limit + _BACKSTOP, exit=True, file=_LOG)
+    try:
+        return (yield)
+    finally:
+        timer.cancel()
+        faulthandler.cancel_dump_traceback_later()
 
 
 def outside():

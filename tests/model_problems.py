@@ -265,12 +265,21 @@ def strewn(forest, salt=3):
     return forest.moved(scramble(place(forest), salt) % np.uint64(forest.comm.size))[0]
 
 
-#: Ways to distribute the leaves: as they were refined, at random, along the contact-aware curve.
+def lopsided(forest):
+    """The same leaves, all that have contact on the last rank and nothing else there.  Collective."""
+    touching = np.isin(np.arange(len(forest)), forest.contact_faces()[0])
+    if not forest.comm.allreduce(int(touching.sum())):
+        return forest
+    last = forest.comm.size - 1
+    return forest.moved(np.where(touching, last, forest.comm.rank % max(last, 1)))[0]
+
+
+#: Ways to distribute the leaves: as they were refined, at random, along the contact-aware curve, contact apart.
 DISTRIBUTIONS = {
     "roots": lambda forest: forest,
     "strewn": strewn,
     "contact-sfc": lambda forest: repartition(forest, None)[0],
-}
+} | ({"lopsided": lopsided} if WORLD.size > 1 else {})
 
 # ------------------------------------------------------------------------------------ all of a forest on each rank
 

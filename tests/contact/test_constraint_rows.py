@@ -47,6 +47,12 @@ def test_rows_of_four_vertices(distribution, method):
     everywhere(one.active.all() and other.active.all(), "a row that is open")
     mixed = bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01  # a rank with one row has none to mix it with
     assert WORLD.allreduce(bool(mixed), op=MPI.LOR), "rows that are not mixed"
+    # Rounding is that of all ranks: it does not depend on their number, though some have nothing.
+    forest = roots(scene, MPI.COMM_SELF)
+    elasticity = discrete(scene, forest)
+    serial = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+    alone = solved(elasticity, serial, find_supports(scene, forest, elasticity.prolongation), enforcement)
+    assert abs(one.rounding / alone.rounding - 1) < 1e-6
     slack = 1e-10 if method == "exact" else 1e-5
     everywhere(np.abs(one.displacement - other.displacement).max(initial=0) < slack * 0.02, "other displacements")
     forces = pairs.transposed(one.force), rows.transposed(other.force)

@@ -33,7 +33,7 @@ RUN = (
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
-    r"|(mpirun -n \d )?python3 (tests/mutations/run|studies/equivalence/(records|compare))\.py .*"
+    r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
 )
 #: What is not.
 SKIPPED = {
@@ -70,7 +70,7 @@ SMALLER = (
     (r"(studies/equivalence/compare\.py) .*", r"\1 after.json after.json"),
     (r"(studies\.stability\.compare) (\S+) .*", r"\1 \2 \2"),
     (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
-    (r"tests/mutations/run\.py .*", "tests/mutations/run.py --check"),
+    (r"(studies\.mutations\.run).*", r"\1 --count 2 --list"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
 #: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.

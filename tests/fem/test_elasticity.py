@@ -370,3 +370,15 @@ def test_prescribed_values_at_surfaces_and_vertices():
         expected[x[:, 2] > 2 - 1e-12] = [0, 0, -0.02]
         everywhere(np.array_equal(prescribed[place], expected, equal_nan=True), "another value than prescribed")
         assert WORLD.allreduce(int((~np.isnan(expected)).sum())) > 50
+
+
+def test_ranks_without_leaves():
+    """One rank has all of them: the matrix is assembled and gives rigid motions no force."""
+    forest = roots(pressed(two_boxes(), contact=False))
+    forest, _ = forest.moved(np.full(len(forest), WORLD.size - 1))
+    matrix = discrete(pressed(two_boxes(), contact=False), forest).stiffness().mat
+    matrix.assemble()
+    x, y = matrix.createVecs()
+    x.set(1.0)
+    matrix.mult(x, y)
+    assert y.norm() < 1e-13 * matrix.norm() * x.norm()

@@ -88,3 +88,18 @@ def test_the_lowest_rank_speaks_for_those_without_an_error():
         with together(WORLD):
             if failed:
                 raise KeyError(WORLD.rank)
+
+
+class Stubborn(Exception):
+    """One that pickle writes and cannot read."""
+
+    def __init__(self, what, why):
+        super().__init__(f"{what} {why}")
+
+
+def test_errors_that_cannot_be_sent():
+    """Others raise one that says the same; the rank itself its own."""
+    with pytest.raises(Stubborn if WORLD.rank == WORLD.size - 1 else RuntimeError, match="^(Stubborn: )?it fails$"):
+        with together(WORLD):
+            if WORLD.rank == WORLD.size - 1:
+                raise Stubborn("it", "fails")

@@ -86,6 +86,18 @@ def test_punch_by_force():
     assert abs(held.contact_radius / pressed.contact_radius - 1) < 0.05
 
 
+@pytest.mark.parametrize("symmetry, parts", [("quarter", 4), ("full", 1)])
+def test_loads_are_of_the_whole(symmetry, parts):
+    """The force of a punch, and the pressure on a stack times its area, on tops that have not the area 1."""
+    pressed = punch(radius=2.0, force=3e-3, side=0.5, symmetry=symmetry)
+    for scene, whole in ((pressed, 3e-3), (stack(pressure=0.02, side=3.0, height=0.5), 0.02 * 9)):
+        (load,), top = scene.tractions, scene.mesh.facet_points(scene.mesh.surface("top"), 1)
+        area = np.linalg.norm(np.cross(top[:, 3] - top[:, 0], top[:, 2] - top[:, 1]), axis=1).sum() / 2
+        each = load.at(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))[0]
+        assert np.allclose(each * area * scene.symmetry, [0.0, 0.0, -whole], rtol=1e-12)
+    assert pressed.symmetry == parts
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "radii", [(1.0, 2.0), (np.inf, 1.0), (-2.0, 1.0)], ids=["unequal", "on a block", "in a socket"]
@@ -204,6 +216,9 @@ def test_turned_out_of_the_axes():
         (lambda: shrink_fit(interference=3.0), "no ring"),
         (lambda: stack(cells=(2, 0, 2)), "root cells"),
         (lambda: stack(height=0.0), "height"),
+        (lambda: shrink_fit(height=0.0), "^height must"),
+        (lambda: punch(radius=0.0), "^radius must"),
+        (lambda: punch(displacement=np.inf), "^displacement must"),
     ],
 )
 def test_arguments(make, message):

@@ -89,6 +89,8 @@ def create_matrix(prolongation, cells, rows, copied=True):
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
+    # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
+    mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     return BlockMatrix(prolongation.comm, mat, lengths)
 
 

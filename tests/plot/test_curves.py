@@ -1,0 +1,85 @@
+"""Truth of curves and scale bars: values in the unit of their labels, against figures made up."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from model_problems import step_record
+
+from fx_contact.plot.canvas import add_length
+from fx_contact.plot.curves import _draw_convergence, _draw_pressure, _draw_sweep
+
+
+@pytest.fixture
+def axes():
+    """Axes of matplotlib that nobody sees."""
+    from matplotlib.figure import Figure
+
+    return Figure().subplots()
+
+
+def lines(axes):
+    """What is drawn, by label: points (n, 2)."""
+    return {line.get_label(): np.array(line.get_data()).T for line in axes.lines}
+
+
+def test_convergence(axes):
+    """Errors and tolerance in per cent; the slope of smooth solutions ends at the last estimate."""
+    records = [
+        step_record(0, dofs=1000, estimate=0.4, degree=2, tolerance=0.05),
+        step_record(1, dofs=8000, estimate=0.1, degree=2, tolerance=0.05, true_error=SimpleNamespace(relative=0.08)),
+    ]
+    _draw_convergence(axes, records)
+    drawn = lines(axes)
+    assert axes.get_ylabel() == "relative energy error [%]" and axes.get_xlabel() == "unknowns"
+    assert np.allclose(drawn["estimated"], [(1000, 40), (8000, 10)]) and np.allclose(drawn["true"], [(8000, 8)])
+    assert np.allclose(drawn["tolerance"][:, 1], 5)
+    (smooth,) = (points for label, points in drawn.items() if "smooth" in label)
+    assert "-2/3" in str(list(drawn)) and np.allclose(smooth[:, 1], [10 * 8 ** (2 / 3), 10])
+
+
+def test_pressure(axes):
+    """Radii about the contact's centre over the exact one, pressures as they are, differences in % of the largest."""
+    table = SimpleNamespace(
+        points=np.array([[1.0, 2.0, 7.0], [1.0, 2.5, 3.0], [5.0, 2.0, 3.0]]),
+        normal=np.tile([0.0, 0.0, 1.0], (3, 1)),
+        pressure=np.array([8.0, 3.0, 0.0]),
+        active=np.array([True, True, False]),
+    )
+    record = step_record(0, contact_centre=(1.0, 2.0, 3.0), contact_radius=0.6, dofs=1000, estimate=0.125)
+    exact = SimpleNamespace(contact_radius=0.5, max_pressure=10.0, force=2.0, pressure=lambda r: 10.0 - 10 * r)
+    _draw_pressure(axes, table, record, exact)
+    _, below = axes.figure.axes
+    assert np.allclose(lines(axes)["node pairs"], [(0, 8), (1, 3)]), "the third is farther than 1.6 radii"
+    assert np.allclose(lines(axes)["Hertz, F = 2"][-1], [1.6 * 0.6 / 0.5, 10 - 9.6])
+    off = below.lines[-1].get_data()
+    assert np.allclose(off, [(0, 1), (-20, -20)]) and below.get_ylabel() == "difference\n[% of largest]"
+    assert axes.get_title() == "1,000 dofs, estimated error 12.5 %"
+    assert below.get_xlabel() == "radius / contact radius of Hertz" and axes.get_ylabel() == "contact pressure"
+
+
+def test_sweep(axes):
+    """In the order of the values, with the names of both."""
+    _draw_sweep(axes, np.array([(2.0, 30.0), (1.0, 10.0)]), "max_pressure", "depth [m]", True)
+    assert np.allclose(axes.lines[0].get_data(), [(1, 2), (10, 30)])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("depth [m]", "max pressure") and axes.get_xscale() == "log"
+
+
+@pytest.mark.parametrize("scale, length", [(1.0, 0.2), (3.0, 1.0), (0.013, 0.005), (240.0, 50.0)])
+def test_scale_bar(scale, length):
+    """As long as it says, across the view, inside the picture."""
+    drawn = {}
+    plotter = SimpleNamespace(
+        camera=SimpleNamespace(parallel_scale=scale, focal_point=(1.0, 2.0, 3.0), up=(0, 0, 1)),
+        renderer=SimpleNamespace(GetViewport=lambda: (0.0, 0.0, 0.5, 1.0)),
+        window_size=(1600, 600),
+        add_lines=lambda ends, **_: drawn.update(ends=ends),
+        add_point_labels=lambda at, texts, **_: drawn.update(at=at, text=texts[0]),
+        reset_camera_clipping_range=lambda: None,
+    )
+    plotter.camera.position = np.array(plotter.camera.focal_point) - (0.0, 10.0, 0.0)
+    add_length(plotter)
+    along = drawn["ends"][1] - drawn["ends"][0]
+    assert np.allclose(along, [length, 0, 0]) and float(drawn["text"]) == length
+    seen = (drawn["ends"] - plotter.camera.focal_point) @ np.eye(3)[:, [0, 2]] / scale  # of half the height
+    assert (np.abs(seen) < [800 / 600, 1.0]).all() and (drawn["at"][0] - drawn["ends"][0])[2] > 0
