@@ -240,7 +240,8 @@ class Checkpoint:
         leaves, keys, values, error, refine = map(
             self._file.table, ("leaves", "nodes", "values", "indicator", "refine")
         )
-        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves[:, 0])))
+        surfaces = scene.pairing, scene.contact_surfaces
+        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), *surfaces, *_named(leaves[:, 0])))
         keys, rows = np.unique(keys[:, 0], return_index=True)
         space = Space(forest, content["degree"])
         directory = Directory(comm, keys, forest.homes.of_points)

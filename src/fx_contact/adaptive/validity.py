@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.contact_facets import positions_across
+from fx_contact.contact.row_kinds import kinds_of
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.fem.external_forces import finer_totals
 from fx_contact.forest.forest import Forest
@@ -137,13 +137,16 @@ def doubts_of_scene(scene):
 
 
 def _initial_overlap(scene):
-    """Largest penetration of facing root facets, at a lattice of points on each [m].  Local."""
-    forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing)
-    cell, face = np.nonzero(scene.pairing.first)
-    nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
-    here, there = positions_across(forest, cell, face, nodes.astype(np.int32))
-    across = scene.contact_directions(np.stack([cell, face], axis=1))
-    return float(-np.einsum("nmi,ni->nm", there - here, across).min(initial=0.0))
+    """Largest penetration of root facets, at a lattice of points on each [m].  Local."""
+    forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
+    deepest = 0.0
+    for kind in kinds_of(scene):
+        cell, face = kind.facets(forest)
+        nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
+        apart = kind.apart(forest, cell, face, nodes.astype(np.int32))
+        across = scene.contact_directions(np.stack([cell, face], axis=1))
+        deepest = max(deepest, float(-np.einsum("nmi,ni->nm", apart, across).min(initial=0.0)))
+    return deepest
 
 
 def find_doubts(state, load_totals):
@@ -200,7 +203,7 @@ def _large_deformations(state):
 def _sliding(state):
     """Doubts about contact pairs whose closed node pairs have moved past each other."""
     pairs, force, count = state.pairs, state.solution.force, len(state.scene.contact)
-    apart = _apart(state)
+    apart = pairs.separation(state.solution.displacement)
     along = apart - np.einsum("ni,ni->n", apart, pairs.normal)[:, None] * pairs.normal
     slid, area = np.linalg.norm(along, axis=1), np.where(state.solution.active, pairs.area, 0.0)
     sums = np.array([np.bincount(pairs.contact, f, count) for f in (force, force * slid, force * pairs.gap)], float)
@@ -221,10 +224,10 @@ def _sliding(state):
         value, limit = float(moved[index]), float(SLIDING / max(1 / radius, curvature))
         if value > limit:
             place = _place_of_largest(pairs.prolongation.comm, np.where(force > 0, slid, 0.0), pairs.position)[0]
-            pair = state.scene.contact[index]
+            names = " and ".join(map(repr, state.scene.contact[index].surfaces))
             what = "contact" if shaped else "surface"
             message = (
-                f"closed nodes of {pair.first!r} and {pair.second!r} have moved past each other by {value:.3g} in the "
+                f"closed nodes of {names} have moved past each other by {value:.3g} in the "
                 f"mean, and their {what} has a radius of {radius:.3g}: they act on each other as if they still faced "
                 f"each other; doubtful from {limit:.3g} on, in units of the mesh"
             )
@@ -246,16 +249,10 @@ def _shape(moment):
     return float(np.linalg.norm(slope, 2)), float(np.sqrt(max(covariance[6, 6], 0.0)))
 
 
-def _apart(state):
-    """From the first node of each pair to the second one, deformed: (n, 3) float64 [m].  Collective."""
-    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
-    return pairs.apart + u[pairs.second] - u[pairs.first]
-
-
 def _no_contact(state):
     """The doubt that bodies do not touch."""
     pairs = state.pairs
-    distance = np.linalg.norm(_apart(state), axis=1)
+    distance = np.linalg.norm(pairs.separation(state.solution.displacement), axis=1)
     place, largest, _ = _place_of_largest(pairs.prolongation.comm, -distance, pairs.position)
     gap = 0.0 - largest
     message = (
@@ -271,10 +268,10 @@ def _initial_overlaps(state):
     depth = np.where(state.solution.active, np.maximum(-pairs.gap, 0.0), 0.0)
     more = np.column_stack([pairs.normal, pairs.bodies])
     place, value, (*normal, first, second) = _place_of_largest(pairs.prolongation.comm, depth, pairs.position, more)
-    corners = mesh.points[mesh.corners]
-    extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in (first, second)]
-    thinner = int(extents[1] < (1 - _SAME) * extents[0])
-    name, extent = mesh.bodies[int((first, second)[thinner])], extents[thinner]
+    corners, bodies = mesh.points[mesh.corners], [int(body) for body in (first, second) if body >= 0]
+    extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in bodies]
+    thinner = int(extents[-1] < (1 - _SAME) * extents[0])
+    name, extent = mesh.bodies[bodies[thinner]], extents[thinner]
     if not value > INITIAL_OVERLAP * extent:
         return []
     message = (

@@ -10,7 +10,6 @@ from copy import copy
 import numpy as np
 from scipy.integrate import simpson
 
-from fx_contact.contact.contact_facets import facets_of, positions_across
 from fx_contact.problem import hexahedron
 
 #: Penetration up to this part of what the gap varies by on a facet may come from the linear solver: its tolerance,
@@ -41,11 +40,11 @@ class GapBetweenNodes:
         self._state, self._parts = state, []
         forest, pairs, solution = state.forest, state.pairs, state.solution
         prolongation, space = pairs.prolongation, pairs.prolongation.space
-        for index in range(len(state.scene.contact)):
-            leaf, face = facets_of(index, forest)
-            cells, ours = space.on_faces(leaf, face), pairs.contact == index
+        for kind in pairs.kinds:
+            leaf, face = kind.facets(forest)
+            cells, ours = space.on_faces(leaf, face), pairs.contact == kind.index
             near = _touched(prolongation, cells, pairs.first[ours & solution.active])
-            facets = _Facets(space, leaf, face, _known(state, ours)[cells])
+            facets = _Facets(kind, space, leaf, face, _known(state, ours)[cells])
             self._parts.append((leaf, cells, ours, near, facets))
 
     def penetrated(self):
@@ -72,17 +71,18 @@ class GapBetweenNodes:
 
 
 class _Facets:
-    """Contact facets and those that face them, in points enough for the order of the root mesh and the degree.
+    """Facets of first surfaces and what they face, in points enough for the order of the root mesh and the degree.
 
     Local.
 
     Args:
+        kind: RowKind of their contact.
         space: Space.
         leaf, face: (n,) int64, leaves and their local faces.
         nodal: (n, (p+1)^2, 6) float64, the jump of the displacement at their nodes [m], and normals.
     """
 
-    def __init__(self, space, leaf, face, nodal):
+    def __init__(self, kind, space, leaf, face, nodal):
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
         line = np.linspace(0, 1, parts + 1)
@@ -96,11 +96,12 @@ class _Facets:
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
-        here, there = positions_across(forest, leaf, face, points / parts**2)
+        points = points / parts**2
+        here, apart = forest.evaluate(forest.cell[leaf], points), kind.apart(forest, leaf, face, points)
         diagonals = here[:, -1] - here[:, 0], here[:, parts] - here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
         jump, normal = np.split(self._sampled(nodal), 2, axis=2)
-        self._gap = FacetGap(there - here - jump, normal)  # small, however far the bodies come
+        self._gap = FacetGap(apart - jump, normal)  # small, however far the bodies come
 
     def where(self, which):
         """Some of the facets: _Facets.  Args: which: (n,) bool."""
@@ -160,13 +161,13 @@ def _touched(prolongation, cells, closed):
 
 
 def _known(state, ours):
-    """Jumps of the displacement and normals of some node pairs, at this rank's nodes: (m, 6) float64.  Collective."""
-    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
-    return _at_nodes(pairs, ours, np.column_stack([u[pairs.first] - u[pairs.second], pairs.normal]))
+    """Jumps of the displacement and normals of some rows, at this rank's nodes: (m, 6) float64.  Collective."""
+    pairs = state.pairs
+    return _at_nodes(pairs, ours, np.column_stack([pairs.closing(state.solution.displacement), pairs.normal]))
 
 
 def _at_nodes(pairs, ours, values):
-    """Values (n, k) of some node pairs at this rank's nodes of the first surface: (m, k) float64.  Collective."""
+    """Values (n, k) of some rows at this rank's nodes of the first surface: (m, k) float64.  Collective."""
     prolongation = pairs.prolongation
     said = prolongation.zeros(values.shape[1])
     said[pairs.first[ours]] = values[ours]

@@ -32,6 +32,7 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import calling
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
+from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.shapes import root_mesh_from_shapes
@@ -147,7 +148,7 @@ def adapt_manufactured(
         stages = Stages()
         with calling(comm, "the next step of adapt_manufactured"):
             if step is None:
-                forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
+                forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()), ContactSurfaces(mesh, ()))
                 if uniform:
                     forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
             else:
