@@ -32,6 +32,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
@@ -123,7 +124,7 @@ def adapt_manufactured(
     for number in range(max_steps):
         stages = Stages()
         if step is None:
-            forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()))
+            forest = Forest.of_roots(comm, mesh, Pairing(mesh, ()), ContactSurfaces(mesh, ()))
             if uniform:
                 forest, _ = forest.refined(forest.cell < len(mesh.cells) // 2)
         else:

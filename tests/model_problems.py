@@ -12,6 +12,7 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -23,12 +24,13 @@ from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.hexahedron import CORNERS
 from fx_contact.problem.lattice import BITS, SIDE
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import root_mesh_from_shapes, rotation
 from fx_contact.problem.solids import block
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
@@ -229,7 +231,7 @@ def corner_scene(one_pair=False):
 
 def roots(scene, comm=WORLD):
     """The unrefined forest of a scene."""
-    return Forest.of_roots(comm, scene.mesh, scene.pairing)
+    return Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
 
 
 def place(forest):
@@ -299,7 +301,7 @@ def leaves(forest):
 def whole(forest):
     """The same forest on this rank alone.  Collective."""
     columns = [gathered(forest.comm, c) for c in (forest.cell, forest.level, forest.anchor)]
-    return Forest(MPI.COMM_SELF, forest.mesh, forest.lattice, forest.pairing, *columns)
+    return Forest(MPI.COMM_SELF, forest.mesh, forest.lattice, forest.pairing, forest.contact_surfaces, *columns)
 
 
 def numbered(prolongation):
@@ -362,7 +364,13 @@ def discrete(scene, forest, order=1, degree=1):
     cells = create_leaf_mesh(forest, order)
     materials = np.array([[scene.materials[b].young, scene.materials[b].poisson] for b in scene.mesh.bodies])
     body = scene.mesh.body[forest.cell[cells.leaf]]
-    return Elasticity(cells, materials, body, Prolongation(Space(forest, degree)), Stages())
+    return Elasticity(cells, materials, body, prolongation_of(scene, forest, degree), Stages())
+
+
+def prolongation_of(scene, forest, degree=1):
+    """Prolongation with the nodes that the rows of a scene need."""
+    space = Space(forest, degree)
+    return Prolongation(space, needed_keys(scene, space))
 
 
 def side_by_side():

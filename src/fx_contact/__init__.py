@@ -29,10 +29,11 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 
 __version__ = "0.2.0"
 

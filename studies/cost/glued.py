@@ -21,8 +21,8 @@ from fx_contact import Enforcement, Solver, adapt
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.forest.partition import KINDS
@@ -38,7 +38,7 @@ def with_contact(step, forces, supports):
     """Assemble and solve the contact problem of a step."""
     elasticity, stages = step.elasticity, step.stages
     with stages("assemble"):
-        pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement())
+        pairs = create_rows(step.scene, elasticity.prolongation, Enforcement())
         matrix = elasticity.stiffness(pairs)
     problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, pairs, step.scene)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
@@ -47,7 +47,7 @@ def with_contact(step, forces, supports):
 def glued(step, forces, supports):
     """Assemble and solve the same with the closed pairs glued."""
     elasticity, stages = step.elasticity, step.stages
-    pairs = create_node_pairs(step.scene, step.forest, elasticity.prolongation, Enforcement("penalty"))
+    pairs = create_rows(step.scene, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
         PenaltyTerm(Jump(pairs, supports)).reserve(matrix.mat)  # hypre's format wants every entry that has room

@@ -132,7 +132,7 @@ def _needs(forest, prolongation):
     )
     pattern = prolongation.matrix.astype(bool).astype(np.int8)
     leaf, face = forest.contact_faces()
-    first = forest.pairing.first[forest.cell[leaf], face]
+    first = forest.contact_surfaces.side[forest.cell[leaf], face] == 0
     leaf, face = leaf[first], face[first]
     facing = prolongation.find(space.facing(leaf, face).ravel())
     known = facing >= 0

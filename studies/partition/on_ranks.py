@@ -69,7 +69,7 @@ def counted(ours):
     if COMM.rank > 0:
         return None
     *columns, part = map(np.concatenate, zip(*leaves))
-    serial = Forest(MPI.COMM_SELF, ours.mesh, ours.lattice, ours.pairing, *columns)
+    serial = Forest(MPI.COMM_SELF, ours.mesh, ours.lattice, ours.pairing, ours.contact_surfaces, *columns)
     cuts = None if exchange.few(COMM) else ours.cuts
     exchanges = Exchanges(serial, Prolongation(Space(serial, 1)), leaf_graph.create_leaf_graph(serial))
     return exchanges.count(COMM.size, part, cuts, {})

@@ -166,7 +166,7 @@ def _needed(space):
         reached.data[:] = 1
         leaves.append(np.repeat(np.arange(n), np.diff(reached.indptr)))
         nodes.append(reached.indices)
-    leaf, face = space.forest.contact_faces()
+    leaf, face = space.forest.paired_faces()
     facing = space.find(space.facing(leaf, face))
     leaves.append(np.repeat(leaf, facing.shape[1]))
     nodes.append(facing.ravel())
@@ -174,8 +174,8 @@ def _needed(space):
 
 
 def _facing(forest):
-    """Leaves on contact surfaces, by their codes, those of their partners, and of their groups."""
-    leaf, face = forest.contact_faces()
+    """Leaves on paired surfaces, by their codes, those of their partners, and of their groups."""
+    leaf, face = forest.paired_faces()
     codes = leaf_code(forest.cell[leaf], forest.anchor[leaf])
     partners = leaf_code(*forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face))
     return {

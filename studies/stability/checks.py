@@ -136,9 +136,8 @@ class State:
         self._load = load(step.scene, step.forest, step.elasticity)
         held = ~supports.free
         self._contact = np.zeros_like(u)
-        push = contact.force[:, None] * self.pairs.normal
-        np.add.at(self._contact, self.pairs.first, -push)
-        np.add.at(self._contact, self.pairs.second, push)
+        blocks = self.pairs.blocks
+        np.add.at(self._contact, blocks.node, -contact.force[blocks.row, None] * blocks.values)
         self._reaction = np.where(held, inner - self._load - self._contact, 0.0)
         self._body = _bodies(step.forest, prolongation)
         self.copies = step.scene.symmetry

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
 from fx_contact.contact.enforcement import METHODS, Enforcement
-from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 
 
@@ -41,7 +41,7 @@ def test_rows_of_four_vertices(distribution, method):
     forest = DISTRIBUTIONS[distribution](roots(scene))
     elasticity, enforcement = discrete(scene, forest), Enforcement(method, gap_tolerance=1e-6)
     prolongation = elasticity.prolongation
-    pairs = create_node_pairs(scene, forest, prolongation, enforcement)
+    pairs = create_rows(scene, prolongation, enforcement)
     rows, supports = MixedRows.of(pairs), find_supports(scene, forest, prolongation)
     one, other = (solved(elasticity, some, supports, enforcement) for some in (pairs, rows))
     everywhere(one.active.all() and other.active.all(), "a row that is open")
@@ -63,7 +63,7 @@ def test_jump_of_translations():
     """B of a translation is exactly 0, however far it goes, and of the first body alone it is n . t."""
     scene = pressed(two_boxes(bend=0.3))
     forest = roots(scene)
-    pairs = create_node_pairs(scene, forest, discrete(scene, forest).prolongation, Enforcement())
+    pairs = create_rows(scene, discrete(scene, forest).prolongation, Enforcement())
     far = np.broadcast_to([1e9, -3e8, 7e8], (pairs.prolongation.owned, 3))
     everywhere((pairs.jump(far) == 0).all(), "a jump of a translation")
     first = np.zeros_like(far)

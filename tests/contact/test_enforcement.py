@@ -44,8 +44,8 @@ from fx_contact.adaptive.beginning import Beginning  # noqa: E402
 from fx_contact.contact.active_set import ActiveSet  # noqa: E402
 from fx_contact.contact.enforcement import METHODS  # noqa: E402
 from fx_contact.contact.jump import Jump  # noqa: E402
-from fx_contact.contact.node_pairs import create_node_pairs  # noqa: E402
 from fx_contact.contact.projection import Projection  # noqa: E402
+from fx_contact.contact.row_kinds import create_rows  # noqa: E402
 from fx_contact.fem.dirichlet import find_supports  # noqa: E402
 from fx_contact.parallel.errors import SolveError  # noqa: E402
 from fx_contact.problem.root_mesh import RootMesh  # noqa: E402
@@ -78,9 +78,11 @@ def test_projection(contact, distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    pairs = create_rows(scene, prolongation, Enforcement())
     local_to_global = prolongation.index_map.local_to_global
-    ends = [gathered(WORLD, local_to_global(column.astype(np.int32))) for column in (pairs.first, pairs.second)]
+    ends = [
+        gathered(WORLD, local_to_global(column.astype(np.int32))) for column in pairs.entries.node.reshape(-1, 2).T
+    ]
     shared = any(len(np.unique(column)) < len(column) for column in ends)
     assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
     supports = find_supports(scene, forest, prolongation)
@@ -333,7 +335,7 @@ def test_two_pairs_share_a_seam_by_area(method):
     for scene in (whole, cut):
         forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 1, share=1.0))
         elasticity = discrete(scene, forest)
-        pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+        pairs = create_rows(scene, elasticity.prolongation, enforcement)
         supports = find_supports(scene, forest, elasticity.prolongation)
         contact = solved(elasticity, pairs, supports, enforcement)
         columns = pairs.position, (contact.force / pairs.area)[:, None], pairs.area[:, None]
@@ -458,7 +460,7 @@ def test_contact_that_is_lost(method):
     forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 2, share=0.1))
     elasticity = discrete(scene, forest)
     enforcement = Enforcement(method)
-    pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+    pairs = create_rows(scene, elasticity.prolongation, enforcement)
     supports = find_supports(scene, forest, elasticity.prolongation)
     position, body = conforming_positions(forest, elasticity.prolongation)
     overlapping = np.where(body[:, None] == 1, [0.0, 0.0, -0.05], 0.0)

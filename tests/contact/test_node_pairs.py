@@ -5,20 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import DISTRIBUTIONS, corner_scene, grown, pressed, roots, two_boxes
+from model_problems import DISTRIBUTIONS, corner_scene, grown, pressed, prolongation_of, roots, two_boxes
 
 from fx_contact import Enforcement
 from fx_contact.contact.enforcement import HELD
-from fx_contact.contact.node_pairs import create_node_pairs
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.scenes import hertz
 
 
 def pairs_of(scene, enforcement=None, rounds=2, degree=1):
     """NodePairs on a randomly refined forest, along the contact-aware curve."""
     forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), rounds, share=0.2))
-    return create_node_pairs(scene, forest, Prolongation(Space(forest, degree)), enforcement or Enforcement())
+    return create_rows(scene, prolongation_of(scene, forest, degree), enforcement or Enforcement())
 
 
 @pytest.mark.parametrize("symmetry", [1, 4])

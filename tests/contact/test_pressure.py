@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import grown, pressed, roots, side_by_side, two_boxes
+from model_problems import grown, pressed, prolongation_of, roots, side_by_side, two_boxes
 from mpi4py import MPI
 
 from fx_contact import Enforcement
 from fx_contact.contact.contact_facets import facets_of, positions_across
-from fx_contact.contact.node_pairs import create_node_pairs
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
+from fx_contact.contact.row_kinds import create_rows
 
 SIZE = 0.5
 """Of the facets, squares, where nothing is refined at random [m]."""
@@ -20,8 +18,8 @@ def pairs_of(scene, degree, rounds=0):
     """NodePairs of a scene whose root cells are halved, and then so many times refined at random."""
     forest = roots(scene)
     forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-    prolongation = Prolongation(Space(grown(forest, rounds), degree))
-    return create_node_pairs(scene, prolongation.space.forest, prolongation, Enforcement())
+    prolongation = prolongation_of(scene, grown(forest, rounds), degree)
+    return create_rows(scene, prolongation, Enforcement())
 
 
 def forces(pairs, pressure):
@@ -29,7 +27,7 @@ def forces(pairs, pressure):
     prolongation, space = pairs.prolongation, pairs.prolongation.space
     weights, value, _, _ = space.facet_rule
     result = np.zeros(len(pairs))
-    for index in range(int(space.forest.pairing.pair.max()) + 1):
+    for index in range(len(pairs.kinds)):
         leaf, face = facets_of(index, space.forest)
         here, _ = positions_across(space.forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
         x, y, _ = np.moveaxis(value @ here, 2, 0)

@@ -18,6 +18,7 @@ from model_problems import (
     grown,
     numbered,
     pressed,
+    prolongation_of,
     roots,
     scramble,
     side_by_side,
@@ -30,8 +31,8 @@ from scipy.sparse import coo_matrix, identity, kron
 
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
@@ -114,12 +115,13 @@ def test_contact_term_is_the_product(distribution, contact):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    pairs = create_rows(scene, prolongation, Enforcement())
     names = numbered(prolongation)
     keys = np.sort(names)
     supports = find_supports(scene, forest, prolongation)
     first, second = (
-        prolongation.index_map.local_to_global(column.astype(np.int32)) for column in (pairs.first, pairs.second)
+        prolongation.index_map.local_to_global(column.astype(np.int32))
+        for column in pairs.entries.node.reshape(-1, 2).T
     )
     everywhere(
         (np.sort(first)[1:] != np.sort(first)[:-1]).all() if contact == "flat" else True, "a vertex in two pairs"
@@ -167,10 +169,10 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = create_node_pairs(scene, forest, prolongation, Enforcement("penalty"))
+    pairs = create_rows(scene, prolongation, Enforcement("penalty"))
     assert WORLD.allreduce(int(len(pairs) > 0)) > min(1, WORLD.size - 1), "one rank holds all pairs"
     everywhere((pairs.first < prolongation.owned).all(), "a first vertex belongs to another rank")
-    everywhere((pairs.second < prolongation.owned).all(), "a second vertex belongs to another rank")
+    everywhere((pairs.entries.node < prolongation.owned).all(), "a second vertex belongs to another rank")
     active, none = np.ones(len(pairs), dtype=bool), np.zeros(len(pairs), dtype=bool)
     matrix = elasticity.stiffness(pairs).mat
     term = PenaltyTerm(Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan))))
@@ -191,7 +193,7 @@ def test_hypre_copy_follows_the_blocks(distribution):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
-    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+    pairs = create_rows(scene, prolongation, Enforcement())
     term = PenaltyTerm(Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan))))
     blocks = elasticity.stiffness(pairs)
     term.reserve(blocks.mat)
@@ -222,9 +224,9 @@ def test_strewn_pairs_are_not_local():
         pytest.skip("one rank owns everything")
     scene = pressed(two_boxes())
     forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
-    prolongation = Prolongation(Space(forest, 1))
-    pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
-    assert WORLD.allreduce(int((pairs.second >= prolongation.owned).sum())) > 0
+    prolongation = prolongation_of(scene, forest)
+    pairs = create_rows(scene, prolongation, Enforcement())
+    assert WORLD.allreduce(int((pairs.entries.node >= prolongation.owned).sum())) > 0
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
@@ -233,7 +235,7 @@ def test_tributary_area(distribution, rounds):
     """The tributary areas of flat contact surfaces add up to the surfaces' area, however they are refined."""
     scene = pressed(two_boxes(margin=1, flat_contact=False))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), rounds))
-    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
+    pairs = create_rows(scene, prolongation_of(scene, forest), Enforcement())
     assert abs(WORLD.allreduce(pairs.area.sum()) - 4) < 1e-13
     everywhere((pairs.area > 0).all(), "a pair without area")
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between surfaces that touch")
@@ -244,7 +246,7 @@ def test_pairs_of_two_surfaces_in_a_corner(distribution):
     """Where two contact pairs of a scene meet, no node pair of either is lost: areas add up to both surfaces'."""
     scene = corner_scene()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
+    pairs = create_rows(scene, prolongation_of(scene, forest), Enforcement())
     vertical = np.abs(pairs.normal[:, 2]) > 0.5
     for which in (vertical, ~vertical):
         area = WORLD.allreduce(pairs.area[which].sum())
@@ -256,7 +258,7 @@ def test_pairs_of_two_surfaces_side_by_side(distribution):
     """The same for two contact pairs in one plane."""
     scene = side_by_side()
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
-    pairs = create_node_pairs(scene, forest, Prolongation(Space(forest, 1)), Enforcement())
+    pairs = create_rows(scene, prolongation_of(scene, forest), Enforcement())
     on_seam = np.abs(pairs.position[:, 0] - 1) < 1e-9
     assert WORLD.allreduce(int(on_seam.sum())) >= 4
     area = WORLD.allreduce(pairs.area.sum())
@@ -269,10 +271,10 @@ def test_same_pairs_on_any_distribution():
     columns = []
     for comm, distribution in ((MPI.COMM_SELF, "roots"), *((WORLD, d) for d in DISTRIBUTIONS)):
         forest = DISTRIBUTIONS[distribution](grown(roots(scene, comm), 3, share=0.1))
-        prolongation = Prolongation(Space(forest, 1))
-        pairs = create_node_pairs(scene, forest, prolongation, Enforcement())
+        prolongation = prolongation_of(scene, forest)
+        pairs = create_rows(scene, prolongation, Enforcement())
         first = prolongation.index_map.local_to_global(pairs.first.astype(np.int32))
-        second = prolongation.index_map.local_to_global(pairs.second.astype(np.int32))
+        second = prolongation.index_map.local_to_global(pairs.entries.node[1::2].astype(np.int32))
         keys = numbered(prolongation)
         names = [gathered(comm, keys[side]) for side in (first, second)]
         order = np.argsort(names[0])

@@ -38,7 +38,7 @@ SCENES = {
 @pytest.fixture(params=list(SCENES))
 def scene(request):
     scene = pressed(two_boxes(**SCENES[request.param]))
-    assert (scene.pairing.pair >= 0).any()
+    assert (scene.contact_surfaces.contact >= 0).any()
     return scene
 
 
@@ -58,7 +58,7 @@ def edge_points(forest, numerator):
 def facing_vertices(forest):
     """Keys of all vertices of first contact surfaces and of those that face them, distinct rows."""
     leaf, face = forest.contact_faces()
-    own = forest.pairing.first[forest.cell[leaf], face]
+    own = forest.contact_surfaces.side[forest.cell[leaf], face] == 0
     leaf, face = leaf[own], face[own]
     points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
@@ -116,7 +116,7 @@ def test_marked_leaves_and_no_others_without_need(scene):
     everywhere((fine.level == forest.level[glue.parent] + (glue.child >= 0)).all(), "a level grew by more than one")
     everywhere((fine.cell == forest.cell[glue.parent]).all(), "a leaf left its root cell")
     start = roots(scene)
-    fine, _ = start.refined(start.cell == np.flatnonzero((scene.pairing.pair < 0).all(axis=1))[0])
+    fine, _ = start.refined(start.cell == np.flatnonzero((scene.contact_surfaces.contact < 0).all(axis=1))[0])
     assert fine.size_global == start.size_global + 7, "an unpaired root cell away from the rim took others along"
 
 
@@ -135,7 +135,7 @@ def test_refined_repeatedly(scene):
 
 def test_finest_level(scene):
     """Refinement to one corner of a paired root cell stops at the finest level, then raises on all ranks."""
-    cell = int(np.argwhere(scene.pairing.first)[0, 0])
+    cell = int(scene.contact_surfaces.facets(0)[0, 0])
     forest = roots(scene)
     for _ in range(MAX_LEVEL - 1):
         forest, _ = forest.refined(corner_marks(forest, cell, 3))
@@ -179,7 +179,7 @@ def test_facing_leaves_coincide(scene):
         forest.mesh.evaluate(np.repeat(c, 4), p.reshape(-1, 3, 1) / SIDE)
         for c, p in ((forest.cell[leaf], points), (cell, opposite))
     ]
-    assert WORLD.allreduce(len(leaf)) > 2 * len(np.argwhere(scene.pairing.pair >= 0))
+    assert WORLD.allreduce(len(leaf)) > 2 * len(np.argwhere(scene.contact_surfaces.contact >= 0))
     everywhere(np.abs(at[0] - at[1]).max(initial=0) < 1e-13, "facing corners apart")
 
 

@@ -117,7 +117,7 @@ def test_nothing_depends_on_who_talks_to_whom(degree, late, monkeypatch):
         prolongation, record = step.pairs.prolongation, step.record
         imap = prolongation.index_map
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
-        numbers = prolongation.space.keys, prolongation.conforming, number, step.pairs.first, step.pairs.second
+        numbers = prolongation.space.keys, prolongation.conforming, number, step.pairs.first, step.pairs.entries.node
         found.append((leaves(step.forest), numbers, record))
     (one, numbers, record), (other, others, again) = found
     assert np.array_equal(one, other) and record.step == 1

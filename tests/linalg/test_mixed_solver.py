@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact, solve_system
-from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg import conjugate_gradients
@@ -37,7 +37,7 @@ class Problem:
 
     def problem(self, mixed, enforcement):
         """ContactProblem, in the mixed form or with the whole stiffness assembled."""
-        rows = create_node_pairs(self.scene, self.forest, self.prolongation, enforcement)
+        rows = create_rows(self.scene, self.prolongation, enforcement)
         return ContactProblem(
             matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed, supports=self.supports),
             load=np.zeros_like(self.supports.prescribed),

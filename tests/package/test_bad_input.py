@@ -177,7 +177,7 @@ def too_many_ranks():
         pytest.skip("one rank always has leaves")
     mesh = RootMesh(*grid(), ("a",), np.zeros(1, np.int32), {"base": np.array([[0, 0]])})
     scene = Scene("one", mesh, {"a": STEEL}, (Dirichlet("base", 0.0, 0.0, 0.0),))
-    repartition(Forest.of_roots(COMM, mesh, scene.pairing), None)
+    repartition(Forest.of_roots(COMM, mesh, scene.pairing, scene.contact_surfaces), None)
 
 
 def small_hertz():

@@ -53,7 +53,7 @@ def test_without_contact(calls):
     with_contact = patch(cells=(1, 1, 2))
     for place, name in (
         (fx_contact.problem.facet_pairing, "_match"),
-        (fx_contact.adaptive.step_solver, "create_node_pairs"),
+        (fx_contact.adaptive.step_solver, "create_rows"),
         (fx_contact.contact.contact_solver, "ActiveSet"),
         (fx_contact.contact.contact_solver, "Jump"),
         (fx_contact.contact.contact_solver, "relax"),

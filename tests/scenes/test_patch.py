@@ -31,7 +31,7 @@ from mpi4py import MPI
 
 from fx_contact import Material
 from fx_contact.contact.enforcement import METHODS, Enforcement
-from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.estimate.recovery import Recovery
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.fem import elasticity as elasticity_module
@@ -41,7 +41,8 @@ from fx_contact.fem.supports import Supports
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.scene import Scene
 
 PRESSURE = 0.01
 SOFT = Material(young=1.0, poisson=0.4999)
@@ -79,7 +80,7 @@ def test_uniform_compression(degree, method, distribution, materials):
     prolongation = elasticity.prolongation
     tight = {"gap_tolerance": 1e-12} if method == "augmented-lagrangian" else {}
     enforcement = Enforcement(method, **tight)
-    pairs = create_node_pairs(scene, forest, prolongation, enforcement)
+    pairs = create_rows(scene, prolongation, enforcement)
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between the blocks")
     largest, smallest = WORLD.allreduce(pairs.area.max(initial=0), MPI.MAX), WORLD.allreduce(
         pairs.area.min(initial=1), MPI.MIN
@@ -114,7 +115,7 @@ def test_penalty_gap():
     short = []
     for factor in (100.0, 1000.0):
         enforcement = Enforcement("penalty", factor)
-        pairs = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+        pairs = create_rows(scene, elasticity.prolongation, enforcement)
         supports = find_supports(scene, forest, elasticity.prolongation)
         contact = solved(elasticity, pairs, supports, enforcement)
         short.append(1 - WORLD.allreduce(contact.force.sum()) / (4 * PRESSURE))

@@ -11,6 +11,7 @@ from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step_solver import StepStart, solve_step
 from fx_contact.adaptive.validity import check_doubts, doubts_of_scene
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -288,7 +289,8 @@ class Run:
                 self._forest, self._values = repartition(self._forest, self._values, self._kind)
             partition = PartitionSummary.of(self._forest, self._kind)
         with stages("hanging"):
-            start = self._start(Prolongation(Space(self._forest, self._settings.degree)))
+            space = Space(self._forest, self._settings.degree)
+            start = self._start(Prolongation(space, needed_keys(self._settings.scene, space)))
         self._last.update(forest=self._forest, displacement=start.displacement)
         self.step = solve_step(self._settings, len(self.records), start, partition, stages)
         self._last.update(record=self.step.record, displacement=self.step.solution.displacement)
@@ -334,7 +336,7 @@ def _check_penalty(step, settings):
 
 def _first_forest(scene, comm, kind):
     """The root cells, refined alike until every rank can have some; on few ranks they are not refined."""
-    forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+    forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
     while True:
         try:
             return repartition(forest, None, kind)[0]

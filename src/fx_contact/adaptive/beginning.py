@@ -57,7 +57,7 @@ class Beginning:
         check_same_comm("the forest of the Beginning", forest.comm, comm)
         if forest.mesh is not scene.mesh and mesh_digest(forest.mesh) != mesh_digest(scene.mesh):
             raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")
-        if not np.array_equal(forest.pairing.partner, scene.pairing.partner):
+        if not forest.stands_on(scene.pairing, scene.contact_surfaces):
             raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
         if not isinstance(values, np.ndarray) or values.dtype != np.float64:
             raise SceneError(f"the values of a Beginning must be an array of float64, got {shown(values)}")
@@ -112,7 +112,7 @@ class Beginning:
                 raise SceneError(f"root cells can be refined {MAX_LEVEL} times, got {levels}: take a finer root mesh")
             asked = scene_parts(scene) | {"number of refinements": int(levels)}
         check_alike(comm, asked)
-        forest = Forest.of_roots(comm, scene.mesh, scene.pairing)
+        forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
         check_leaves(comm, len(forest) * 8 ** int(levels))
         for _ in range(levels):
             forest, _ = forest.refined(np.ones(len(forest), dtype=bool))

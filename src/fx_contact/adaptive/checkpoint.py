@@ -240,7 +240,8 @@ class Checkpoint:
         leaves, keys, values, error, refine = map(
             self._file.array, ("leaves", "nodes", "values", "indicator", "refine")
         )
-        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), scene.pairing, *_named(leaves)))
+        surfaces = scene.pairing, scene.contact_surfaces
+        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), *surfaces, *_named(leaves)))
         keys, rows = np.unique(keys, return_index=True)
         space = Space(forest, content["degree"])
         directory = Directory(comm, keys, forest.homes.of_points)

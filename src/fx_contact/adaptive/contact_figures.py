@@ -22,7 +22,7 @@ def figures_of_contact(scene, pairs, solution, comm):
 
     Args:
         scene: Scene.
-        pairs: NodePairs; None without contact.
+        pairs: ConstraintRows; None without contact.
         solution: ContactSolution.
         comm: MPI communicator.
 

@@ -224,4 +224,4 @@ class Sweep:
 def _same_root(forest: Forest, scene: Scene) -> bool:
     """Whether a forest is on the root mesh of a scene, with its contact pairs.  Local."""
     same = forest.mesh is scene.mesh or mesh_digest(forest.mesh) == mesh_digest(scene.mesh)
-    return same and np.array_equal(forest.pairing.partner, scene.pairing.partner)
+    return same and forest.stands_on(scene.pairing, scene.contact_surfaces)

@@ -31,9 +31,9 @@ class Resultant:
 
     Attributes:
         name: of the contact pair (`ContactPair.name`), the place of the condition or load, or the body.
-        kind: "contact": of the first surface on the second; "traction", "pressure" or "body force": a load; "reaction"
-            of a condition on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry;
-            "balance": of all that acts on a body, as it is modelled, 0 but for errors.
+        kind: "contact": of the first surface on the second, or on the obstacle; "traction", "pressure" or "body
+            force": a load; "reaction" of a condition on the bodies; "symmetry": of the other part on the modelled one,
+            across a plane of symmetry; "balance": of all that acts on a body, as it is modelled, 0 but for errors.
         force: (3,) float [N].
         moment: (3,) float, about `point` [N m].
         point: (3,) float [m].
@@ -104,6 +104,9 @@ def sum_up(state, residual, totals, centre):
     names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
     names += [(body, "balance") for body in scene.mesh.bodies]
     values = np.concatenate([sums[len(scene.contact) :].sum(axis=1), sums.sum(axis=0)])
+    for index, contact in enumerate(scene.contact):
+        if len(contact.surfaces) == 1:  # on the obstacle
+            values[index] = -sums[index].sum(axis=0)
     point = tuple(map(float, centre))
     return tuple(_resultant(name, kind, row, point, scene) for (name, kind), row in zip(names, values))
 

@@ -35,7 +35,7 @@ class Step:
         forest: Forest.
         leaf_mesh: LeafMesh.
         elasticity: Elasticity; its `u` is the displacement.
-        pairs: NodePairs or None.
+        pairs: ConstraintRows or None.
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         solution: ContactSolution.
         estimate: Estimate.

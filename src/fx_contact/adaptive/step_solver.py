@@ -15,7 +15,7 @@ from fx_contact.adaptive.validity import Doubt, check_doubts, find_doubts
 from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.initial_guess import RigidModes
-from fx_contact.contact.node_pairs import create_node_pairs
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.estimate.contact_goals import ContactError, contact_error
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -128,7 +128,7 @@ def solve_step(settings, number, start, partition, stages):
 
 
 def _discretise(settings, start, stages):
-    """Mesh, stiffness, conditions, forces and node pairs of a step: _Discrete.  Collective."""
+    """Mesh, stiffness, conditions, forces and rows of contact of a step: _Discrete.  Collective."""
     scene, forest, prolongation = settings.scene, start.forest, start.prolongation
     with stages("mesh"):
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
@@ -136,7 +136,7 @@ def _discretise(settings, start, stages):
     with stages("assemble"):
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
-        pairs = create_node_pairs(scene, forest, prolongation, settings.enforcement) if scene.contact else None
+        pairs = create_rows(scene, prolongation, settings.enforcement) if scene.contact else None
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)

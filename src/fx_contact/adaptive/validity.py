@@ -8,16 +8,19 @@ means anything. Their mean, weighted by the strain energy, does: it is the part 
 does not depend on the mesh. Weighted by the volume, the rotation is that of a body as a whole, or of one that bends.
 
 Sliding. Nodes face each other as long as they have moved past each other by little against the length on which the
-gap changes, the radius of the contact, or where surfaces are parallel that of the surfaces; and against its radius of
-curvature.  The pressure acts on both bodies where they were, and along the normals that they had.
+gap changes: the radius of the contact, or where surfaces are parallel that of the surfaces.  The pressure acts on both
+bodies where they were.  That normals turn is not looked at: a body that slides in another of its own curvature turns,
+and is doubtful as a large rotation first.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
-from fx_contact.contact.contact_facets import positions_across
+from fx_contact.contact.row_kinds import kinds_of
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.fem.external_forces import finer_totals
 from fx_contact.forest.forest import Forest
@@ -31,7 +34,7 @@ from fx_contact.problem.lattice import SIDE
 DOUBTFUL = 0.05
 #: Kinds of doubts that are errors unless they are allowed, and the values from which on they are: 25 % is left out.
 REFUSED = {"large strain": 0.5, "large rotation": 0.5, "no load": 0.0}
-#: Sliding of closed pairs that is a doubt, relative to the radius of the contact or that of its curvature [-].
+#: Sliding of closed rows that is a doubt, relative to the radius of the contact [-].
 SLIDING = 0.1
 #: Initial overlap that is a doubt, relative to the thinner of the two bodies: as much strain as `DOUBTFUL` [-].
 INITIAL_OVERLAP = 0.05
@@ -137,13 +140,16 @@ def doubts_of_scene(scene):
 
 
 def _initial_overlap(scene):
-    """Largest penetration of facing root facets, at a lattice of points on each [m].  Local."""
-    forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing)
-    cell, face = np.nonzero(scene.pairing.first)
-    nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
-    here, there = positions_across(forest, cell, face, nodes.astype(np.int32))
-    across = scene.contact_directions(np.stack([cell, face], axis=1))
-    return float(-np.einsum("nmi,ni->nm", there - here, across).min(initial=0.0))
+    """Largest penetration of root facets, at a lattice of points on each [m].  Local."""
+    forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
+    deepest = 0.0
+    for kind in kinds_of(scene):
+        cell, face = kind.facets(forest)
+        nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
+        apart = kind.apart(forest, cell, face, nodes.astype(np.int32))
+        across = scene.contact_directions(np.stack([cell, face], axis=1))
+        deepest = max(deepest, float(-np.einsum("nmi,ni->nm", apart, across).min(initial=0.0)))
+    return deepest
 
 
 def find_doubts(state, load_totals):
@@ -197,65 +203,44 @@ def _large_deformations(state):
     return doubts
 
 
-def _sliding(state):
-    """Doubts about contact pairs whose closed node pairs have moved past each other."""
-    pairs, force, count = state.pairs, state.solution.force, len(state.scene.contact)
-    apart = _apart(state)
-    along = apart - np.einsum("ni,ni->n", apart, pairs.normal)[:, None] * pairs.normal
-    slid, area = np.linalg.norm(along, axis=1), np.where(state.solution.active, pairs.area, 0.0)
-    sums = np.array([np.bincount(pairs.contact, f, count) for f in (force, force * slid, force * pairs.gap)], float)
-    pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-    moved, gap = sums[1:] / np.where(sums[0] > 0, sums[0], 1.0)
-    centred = pairs.position - state.forest.mesh.points.mean(axis=0)
-    row = np.column_stack([np.ones(len(pairs)), centred, pairs.normal, pairs.gap - gap[pairs.contact]])
-    moments, whole = np.zeros((count, 8, 8)), np.bincount(pairs.contact, pairs.area, count).astype(float)
-    np.add.at(moments, pairs.contact, area[:, None, None] * row[:, :, None] * row[:, None])
-    for of_ranks in (moments, whole):
-        pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, of_ranks)
-    _, approach = pairs.pressing(force, pairs.contact, count)
+def _sliding(state: SolvedState) -> list[Doubt]:
+    """Doubts about contacts whose closed rows have moved past each other."""
+    rows, force, contacts = state.pairs, state.solution.force, state.scene.contact
+    count, comm = len(contacts), rows.prolongation.comm
+    apart = rows.separation(state.solution.displacement)
+    along = apart - np.einsum("ni,ni->n", apart, rows.normal)[:, None] * rows.normal
+    slid, area = np.linalg.norm(along, axis=1), np.where(state.solution.active, rows.area, 0.0)
+
+    def sums(*columns: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Of each column over the rows of each contact: (columns, contacts)."""
+        return comm.allreduce(np.array([np.bincount(rows.contact, column, count) for column in columns], float))
+
+    pressed, moved, gap, closed, whole = sums(force, force * slid, area * rows.gap, area, rows.area)
+    moved = np.divide(moved, pressed, out=np.zeros(count), where=pressed > 0)
+    gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
+    (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
+    _, approach = rows.pressing(force, rows.contact, count)
     doubts = []
-    for index in np.flatnonzero(sums[0] > 0):
-        curvature, varies = _shape(moments[index])
-        shaped = varies > _PARALLEL * approach[index]
-        radius = np.sqrt(state.scene.symmetry * (moments[index, 0, 0] if shaped else whole[index]) / np.pi)
-        value, limit = float(moved[index]), float(SLIDING / max(1 / radius, curvature))
+    for index in np.flatnonzero(pressed > 0):
+        shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
+        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else whole[index]) / np.pi)
+        value, limit = float(moved[index]), float(SLIDING * radius)
         if value > limit:
-            place = _place_of_largest(pairs.prolongation.comm, np.where(force > 0, slid, 0.0), pairs.position)[0]
-            pair = state.scene.contact[index]
-            what = "contact" if shaped else "surface"
+            place = _place_of_largest(comm, np.where(force > 0, slid, 0.0), rows.position)[0]
+            names, what = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
             message = (
-                f"closed nodes of {pair.first!r} and {pair.second!r} have moved past each other by {value:.3g} in the "
-                f"mean, and their {what} has a radius of {radius:.3g}: they act on each other as if they still faced "
-                f"each other; doubtful from {limit:.3g} on, in units of the mesh"
+                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {what} has "
+                f"a radius of {radius:.3g}: they act on each other as if they still faced each other; doubtful from "
+                f"{limit:.3g} on, in units of the mesh"
             )
             doubts.append(Doubt("sliding", value, limit, place, message))
     return doubts
 
 
-def _shape(moment):
-    """Largest curvature of a contact [1/m], and the standard deviation of its initial gap [m].
-
-    The curvature by linear regression of the normals on the positions.
-
-    Args:
-        moment: (8, 8) float64, integral of v v^T over the contact, v = (1, position, normal, gap).
-    """
-    area, mean = moment[0, 0], moment[0, 1:] / moment[0, 0]
-    covariance = moment[1:, 1:] / area - np.outer(mean, mean)
-    slope = covariance[3:6, :3] @ np.linalg.pinv(covariance[:3, :3], rcond=_SAME, hermitian=True)
-    return float(np.linalg.norm(slope, 2)), float(np.sqrt(max(covariance[6, 6], 0.0)))
-
-
-def _apart(state):
-    """From the first node of each pair to the second one, deformed: (n, 3) float64 [m].  Collective."""
-    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
-    return pairs.apart + u[pairs.second] - u[pairs.first]
-
-
 def _no_contact(state):
     """The doubt that bodies do not touch."""
     pairs = state.pairs
-    distance = np.linalg.norm(_apart(state), axis=1)
+    distance = np.linalg.norm(pairs.separation(state.solution.displacement), axis=1)
     place, largest, _ = _place_of_largest(pairs.prolongation.comm, -distance, pairs.position)
     gap = 0.0 - largest
     message = (
@@ -271,10 +256,10 @@ def _initial_overlaps(state):
     depth = np.where(state.solution.active, np.maximum(-pairs.gap, 0.0), 0.0)
     more = np.column_stack([pairs.normal, pairs.bodies])
     place, value, (*normal, first, second) = _place_of_largest(pairs.prolongation.comm, depth, pairs.position, more)
-    corners = mesh.points[mesh.corners]
-    extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in (first, second)]
-    thinner = int(extents[1] < (1 - _SAME) * extents[0])
-    name, extent = mesh.bodies[int((first, second)[thinner])], extents[thinner]
+    corners, bodies = mesh.points[mesh.corners], [int(body) for body in (first, second) if body >= 0]
+    extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in bodies]
+    thinner = int(extents[-1] < (1 - _SAME) * extents[0])
+    name, extent = mesh.bodies[bodies[thinner]], extents[thinner]
     if not value > INITIAL_OVERLAP * extent:
         return []
     message = (

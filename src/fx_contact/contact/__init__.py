@@ -1,18 +1,35 @@
 """Contact as rows of constraints: node pairs, enforcement, active set, and the solver of the two together."""
 
-from fx_contact.contact.constraint_rows import ConstraintRows
+import warnings
+from typing import Any
+
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_contact
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.node_pairs import NodePairs, create_node_pairs
+from fx_contact.contact.node_pairs import NodePairs
+from fx_contact.contact.row_kinds import KINDS, create_rows, needed_keys
 
 __all__ = [
+    "KINDS",
     "ConstraintRows",
     "ContactProblem",
     "ContactSolution",
     "Enforcement",
+    "Entries",
     "NodePairs",
+    "RowColumns",
+    "RowKind",
     "SolveOptions",
-    "create_node_pairs",
+    "create_rows",
+    "needed_keys",
     "solve_contact",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The former name `create_node_pairs`, with a warning."""
+    if name != "create_node_pairs":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn("create_node_pairs is now create_rows", DeprecationWarning, stacklevel=2)
+    return lambda scene, _forest, prolongation, enforcement: create_rows(scene, prolongation, enforcement)

@@ -1,17 +1,28 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
 A row belongs to a node of the first contact surface, as a nodal multiplier does, and may have entries at any number of
-nodes of both surfaces.  The solver of contact asks for rows alone; `NodePairs` are one kind of them.
+nodes of both surfaces, or of the first alone.  Each contact of a scene has a `RowKind` that makes its rows
+(`row_kinds`); everything else asks the rows.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from fx_contact.contact.enforcement import HELD
+from fx_contact.contact.contact_facets import facets_of
+from fx_contact.contact.enforcement import HELD, Enforcement
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.forest.forest import Forest
+from fx_contact.problem.scene import Scene
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,44 +47,137 @@ class Blocks:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstraintRows(ABC):
+class Entries:
+    """The jump of the displacement that each row takes: sum of weight times displacement of its nodes, row by row.
+
+    Attributes:
+        row: (b,) int64, local number of the row, ascending.
+        node: (b,) int64, position in the prolongation's index map.
+        side: (b,) int64, 0 where the node is on the first surface, 1 on the second.
+        weight: (b,) float64, of a row 1 in all on the first surface, and -1 on the second, if there is one [-].
+    """
+
+    row: Ints
+    node: Ints
+    side: Ints
+    weight: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class RowColumns:
+    """Rows of one contact on this rank, as its kind makes them; each row on one rank.
+
+    Attributes:
+        first, apart, area, stiffness, position, bodies: as in `ConstraintRows`.
+        entries: Entries.
+        across: (n, 3), the sum of the surfaces' normals times areas, out of the first body [m^2].
+    """
+
+    first: Ints
+    entries: Entries
+    across: Floats
+    apart: Floats
+    area: Floats
+    stiffness: Floats
+    position: Floats
+    bodies: npt.NDArray[np.int32]
+
+
+class RowKind(ABC):
+    """The rows of a contact of one type, and its geometry between their nodes.
+
+    Args:
+        scene: Scene.
+        index: of the contact in the scene.
+    """
+
+    def __init__(self, scene: Scene, index: int) -> None:
+        self.scene, self.index, self.contact = scene, index, scene.contact[index]
+
+    def facets(self, forest: Forest) -> tuple[Ints, Ints]:
+        """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
+        return facets_of(self.index, forest)
+
+    def needed(self, space: Space) -> Ints:
+        """Keys of nodes that rows made on this rank will need, beside those of its leaves: (k,).  Collective."""
+        return np.empty(0, dtype=np.int64)
+
+    @abstractmethod
+    def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
+        """The rows, with the stiffness of the enforcement's springs.  Collective."""
+
+    @abstractmethod
+    def apart(self, forest: Forest, leaf: Ints, face: Ints, points: npt.NDArray) -> Floats:
+        """Vectors from points of the first surface to the second surface or the obstacle, undeformed.
+
+        Local.  Along the normal they are the initial gap.
+
+        Args:
+            leaf, face: (n,) leaves and their local faces on the first surface.
+            points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
+
+        Returns:
+            (n, m, 3) [m].
+        """
+
+    def pressure_change(self, rows: "ConstraintRows", pressure: Floats) -> Floats:
+        """Correction of force over area, 0 in other rows: (n,) [Pa].
+
+        Collective.
+
+        Args:
+            pressure: (n,), force over area, 0 in rows of other contacts [Pa].
+        """
+        return np.zeros(len(pressure))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRows:
     """The rows of B that this rank holds, each row on one rank.
 
     Attributes:
         prolongation: Prolongation, on whose conforming unknowns B acts.
+        kinds: RowKind of each contact of the scene.
         first: (n,) int64, the node of each row on the first surface, position in the prolongation's index map.
+        entries: Entries: B u is their jump along the normal.
         normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
+        apart: (n, 3) float64, from the first side to the second, weighed as the row weighs, undeformed [m].
         gap: (n,) float64, D, initial distance along the normal on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
         node_area: (n,) float64, sum of the areas of all rows with the same `first` [m^2].
         stiffness: (n,) float64, k_N, or that of the springs in the matrix of exact contact [N/m].
-        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body [Pa].
+        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3) float64, undeformed position on the first surface [m].
-        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`.
-        contact: (n,) int32, the contact pair of the scene that each row belongs to.
+        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
+        contact: (n,) int32, the contact of the scene that each row belongs to.
         symmetry: int, copies of the modelled part that make the whole.
     """
 
-    prolongation: object
-    first: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
-    area: np.ndarray
-    node_area: np.ndarray
-    stiffness: np.ndarray
-    modulus: np.ndarray
-    position: np.ndarray
-    bodies: np.ndarray
-    contact: np.ndarray
+    prolongation: Prolongation
+    kinds: tuple[RowKind, ...]
+    first: Ints
+    entries: Entries
+    normal: Floats
+    apart: Floats
+    gap: Floats
+    area: Floats
+    node_area: Floats
+    stiffness: Floats
+    modulus: Floats
+    position: Floats
+    bodies: npt.NDArray[np.int32]
+    contact: npt.NDArray[np.int32]
     symmetry: int
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.first)
 
-    @property
-    @abstractmethod
-    def blocks(self):
+    @cached_property
+    def blocks(self) -> Blocks:
         """Blocks of B: u = t on the first surface and 0 on the second gives B u = n . t.  Local."""
+        entries = self.entries
+        values = entries.weight[:, None] * self.normal[entries.row]
+        return Blocks(entries.row, entries.node, entries.side, values)
 
     @property
     def key(self):
@@ -147,18 +251,41 @@ class ConstraintRows(ABC):
         np.add.at(sums, blocks.node, force[blocks.row][:, None] * blocks.values)
         return self.prolongation.summed(sums)
 
-    def pressure(self, force):
-        """The contact pressure at the nodes of the rows: force over area, unless a kind of rows knows better.
+    def closing(self, u: Floats) -> Floats:
+        """Displacement of the first side less that of the second.
+
+        Collective.  As in `jump`, that of `first` is taken off first.
+
+        Args:
+            u: (owned, 3), conforming displacement [m].
+
+        Returns:
+            (n, 3) [m]; B u along the normal.
+        """
+        u, entries = self.prolongation.ghosted(u), self.entries
+        common, result = u[self.first], np.zeros((len(self), 3))
+        np.add.at(result, entries.row, entries.weight[:, None] * (u[entries.node] - common[entries.row]))
+        return result + np.bincount(entries.row, entries.weight, len(self))[:, None] * common
+
+    def separation(self, u: Floats) -> Floats:
+        """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
+        return self.apart - self.closing(u)
+
+    def pressure(self, force: Floats) -> Floats:
+        """The contact pressure at the nodes of the rows: force over area, corrected where their kind knows better.
 
         Collective.
 
         Args:
-            force: (n,) float64, compression positive [N].
+            force: (n,), compression positive [N].
 
         Returns:
-            (n,) float64 [Pa].
+            (n,) [Pa].
         """
-        return force / self.area
+        pressure = force / self.area
+        return pressure + sum(
+            kind.pressure_change(self, np.where(self.contact == kind.index, pressure, 0.0)) for kind in self.kinds
+        )
 
     def pressing(self, force, group, count):
         """Force of groups of rows, and about the approach of the bodies that it takes.

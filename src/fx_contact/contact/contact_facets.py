@@ -1,59 +1,103 @@
-"""Leaf facets of contact pairs: where their points are, and the areas of their nodes."""
+"""Leaf facets of contact surfaces: positions across, areas of nodes, and the nodes that get a row."""
 
 import numpy as np
+import numpy.typing as npt
 
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
+from fx_contact.problem.scene import Scene
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 
-def facets_of(index, forest):
-    """This rank's leaf facets on the first surface of a contact pair.
+def facets_of(index: int, forest: Forest, side: int = 0) -> tuple[Ints, Ints]:
+    """This rank's leaf facets on the first (0) or the second (1) surface of a contact.
 
     Local.
 
     Args:
-        index: of the contact pair in the scene.
-        forest: Forest.
+        index: of the contact in the scene.
 
     Returns:
-        (n,) int64 leaves, (n,) int64 their local faces.
+        (n,) leaves, (n,) their local faces.
     """
     leaf, face = forest.contact_faces()
-    cell, pairing = forest.cell[leaf], forest.pairing
-    ours = pairing.first[cell, face] & (pairing.pair[cell, face] == index)
+    cell, surfaces = forest.cell[leaf], forest.contact_surfaces
+    ours = (surfaces.side[cell, face] == side) & (surfaces.contact[cell, face] == index)
     return leaf[ours], face[ours]
 
 
-def positions_across(forest, leaf, face, points):
-    """Positions of points of contact facets, and of the points that face them, on the true curved geometry.
+def positions_across(forest: Forest, leaf: Ints, face: Ints, points: npt.NDArray) -> tuple[Floats, Floats]:
+    """Positions of points of paired facets, and of the points that face them, on the true curved geometry.
 
     Local.
 
     Args:
-        forest: Forest.
-        leaf, face: (n,) int64, leaves and their local faces, all paired.
+        leaf, face: (n,) leaves and their local faces, all paired.
         points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
 
     Returns:
-        two (n, m, 3) float64 [m].
+        two (n, m, 3) [m].
     """
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
     return forest.evaluate(forest.cell[leaf], points), forest.evaluate(cell, opposite)
 
 
-def facet_shares(space, nodes, face):
+def facet_shares(space: Space, nodes: Floats, face: Ints) -> tuple[Floats, Floats]:
     """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
 
     Local.
 
     Args:
-        space: Space.
-        nodes: (n, (p+1)^2, 3) float64, positions of the facet nodes [m].
-        face: (n,) int, local faces.
+        nodes: (n, (p+1)^2, 3), positions of the facet nodes [m].
+        face: (n,) local faces.
 
     Returns:
-        (n, (p+1)^2) float64 areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
+        (n, (p+1)^2) areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
     """
     weights, value, along_u, along_v = space.facet_rule
     normal = np.cross(along_u @ nodes, along_v @ nodes) * hexahedron.FACE_ORIENTATION[face][:, None, None]
     value = weights[:, None] * value
     return np.linalg.norm(normal, axis=2) @ value, value.T @ normal
+
+
+def moduli(scene: Scene, bodies: npt.NDArray[np.integer]) -> Floats:
+    """E/(1 - nu^2) of bodies by their number, inf of none (-1): shaped as `bodies` [Pa].  Local."""
+    known = [scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies]
+    return np.array([*known, np.inf])[bodies]
+
+
+def spring_stiffness(enforcement: Enforcement, modulus: Floats, area: Floats) -> Floats:
+    """Shares (n, k) [N/m] of facet nodes in c E*/h of each facet, from moduli (n, 2) and areas (n, k).  Local."""
+    return (enforcement.springs / (1 / modulus).sum(axis=1) / np.sqrt(area.sum(axis=1)))[:, None] * area
+
+
+def nodal_sums(prolongation: Prolongation, leaf: Ints, face: Ints, values: Floats) -> tuple[Ints, Ints, Floats]:
+    """Conforming nodes of facets, each on one rank, and sums over the facets of all ranks.
+
+    Collective.  Shares of hanging nodes go to their masters.  A node is on a rank that has a facet of it: its owner,
+    but where contacts meet.
+
+    Args:
+        leaf, face: (n,) leaves and their local faces.
+        values: (n, (p+1)^2, k), of the facet nodes.
+
+    Returns:
+        (m,) nodes, positions in the index map; (m,) an example of each, position in the raveled facet nodes; (m, k)
+        sums.
+    """
+    space, forest = prolongation.space, prolongation.space.forest
+    node, sums = space.on_faces(leaf, face), np.zeros((len(space), values.shape[2]))
+    np.add.at(sums, node, values)
+    distinct, example = np.unique(node, return_index=True)
+    conform = ~prolongation.hanging[distinct]
+    distinct, example = distinct[conform], example[conform]
+    _, owner = Directory(forest.comm, space.keys[distinct], forest.homes.of_points).number()
+    own = owner == forest.comm.rank
+    first = prolongation.conforming[distinct[own]].astype(np.int64)
+    return first, example[own], prolongation.ghosted(prolongation.restrict(sums))[first]

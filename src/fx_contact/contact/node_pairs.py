@@ -5,139 +5,63 @@ nodes go to their masters, so that rows belong to conforming nodes and the area 
 both nodes: B^T B needs no message (section 3 of the paper).
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-
 import numpy as np
-from mpi4py import MPI
+import numpy.typing as npt
 
-from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
-from fx_contact.contact.contact_facets import facet_shares, facets_of, positions_across
-from fx_contact.contact.enforcement import SOFTEST, STIFFEST
-from fx_contact.contact.pressure import nodal_pressure
-from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.mpi import Directory
-
-#: Cosine of the angle to their mean up to which the normals of rows at one node are those of a smooth surface: 15
-#: degrees, as between the facets of a circle of twelve cells and their mean normal.
-_SMOOTH = 0.966
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.pressure import pressure_change
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.forest.forest import Forest
 
 
-@dataclass(frozen=True, eq=False)
-class NodePairs(ConstraintRows):
-    """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second).
+class NodePairs(RowKind):
+    """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second)."""
 
-    Attributes:
-        second: (n,) int64, the node that faces `first`, position in the prolongation's index map.
-        apart: (n, 3) float64, from the first node to the second one, undeformed [m].
-    """
+    def needed(self, space: Space) -> npt.NDArray[np.int64]:
+        """Nodes that face those of the first surface."""
+        return space.facing(*self.facets(space.forest)).ravel()
 
-    second: np.ndarray
-    apart: np.ndarray
+    def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
+        """As `RowKind.columns`."""
+        space, forest = prolongation.space, prolongation.space.forest
+        leaf, face = self.facets(forest)
+        keys, points = space.facing(leaf, face), space.points[leaf[:, None], space.face_nodes[face]]
+        here, there = positions_across(forest, leaf, face, points)
+        partner = forest.pairing.partner[forest.cell[leaf], face, 0]
 
-    @cached_property
-    def blocks(self):
-        """Blocks, two a pair.  Local."""
-        n = len(self)
-        node = np.stack([self.first, self.second], axis=1).ravel()
-        values = np.stack([self.normal, -self.normal], axis=1).reshape(-1, 3)
-        return Blocks(np.repeat(np.arange(n), 2), node, np.tile([0, 1], n), values)
-
-    def pressure(self, force):
-        """As `ConstraintRows.pressure`; at degree 2 force over area alternates, `nodal_pressure` does not."""
-        return nodal_pressure(self, force)
-
-
-def create_node_pairs(scene, forest, prolongation, enforcement):
-    """Find the conforming node pairs of a forest.
-
-    Collective on forest.comm.
-
-    Args:
-        scene: Scene.
-        forest: Forest.
-        prolongation: Prolongation of the forest.
-        enforcement: Enforcement, for the stiffness.
-
-    Returns:
-        NodePairs, one block a contact pair of the scene.
-
-    Raises:
-        SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`.
-    """
-    blocks = [_pairs_of(index, scene, forest, prolongation, enforcement) for index in range(len(scene.contact))]
-    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    across = columns.pop("across")
-    pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, node_area=columns["area"], **columns)
-    stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
-    if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
-        raise SceneError(
-            f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
-            f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
-            "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
+        (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))  # in one order
+        bodies = np.stack([forest.mesh.body[cell] for cell in (forest.cell[leaf], partner)], axis=1)
+        stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
+        shares = np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2)
+        first, example, sums = nodal_sums(prolongation, leaf, face, shares)
+        second, count = prolongation.find(keys.ravel()[example]), len(first)
+        here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
+        return RowColumns(
+            first=first,
+            entries=Entries(
+                row=np.repeat(np.arange(count), 2),
+                node=np.stack([first, second], axis=1).ravel(),
+                side=np.tile([0, 1], count),
+                weight=np.tile([1.0, -1.0], count),
+            ),
+            across=sums[:, 2:],
+            apart=there - here,
+            area=sums[:, 0],
+            stiffness=sums[:, 1],
+            position=here,
+            bodies=bodies[example // keys.shape[1]],
         )
-    return pairs if len(blocks) == 1 else _sharing(pairs, across, enforcement.node_stiffness)
 
+    def apart(
+        self, forest: Forest, leaf: npt.NDArray[np.int64], face: npt.NDArray[np.int64], points: npt.NDArray
+    ) -> npt.NDArray[np.float64]:
+        """To the points of the same lattice coordinates, as `Pairing.opposite` turns them."""
+        here, there = positions_across(forest, leaf, face, points)
+        return there - here
 
-def _sharing(pairs, across, node_stiffness):
-    """Pairs of one node, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
-
-    Args:
-        pairs: NodePairs.
-        across: (n, 3) float64, normals times areas, of both surfaces [m^2].
-        node_stiffness: of the pairs of a node together, if it is given [N/m].
-    """
-    own = np.column_stack([pairs.stiffness, pairs.area, across])
-    stiffness, area, *mean = pairs.at_first(own).T
-    mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
-    smooth = np.einsum("ni,ni->n", mean, pairs.normal) > _SMOOTH
-    normal = np.where(smooth[:, None], mean, pairs.normal)
-    gap = np.einsum("ni,ni->n", normal, pairs.apart)
-    stiffness = stiffness if node_stiffness is None else node_stiffness
-    return replace(pairs, node_area=area, stiffness=pairs.area * stiffness / area, normal=normal, gap=gap)
-
-
-def _pairs_of(index, scene, forest, prolongation, enforcement):
-    """Columns of NodePairs, and those of `_sharing`, by name, for one contact pair of the scene: dict.  Collective."""
-    space, (leaf, face) = prolongation.space, facets_of(index, forest)
-    node, keys = space.on_faces(leaf, face), space.facing(leaf, face)
-    here, there = positions_across(forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
-    cell = forest.pairing.partner[forest.cell[leaf], face, 0]
-
-    (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))  # in the same order
-    size = np.sqrt(area.sum(axis=1))
-    bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
-    modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
-    stiffness = (enforcement.springs / (1 / modulus).sum(axis=1) / size)[:, None] * area
-    sums = np.zeros((len(space), 5))
-    np.add.at(sums, node, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
-
-    # A pair belongs to a rank that has a facet of it: the owner of both nodes, but where contact pairs meet.
-    distinct, example = np.unique(node, return_index=True)
-    conform = ~prolongation.hanging[distinct]
-    distinct, example = distinct[conform], example[conform]
-    _, owner = Directory(forest.comm, space.keys[distinct], forest.homes.of_points).number()
-    own = owner == forest.comm.rank
-    first, example = prolongation.conforming[distinct[own]].astype(np.int64), example[own]
-    sums = prolongation.ghosted(prolongation.restrict(sums))
-    area, stiffness, across = sums[first, 0], sums[first, 1], sums[first, 2:]
-    normal = across / np.linalg.norm(across, axis=1)[:, None]
-    if enforcement.node_stiffness is not None:
-        stiffness = np.full(len(first), float(enforcement.node_stiffness))
-    here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
-    apart = there - here
-    facet = example // keys.shape[1]
-    return dict(
-        first=first,
-        second=prolongation.find(keys.ravel()[example]),
-        normal=normal,
-        gap=np.einsum("ni,ni->n", normal, apart),
-        area=area,
-        stiffness=stiffness,
-        modulus=modulus[facet],
-        position=here,
-        bodies=bodies[facet],
-        contact=np.full(len(first), index, dtype=np.int32),
-        across=across,
-        apart=apart,
-    )
+    def pressure_change(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """At degree 2 force over area alternates around the pressure."""
+        return pressure_change(rows, pressure, self.index)

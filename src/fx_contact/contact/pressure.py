@@ -10,7 +10,9 @@ a facet by more than the part `_MOST`.
 """
 
 import numpy as np
+import numpy.typing as npt
 
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_facets import facet_shares, facets_of
 
 #: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs.  Error of
@@ -21,33 +23,24 @@ from fx_contact.contact.contact_facets import facet_shares, facets_of
 _MOST = 0.1
 
 
-def nodal_pressure(rows, force):
-    """The contact pressure at the nodes of node pairs.
+def pressure_change(rows: ConstraintRows, pressure: npt.NDArray[np.float64], index: int) -> npt.NDArray[np.float64]:
+    """Correction of force over area at the nodes of the node pairs of a contact.
 
     Collective on the prolongation's comm.
 
     Args:
-        rows: NodePairs.
-        force: (n,) float64, compression positive [N].
+        pressure: (n,) force over area, compression positive, 0 in rows of other contacts [Pa].
+        index: of the contact.
 
     Returns:
-        (n,) float64, at degree 1 force over area [Pa].
+        (n,) [Pa], 0 at degree 1, and in rows of other contacts.
     """
-    pressure, space = force / rows.area, rows.prolongation.space
+    prolongation, space = rows.prolongation, rows.prolongation.space
     if space.degree == 1:
-        return pressure
+        return np.zeros(len(pressure))
     weights, value, _, _ = space.facet_rule
     mass = (value.T * weights) @ value
     change = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
-    pairs = range(int(space.forest.pairing.pair.max()) + 1)
-    return pressure + sum(
-        _changes(rows, np.where(rows.contact == index, pressure, 0.0), index, change) for index in pairs
-    )
-
-
-def _changes(rows, pressure, index, change):
-    """What M^-1 D - 1, `change`, adds to the pressures of one contact pair: (n,) float64 [Pa].  Collective."""
-    prolongation, space = rows.prolongation, rows.prolongation.space
     leaf, face = facets_of(index, space.forest)
     known, sums = prolongation.zeros(1), np.zeros((len(space), 1))
     np.add.at(known[:, 0], rows.first, pressure)

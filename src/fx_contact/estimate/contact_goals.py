@@ -187,7 +187,7 @@ def moved_by_strains(state):
     moved, sides = solution.penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
     for sign, side in sides:
         modes = np.einsum("nmi,ni->nm", scene.rigid_motions.modes(pairs.position, side), pairs.normal)
-        moved -= sign * (modes * scene.rigid_motions.prescribed[side]).sum(axis=1)
+        moved -= sign * np.where(side >= 0, (modes * scene.rigid_motions.prescribed[side]).sum(axis=1), 0.0)
     if len(scene.rigid_motions.free):
         free = sum(sign * scene.rigid_motions.free_along(pairs.position, side, pairs.normal) for sign, side in sides)
         weighted = solution.active * pairs.area * free.T

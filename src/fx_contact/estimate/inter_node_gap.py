@@ -8,22 +8,20 @@ The estimate xi has no part of this: it is of the strains of the discrete soluti
 from copy import copy
 
 import numpy as np
+import numpy.typing as npt
 from scipy.integrate import simpson
 
-from fx_contact.contact.contact_facets import facets_of, positions_across
 from fx_contact.problem import hexahedron
 
 #: Penetration up to this part of what the gap varies by on a facet may come from the linear solver: its tolerance,
 _VARIATION = 1e-8
 #: and up to this part of the facet's size, the root of its area, from rounding: of a facet in 1e6 along a body.
 _ROUNDING = 1e-9
-#: Parts of the grid of a first look at a facet for each part of the sampled one.  Where gaps are random numbers
-#: (`test_rough_facets`, 400 facets of 5 x 5 points) it misses the least one on 19, 3.5, 0.75, 0 % with 1, 2, 4, 8.
-_FINER = 4
-#: How often a grid around a valley moves or halves: valleys a hundred times as long as wide are found to 1e-9 with 28.
-_STEPS = 32
+#: Parts along each side of a facet at whose ends the least gap is looked for.  Of a round gap it misses penetrations up
+#: to 1/4096 of what the gap varies by on the facet.
+_PARTS = 64
 #: Facets that are looked at together, so that memory does not grow with their number.
-_CHUNK = 1024
+_CHUNK = 64
 
 
 class GapBetweenNodes:
@@ -41,11 +39,11 @@ class GapBetweenNodes:
         self._state, self._parts = state, []
         forest, pairs, solution = state.forest, state.pairs, state.solution
         prolongation, space = pairs.prolongation, pairs.prolongation.space
-        for index in range(len(state.scene.contact)):
-            leaf, face = facets_of(index, forest)
-            cells, ours = space.on_faces(leaf, face), pairs.contact == index
+        for kind in pairs.kinds:
+            leaf, face = kind.facets(forest)
+            cells, ours = space.on_faces(leaf, face), pairs.contact == kind.index
             near = _touched(prolongation, cells, pairs.first[ours & solution.active])
-            facets = _Facets(space, leaf, face, _known(state, ours)[cells])
+            facets = _Facets(kind, space, leaf, face, _known(state, ours)[cells])
             self._parts.append((leaf, cells, ours, near, facets))
 
     def penetrated(self):
@@ -72,17 +70,18 @@ class GapBetweenNodes:
 
 
 class _Facets:
-    """Contact facets and those that face them, in points enough for the order of the root mesh and the degree.
+    """Facets of first surfaces and what they face, in points enough for the order of the root mesh and the degree.
 
     Local.
 
     Args:
+        kind: RowKind of their contact.
         space: Space.
         leaf, face: (n,) int64, leaves and their local faces.
         nodal: (n, (p+1)^2, 6) float64, the jump of the displacement at their nodes [m], and normals.
     """
 
-    def __init__(self, space, leaf, face, nodal):
+    def __init__(self, kind, space, leaf, face, nodal):
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
         line = np.linspace(0, 1, parts + 1)
@@ -96,16 +95,17 @@ class _Facets:
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
-        here, there = positions_across(forest, leaf, face, points / parts**2)
+        points = points / parts**2
+        here, apart = forest.evaluate(forest.cell[leaf], points), kind.apart(forest, leaf, face, points)
         diagonals = here[:, -1] - here[:, 0], here[:, parts] - here[:, -parts - 1]
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
-        jump, normal = np.split(self._sampled(nodal), 2, axis=2)
-        self._gap = FacetGap(there - here - jump, normal)  # small, however far the bodies come
+        jump, self._normal = np.split(self._sampled(nodal), 2, axis=2)
+        self._apart = apart - jump  # small, however far the bodies come
 
     def where(self, which):
         """Some of the facets: _Facets.  Args: which: (n,) bool."""
         some = copy(self)
-        some._area, some._gap = self._area[which], self._gap.where(which)
+        some._area, some._apart, some._normal = self._area[which], self._apart[which], self._normal[which]
         return some
 
     def _sampled(self, nodal):
@@ -114,16 +114,16 @@ class _Facets:
 
     def penetrate(self):
         """Whether facets penetrate more than at their nodes, and than may come from rounding: (n,) bool."""
-        gap = self._gap.sampled()
+        gap = _along(self._apart, self._normal)
         limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
         limit -= _VARIATION * np.ptp(gap, axis=1)
         deeper = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
-        deeper[deeper] = self._gap.where(deeper).least() < limit[deeper]
+        deeper[deeper] = _least(self._apart[deeper], self._normal[deeper]) < limit[deeper]
         return deeper
 
     def work(self, pressure):
         """int max(p, 0) |g - g_I| dA: (n,) float64.  Args: pressure: (n, (p+1)^2) float64, p at the nodes."""
-        gap = self._gap.sampled()
+        gap = _along(self._apart, self._normal)
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
         return self._area * ((np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)) @ self._simpson)
 
@@ -160,85 +160,41 @@ def _touched(prolongation, cells, closed):
 
 
 def _known(state, ours):
-    """Jumps of the displacement and normals of some node pairs, at this rank's nodes: (m, 6) float64.  Collective."""
-    pairs, u = state.pairs, state.pairs.prolongation.ghosted(state.solution.displacement)
-    return _at_nodes(pairs, ours, np.column_stack([u[pairs.first] - u[pairs.second], pairs.normal]))
+    """Jumps of the displacement and normals of some rows, at this rank's nodes: (m, 6) float64.  Collective."""
+    pairs = state.pairs
+    return _at_nodes(pairs, ours, np.column_stack([pairs.closing(state.solution.displacement), pairs.normal]))
 
 
 def _at_nodes(pairs, ours, values):
-    """Values (n, k) of some node pairs at this rank's nodes of the first surface: (m, k) float64.  Collective."""
+    """Values (n, k) of some rows at this rank's nodes of the first surface: (m, k) float64.  Collective."""
     prolongation = pairs.prolongation
     said = prolongation.zeros(values.shape[1])
     said[pairs.first[ours]] = values[ours]
     return prolongation.prolong(prolongation.summed(said))
 
 
-class FacetGap:
-    """The gap between facing facets as a function on them, along normals.
-
-    Local.
+def _least(apart: npt.NDArray[np.float64], normal: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The least gap on each facet, at a grid of points: (n,) [m].
 
     Args:
-        apart: (n, m^2, 3) float64, in a regular grid on each facet, first coordinate fastest, from the point here to
-            that which faces it [m].
-        normal: (n, m^2, 3) float64, of any length, likewise.
+        apart: (n, m^2, 3), at m x m points of each facet, first coordinate fastest, to the point across [m].
+        normal: (n, m^2, 3), of any length, likewise.
     """
+    side = int(np.sqrt(apart.shape[1]))
+    finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, _PARTS + 1))
 
-    def __init__(self, apart, normal):
-        self._apart, self._normal, self._side = apart, normal, int(np.sqrt(apart.shape[1]))
+    def at(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """At the points of the grid."""
+        grid = values.reshape(-1, side, side, 3)
+        return np.einsum("qy,pynj->qpnj", finer, np.einsum("px,nyxj->pynj", finer, grid))
 
-    def where(self, which):
-        """The FacetGap of some of the facets, by a slice or by position."""
-        return FacetGap(self._apart[which], self._normal[which])
-
-    def sampled(self):
-        """The gap at the points of the grid: (n, m^2) float64 [m]."""
-        return _along(self._apart, self._normal)
-
-    def at(self, x, y):
-        """The gap at k points of each facet.
-
-        Args:
-            x, y: (n, k) float64, coordinates on the facets, in [0, 1]; (k,) for the same on all.
-
-        Returns:
-            (n, k) float64 [m].
-        """
-        along_x, along_y = (hexahedron.lagrange(self._side - 1, t) for t in (x, y))
-        return _along(*(_product(along_x, along_y, grid) for grid in (self._apart, self._normal)))
-
-    def least(self):
-        """The least gap on each facet, (n,) float64 [m], by finer and finer grids around that of a first one."""
-        least, line = np.empty(len(self._apart)), np.linspace(0, 1, _FINER * self._side + 1)
-        x, y = np.stack(np.meshgrid(line, line)).reshape(2, -1)
-        for start in range(0, len(least), _CHUNK):
-            some = self.where(slice(start, start + _CHUNK))
-            values = some.at(x, y)
-            best = values.argmin(axis=1)
-            least[start : start + _CHUNK] = some._descended(np.stack([x, y])[:, best], values.min(axis=1), line[1])
-        return least
-
-    def _descended(self, place, least, width):
-        """The least values that finer and finer grids find from a place on each facet, (2, n), where it is (n,)."""
-        y, x = np.mgrid[-1:1:5j, -1:1:5j].reshape(2, -1, 1)
-        width = np.full(len(least), width)
-        for _ in range(_STEPS):
-            x_y = np.clip(place[:, None] + width * np.stack([x, y]), 0, 1)  # (2, 25, n)
-            values = self.at(*x_y.swapaxes(1, 2))
-            best = values.argmin(axis=1)
-            value = values[np.arange(len(best)), best]
-            lower = value < least
-            place = np.where(lower, x_y[:, best, np.arange(len(best))], place)
-            least, width = np.minimum(value, least), np.where(lower, width, width / 2)
-        return least
+    least = np.empty(len(apart))
+    for start in range(0, len(least), _CHUNK):
+        some = slice(start, start + _CHUNK)
+        least[some] = _along(at(apart[some]), at(normal[some])).min(axis=(0, 1))
+    return least
 
 
-def _along(apart, normal):
+def _along(apart: npt.NDArray[np.float64], normal: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """The component of vectors along normals of any length: (..., 3) to (...)."""
     return np.einsum("...i,...i->...", apart, normal) / np.linalg.norm(normal, axis=-1)
-
-
-def _product(along_x, along_y, grid):
-    """Values of tensor products at points of each facet: (n, k, 3) float64; grid: (n, m^2, 3)."""
-    grid = grid.reshape(len(grid), along_y.shape[-1], along_x.shape[-1], 3)
-    return np.einsum("...px,...pxi->...pi", along_x, np.einsum("...py,...yxi->...pxi", along_y, grid))

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_solver import ContactSolution
-from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.estimate.recovery import Estimate
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
@@ -18,7 +18,7 @@ class SolvedState:
         scene: Scene.
         forest: Forest.
         elasticity: Elasticity; its `u` is the displacement.
-        pairs: NodePairs; None without contact.
+        pairs: ConstraintRows; None without contact.
         solution: ContactSolution.
         estimate: Estimate.
     """
@@ -26,6 +26,6 @@ class SolvedState:
     scene: Scene
     forest: Forest
     elasticity: Elasticity
-    pairs: NodePairs | None
+    pairs: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate

@@ -7,9 +7,11 @@ themselves are replaced by theirs until none does.
 """
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx.la import InsertMode, vector
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
+from fx_contact.fem.space import Space
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
@@ -25,32 +27,33 @@ class Prolongation:
 
     Args:
         space: Space.
+        needed: (k,) int64 keys of nodes of any rank whose values this rank needs, as rows of contact do; they may hang.
 
     Attributes:
         comm: MPI communicator.
         space: as given, with m nodes on this rank.
         hanging: (m,) bool, which of them hang.
         index_map: IndexMap of the conforming nodes: owned ones first, in the order in which the leaves touch them, then
-            those of other ranks that this rank's nodes need.  A rank that holds a facing pair of leaves owns their
-            facing nodes, both of them.
+            those of other ranks that this rank's nodes and the needed ones take their values from.  A rank that holds a
+            facing pair of leaves owns their facing nodes, both of them.
         conforming: (m,) int32, position of each node in `index_map`, -1 where it hangs.
         matrix: (m, owned + ghosts) scipy CSR float64, P on this rank.
         hanging_global: number of hanging nodes on all ranks.
     """
 
-    def __init__(self, space):
+    def __init__(self, space: Space, needed: npt.ArrayLike = ()) -> None:
         self.comm, self.space = space.forest.comm, space
         masters, shares = _masters(space)
         self.hanging = (masters != _NONE).any(axis=1)
-        claim, ballot, facing = _claims(space)
-        number, owner = space.directory.number(~self.hanging, claim, ballot)
-        slaves, keys, weights = _resolve(space, masters, shares)
+        number, owner = space.directory.number(~self.hanging, *_claims(space))
+        needed = np.unique(np.asarray(needed, dtype=np.int64))
+        self._needed = needed[space.find(needed) < 0]
+        slaves, keys, weights = _resolve(space, masters, shares, self._needed)
 
         foreign = (owner != self.comm.rank) | self.hanging
-        needed = np.concatenate([keys, facing])
-        away = np.unique(needed[space.find(needed) < 0])
-        far, conform = space.directory.lookup(away, np.stack([number, owner.astype(np.int64)], axis=1), ~foreign)
-        self._away, far = away[conform], far[conform]  # of the facing nodes some hang
+        self._away = np.unique(keys[space.find(keys) < 0])
+        known = np.stack([number, owner.astype(np.int64)], axis=1)
+        far, _ = space.directory.lookup(self._away, known, ~foreign)
         near = foreign & ~self.hanging
         ghosts = np.concatenate([number[near], far[:, 0]])
         owners = np.concatenate([owner[near], far[:, 1].astype(np.int32)])
@@ -64,7 +67,9 @@ class Prolongation:
         own = np.flatnonzero(~self.hanging)
         entries = np.concatenate([np.ones(len(own)), weights])
         places = np.concatenate([own, slaves]), np.concatenate([self.conforming[own], columns])
-        self.matrix = csr_matrix((entries, places), shape=(len(space), owned + len(ghosts)))
+        shape = len(space) + len(self._needed), owned + len(ghosts)
+        matrix = csr_matrix((entries, places), shape=shape)
+        self.matrix, self._of_needed = matrix[: len(space)], matrix[len(space) :]
         _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
@@ -72,7 +77,7 @@ class Prolongation:
         """Positions in `index_map` of nodes, ghosts included, by their keys.  Local.
 
         Args:
-            keys: (k,) int64 keys of nodes that this rank's leaves have, hang on, or face.
+            keys: (k,) int64 keys of nodes that this rank's leaves have or hang on, or that are needed.
 
         Returns:
             (k,) int64, -1 where a node hangs.
@@ -85,6 +90,12 @@ class Prolongation:
         size = self.index_map.size_local + self.index_map.num_ghosts
         result[away] = size - len(self._away) + np.searchsorted(self._away, keys[away])
         return result
+
+    def rows(self, keys: npt.NDArray[np.int64]) -> csr_matrix:
+        """P at nodes that this rank's leaves have or that are needed: (k, owned + ghosts).  Local."""
+        place = self.space.find(keys)
+        away = len(self.space) + np.searchsorted(self._needed, keys)
+        return vstack([self.matrix, self._of_needed], format="csr")[np.where(place >= 0, place, away)]
 
     @property
     def owned(self):
@@ -248,26 +259,30 @@ def _points_on(space, entities, nodes, points):
     return Directory(forest.comm, keys.ravel(), forest.homes.of_points), example
 
 
-def _claims(space):
-    """For the ownership of each node its claim and ballot, and the keys of the nodes that face this rank's.
+def _claims(space: Space) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.int64]]:
+    """For the ownership of each node its claim and ballot.
 
-    Facing nodes are drawn alike, among the ranks that hold a contact face of each.
+    A node on a contact surface is owned by a rank that holds a contact face of it; facing nodes are drawn alike.
     """
     forest = space.forest
     claim, ballot = np.zeros(len(space), dtype=np.int8), space.keys.copy()
-    leaf, face = forest.contact_faces()
-    mine, facing = space.on_faces(leaf, face), space.facing(leaf, face)
-    claim[mine] = 1
-    second = ~forest.pairing.first[forest.cell[leaf], face]
-    ballot[mine[second]] = facing[second]
-    return claim, ballot, facing[~second].ravel()
+    claim[space.on_faces(*forest.contact_faces())] = 1
+    leaf, face = forest.paired_faces()
+    second = forest.contact_surfaces.side[forest.cell[leaf], face] == 1
+    leaf, face = leaf[second], face[second]
+    ballot[space.on_faces(leaf, face)] = space.facing(leaf, face)
+    return claim, ballot
 
 
-def _resolve(space, masters, weights):
-    """Slave positions, master keys and weights, none of the masters hanging."""
+def _resolve(
+    space: Space, masters: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], needed: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Slave positions, master keys and weights, none of the masters hanging; needed nodes follow this rank's."""
     hanging = np.flatnonzero((masters != _NONE).any(axis=1))
     rows = np.column_stack([masters, weights.view(np.int64)])
     slaves, keys, shares = _expand(hanging, rows[hanging], np.ones(len(hanging)))
+    slaves = np.concatenate([slaves, len(space) + np.arange(len(needed))])
+    keys, shares = np.concatenate([keys, needed]), np.concatenate([shares, np.ones(len(needed))])
     done = []
     while space.directory.comm.allreduce(len(keys)):
         place = space.find(keys)
@@ -279,7 +294,8 @@ def _resolve(space, masters, weights):
         slaves, keys, shares = _expand(slaves[chained], above[chained], shares[chained])
     if not done:
         return slaves, keys, shares
-    return (np.concatenate(column) for column in zip(*done))
+    slaves, keys, shares = (np.concatenate(column) for column in zip(*done))
+    return slaves, keys, shares
 
 
 def _expand(slaves, rows, shares):

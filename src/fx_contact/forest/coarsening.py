@@ -25,7 +25,8 @@ def coarsened(forest, level, kind="contact-sfc"):
     Returns:
         Forest.
     """
-    comm, result = forest.comm, Forest.of_roots(forest.comm, forest.mesh, forest.pairing)
+    comm = forest.comm
+    result = Forest.of_roots(comm, forest.mesh, forest.pairing, forest.contact_surfaces)
     for depth in range(comm.allreduce(int(np.max(level, initial=0)), op=MPI.MAX)):
         side = leaf_side(np.array([depth]))
         finer = level > depth

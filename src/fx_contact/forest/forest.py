@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.forest.glue import Glue
@@ -18,7 +19,10 @@ from fx_contact.parallel.exchange import Exchange, few
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron, lattice
+from fx_contact.problem.contact_surfaces import ContactSurfaces
+from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
+from fx_contact.problem.root_mesh import RootMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +33,8 @@ class Forest:
         comm: MPI communicator.
         mesh: RootMesh.
         lattice: Lattice of that mesh.
-        pairing: Pairing of its contact surfaces.
+        pairing: Pairing of that mesh.
+        contact_surfaces: ContactSurfaces of that mesh.
         cell: (n,) int32, root cell of each leaf.
         level: (n,) int8, 0 for a root cell.
         anchor: (n, 3) int32, low corner in lattice units of the root cell.
@@ -38,25 +43,27 @@ class Forest:
     """
 
     comm: MPI.Comm
-    mesh: object
+    mesh: RootMesh
     lattice: Lattice
-    pairing: object
+    pairing: Pairing
+    contact_surfaces: ContactSurfaces
     cell: np.ndarray
     level: np.ndarray
     anchor: np.ndarray
     cuts: np.ndarray | None = None
 
     @classmethod
-    def of_roots(cls, comm, mesh, pairing):
+    def of_roots(
+        cls, comm: MPI.Comm, mesh: RootMesh, pairing: Pairing, contact_surfaces: ContactSurfaces
+    ) -> "Forest":
         """The unrefined forest, root cells dealt out in equal blocks by their number.
 
         Local.
         """
         first, last = (len(mesh.cells) * (comm.rank + i) // comm.size for i in (0, 1))
         cell = np.arange(first, last, dtype=np.int32)
-        return cls(
-            comm, mesh, Lattice(mesh), pairing, cell, np.zeros(len(cell), np.int8), np.zeros((len(cell), 3), np.int32)
-        )
+        level, anchor = np.zeros(len(cell), np.int8), np.zeros((len(cell), 3), np.int32)
+        return cls(comm, mesh, Lattice(mesh), pairing, contact_surfaces, cell, level, anchor)
 
     def __len__(self):
         return len(self.cell)
@@ -129,15 +136,29 @@ class Forest:
         """The distinct faces of the leaves, by their centres (`LatticePoints`).  Collective on comm at first use."""
         return LatticePoints(self, lattice.face_centres(self.corners))
 
-    def contact_faces(self):
+    def contact_faces(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Faces of this rank's leaves that lie on contact surfaces.
 
         Local.
 
         Returns:
-            (m,) int64 leaf indices, (m,) int64 local faces.
+            (m,) leaf indices, (m,) local faces.
+        """
+        return self.contact_surfaces.faces(self.cell, self.level, self.anchor)
+
+    def paired_faces(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Those of them that have a partner.
+
+        Local.
+
+        Returns:
+            (m,) leaf indices, (m,) local faces.
         """
         return self.pairing.faces(self.cell, self.level, self.anchor)
+
+    def stands_on(self, pairing: Pairing, contact_surfaces: ContactSurfaces) -> bool:
+        """Whether its contact surfaces and partners are these; both are of one root mesh.  Local."""
+        return self.contact_surfaces.same(contact_surfaces) and np.array_equal(self.pairing.partner, pairing.partner)
 
     def boundary_faces(self, facets):
         """Faces of this rank's leaves that lie on given root facets.
@@ -175,7 +196,7 @@ class Forest:
         """Refine marked leaves, their partners, and as many more as the balance of the forest demands.
 
         Collective on comm.  The rules: facing leaves are refined together (5); a leaf must not have a quarter point on
-        one of its edges, so that every edge has at most one hanging node; leaves around the rim of a contact surface
+        one of its edges, so that every edge has at most one hanging node; leaves around the rim of a paired surface
         are refined with it, so that facing vertices hang together or not at all.
 
         Args:
@@ -253,7 +274,7 @@ class Forest:
     def _closure(self, marked):
         """Marked leaves and all that must be refined with them."""
         marked = np.array(marked, dtype=bool)
-        paired = np.unique(self.contact_faces()[0])
+        paired = np.unique(self.paired_faces()[0])
         groups, group = np.unique(self.representatives[paired], return_inverse=True)
         facing = Directory(self.comm, groups, self.homes.of_leaves)
         fresh = marked.copy()
@@ -278,7 +299,7 @@ class Forest:
         return np.concatenate([self.vertices.keys[middles.ravel()], self.edges.directory.keys[rim]])
 
     def _rim_edges(self, marked):
-        """Edges of marked leaves on the rim of contact surfaces: (m,) positions in `edges`."""
+        """Edges of marked leaves on the rim of paired surfaces: (m,) positions in `edges`."""
         marked = np.flatnonzero(marked)
         on = lattice.root_edges(self.anchor[marked], self.level[marked]) & self.pairing.rim[self.cell[marked]]
         leaf, edge = np.nonzero(on)

@@ -80,7 +80,7 @@ def _of_roots(mesh, lattice, pairing):
 class Places:
     """One root cell, and the coordinates there, for each lattice point; for points that face each other the same.
 
-    Local.  It is the lowest cell that has the point, one at a contact surface if there is one, of facing points the
+    Local.  It is the lowest cell that has the point, one at a paired surface if there is one, of facing points the
     lower of the two.
 
     Args:
@@ -90,12 +90,12 @@ class Places:
 
     def __init__(self, lattice, pairing):
         self._lattice, self._pairing = lattice, pairing
-        paired = pairing.pair >= 0
+        paired = pairing.paired
         touching = (paired[:, None] & part_faces()).any(axis=2)  # (ncells, 27)
         self._entities = lattice.entities(prefer=touching)
         _, cell, part = self._entities
         on = paired[cell] & part_faces()[part]
-        self._face = np.where(on.any(axis=1), on.argmax(axis=1), -1)  # a contact facet of each entity
+        self._face = np.where(on.any(axis=1), on.argmax(axis=1), -1)  # a paired facet of each entity
 
     def of(self, keys):
         """(n,) int64 root cells, and (n, 3) int32 lattice coordinates, of keys (n,) int64.  Local."""
@@ -110,6 +110,6 @@ class Places:
         return cell, points
 
     def _first(self, keys):
-        """Cell and coordinates of each key, and the contact facet there on which it lies, -1 if on none."""
+        """Cell and coordinates of each key, and the paired facet there on which it lies, -1 if on none."""
         entity, points = self._lattice.located(keys, self._entities)
         return self._entities[1][entity], points, self._face[entity]

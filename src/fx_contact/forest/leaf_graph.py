@@ -150,7 +150,7 @@ def create_facing_graph(forest):
     Returns:
         Graph.
     """
-    leaf, face = forest.contact_faces()
+    leaf, face = forest.paired_faces()
     offset = forest.comm.exscan(len(forest)) or 0
     own, index = np.unique(leaf_code(forest.cell[leaf], forest.anchor[leaf]), return_index=True)
     wanted = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)

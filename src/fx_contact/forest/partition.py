@@ -159,7 +159,7 @@ def _moved(forest, values, destination):
 def _meeting_place(forest):
     """The lowest rank that has a leaf of the same group of facing leaves: (n,) int32.  Collective on forest.comm."""
     result = np.full(len(forest), forest.comm.rank, dtype=np.int32)
-    paired = np.unique(forest.contact_faces()[0])
+    paired = np.unique(forest.paired_faces()[0])
     groups, group = np.unique(forest.representatives[paired], return_inverse=True)
     directory = Directory(forest.comm, groups, forest.homes.of_leaves)
     result[paired] = directory.lowest(np.full(len(groups), forest.comm.rank))[group]

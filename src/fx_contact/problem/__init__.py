@@ -1,16 +1,18 @@
 """What is to be solved: root mesh, own shapes, lattice keys, facing facets, materials, conditions, contact pairs."""
 
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
 
 __all__ = [
     "BodyForce",
+    "Contact",
     "ContactPair",
     "Dirichlet",
     "Material",

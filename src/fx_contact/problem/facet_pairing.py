@@ -1,17 +1,21 @@
-"""Facing root facets of two contact surfaces, and the partner of a leaf by integer arithmetic.
+"""Facing root facets of contact surfaces that are meshed alike, and the partner of a leaf by integer arithmetic.
 
 Facets are paired once, on the root mesh.  The partner of a leaf or of a lattice point then follows from integers alone,
 without search or communication ("éléments appariés", section 2 of the paper).  All is local.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem import hexahedron
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
+from fx_contact.problem.root_mesh import RootMesh
 
 #: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
 _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
@@ -25,52 +29,41 @@ _ASTRAY = 0.1
 
 
 class Pairing:
-    """Facing facets of the contact surfaces of a root mesh, replicated on all ranks.
+    """Facing facets of the contact surfaces that are meshed alike, replicated on all ranks.
 
     Local (every rank computes the same).
 
     Args:
         mesh: RootMesh.
-        pairs: sequence of ContactPair.
+        contacts: of a scene; facets of those that are no ContactPair have no partners.
 
     Attributes:
         partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
-        pair: (ncells, 6) int32, index of the contact pair, -1 where none.
-        first: (ncells, 6) bool, whether the face belongs to the first surface of its pair.
         rim: (ncells, 12) bool, edges of paired faces that cells without a face on the surface have too.
 
     Raises:
         SceneError: an unknown surface.
-        PairingError: surfaces that do not match facet by facet and node by node, or that are paired twice.
+        PairingError: surfaces that do not match facet by facet and node by node.
     """
 
-    def __init__(self, mesh, pairs):
+    def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:
         ncells = len(mesh.cells)
         self.partner = np.full((ncells, 6, 2), -1, dtype=np.int32)
-        self.pair = np.full((ncells, 6), -1, dtype=np.int32)
-        self.first = np.zeros((ncells, 6), dtype=bool)
         self.rim = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
-        for index, pair in enumerate(pairs):
+        for pair in (contact for contact in contacts if isinstance(contact, ContactPair)):
             facets = mesh.surface(pair.first), mesh.surface(pair.second)
             match, symmetry = _match(mesh, pair, *facets)
             facets = facets[0], facets[1][match]
             for facing, other, code in zip(facets, facets[::-1], (symmetry, _inverse(symmetry))):
-                self._insert(pair, facing, other, code)
-                self.pair[facing[:, 0], facing[:, 1]] = index
+                self.partner[facing[:, 0], facing[:, 1]] = other
+                self._symmetry[facing[:, 0], facing[:, 1]] = code
                 self.rim[facing[:, :1], hexahedron.FACE_EDGES[facing[:, 1]]] |= _rim(mesh, facing)
-            self.first[facets[0][:, 0], facets[0][:, 1]] = True
 
-    def _insert(self, pair, facets, partner, symmetry):
-        taken = self.pair[facets[:, 0], facets[:, 1]] >= 0
-        if taken.any():
-            cell, face = facets[taken][0]
-            raise PairingError(
-                f"face {face} of root cell {cell} is in two contact pairs, the second one "
-                f"({pair.first!r}, {pair.second!r}); split the surface so that each facet has one partner"
-            )
-        self.partner[facets[:, 0], facets[:, 1]] = partner
-        self._symmetry[facets[:, 0], facets[:, 1]] = symmetry
+    @property
+    def paired(self) -> npt.NDArray[np.bool_]:
+        """(ncells, 6), root faces that have a partner."""
+        return self.partner[:, :, 0] >= 0
 
     def opposite(self, cell, face, points):
         """Lattice points that face given lattice points on paired root facets.
@@ -103,7 +96,7 @@ class Pairing:
         Returns:
             (m,) int64 leaf indices and (m,) int64 local faces, by leaf then face.
         """
-        return np.nonzero(root_faces(anchor, level) & (self.pair[cell] >= 0))
+        return np.nonzero(root_faces(anchor, level) & self.paired[cell])
 
     def partners(self, cell, level, anchor, face):
         """The leaf on the other side of paired faces.

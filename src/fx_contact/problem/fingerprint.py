@@ -29,9 +29,7 @@ def scene_parts(scene):
             )
             for c in scene.conditions
         ],
-        "contact pairs": [
-            [c.first, c.second, *_floats(() if c.direction is None else c.direction)] for c in scene.contact
-        ],
+        "contact pairs": [c.data for c in scene.contact],
         "tractions": [
             [t.surface, _given(scene, t.surface, t.value, 3 if isinstance(t, Traction) else 1)]
             for t in scene.tractions

@@ -76,7 +76,7 @@ class RigidMotions:
         Local.
 
         Args:
-            points, bodies: as in `modes`.
+            points, bodies: as in `modes`; a body of -1 does not move.
             direction: (3,) or (n, 3) float64 [-].
 
         Returns:
@@ -84,7 +84,8 @@ class RigidMotions:
         """
         result = np.zeros((len(points), len(self._mesh.bodies), 6))
         direction = np.broadcast_to(direction, points.shape)
-        result[np.arange(len(points)), bodies] = np.einsum("nmi,ni->nm", self.modes(points, bodies), direction)
+        moved = np.einsum("nmi,ni->nm", self.modes(points, bodies), direction)
+        result[np.arange(len(points)), bodies] = np.where(np.asarray(bodies)[:, None] >= 0, moved, 0.0)
         return result.reshape(len(points), 6 * len(self._mesh.bodies))
 
     def free_along(self, points, bodies, direction):

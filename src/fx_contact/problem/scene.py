@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_count, check_direction, check_label, check_name, check_vector, shown
+from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import (
     BodyForce,
@@ -18,6 +18,8 @@ from fx_contact.problem.boundary_conditions import (
     Traction,
     merged,
 )
+from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import mirrors_of
@@ -25,46 +27,6 @@ from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene_validation import check_held, check_units
 from fx_contact.problem.summary import scene_summary
-
-
-@dataclass(frozen=True)
-class ContactPair:
-    """Two surfaces that may touch.
-
-    Attributes:
-        first, second: names of surfaces of the root mesh, meshed alike.
-        direction: from the first body to the second, the direction in which points face each other, and along which the
-            contact force is summed [-], of any length; None: the closest points face each other, and magnitudes are
-            summed.  The forces act along the surfaces' normals, whatever the direction.
-
-    Raises:
-        SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
-    """
-
-    first: str
-    second: str
-    direction: tuple[float, float, float] | None = None
-
-    def __post_init__(self):
-        if self.first == self.second:
-            raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
-        _ = self.unit_direction  # as it must be
-
-    @property
-    def name(self):
-        """The names of both surfaces, as records have them."""
-        return f"{self.first} on {self.second}"
-
-    @property
-    def unit_direction(self):
-        """The direction as a unit vector, however long it was given: (3,) float64, or None.  Local.
-
-        Raises:
-            SceneError: it is not a non-zero vector; the pair is then not made.
-        """
-        if self.direction is None:
-            return None
-        return check_direction(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,7 +38,7 @@ class Scene:
         mesh: RootMesh.
         materials: body name -> Material, one for each body.
         dirichlet: prescribed displacements (`Dirichlet`) and symmetry planes (`SymmetryPlane`).
-        contact: contact pairs.
+        contact: contacts (`ContactPair`); each facet is in one of them.
         tractions: surface forces: `Traction` and `Pressure`; those on one surface add up.
         body_forces: `BodyForce`; those on one body add up.
         symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
@@ -94,7 +56,7 @@ class Scene:
     mesh: RootMesh
     materials: Mapping[str, Material]
     dirichlet: tuple[Dirichlet | SymmetryPlane, ...] = ()
-    contact: tuple[ContactPair, ...] = ()
+    contact: tuple[Contact, ...] = ()
     tractions: tuple[Traction | Pressure, ...] = ()
     symmetry: int = 1
     contact_centre: tuple[float, float, float] | None = None
@@ -145,8 +107,13 @@ class Scene:
         return mirrors_of(self)
 
     @cached_property
-    def pairing(self):
-        """Which root facets face each other (`Pairing`)."""
+    def contact_surfaces(self) -> ContactSurfaces:
+        """Root facets on contact surfaces (`ContactSurfaces`)."""
+        return ContactSurfaces(self.mesh, self.contact)
+
+    @cached_property
+    def pairing(self) -> Pairing:
+        """Root facets that face each other (`Pairing`)."""
         return Pairing(self.mesh, self.contact)
 
     @cached_property
@@ -212,10 +179,10 @@ class Scene:
             (n, 3) float64, unit vectors out of the first body [-].
         """
         result = self.mesh.outward_normals(facets)
-        pair = self.pairing.pair[facets[:, 0], facets[:, 1]]
+        of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
         for index, contact in enumerate(self.contact):
-            if contact.direction is not None:
-                result[pair == index] = contact.unit_direction
+            if contact.unit_direction is not None:
+                result[of == index] = contact.unit_direction
         return result
 
     def prescribed(self, points):
@@ -246,7 +213,7 @@ class Scene:
 #: What the parts of a scene may be.
 _PARTS = {
     "dirichlet": (Dirichlet, SymmetryPlane),
-    "contact": (ContactPair,),
+    "contact": (Contact,),
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
 }

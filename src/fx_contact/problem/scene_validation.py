@@ -1,9 +1,14 @@
 """Checks of a scene that need all of it: one system of units, small strains, bodies that are held."""
 
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import PLANE
+from fx_contact.problem.contact_surfaces import ContactSurfaces
+from fx_contact.problem.facet_pairing import Pairing
+from fx_contact.problem.root_mesh import RootMesh
 
 #: Largest ratios of two bodies' moduli and sizes that double precision holds in one system [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
@@ -41,13 +46,12 @@ def check_units(scene):
 def check_held(scene):
     """Raises SceneError for a rigid motion that neither a condition nor contact resists.  Local."""
     mesh, motions = scene.mesh, scene.rigid_motions
-    cell, face = np.nonzero(scene.pairing.first)
-    first, second = np.stack([cell, face], axis=1), scene.pairing.partner[cell, face]
+    first = scene.contact_surfaces.facets(0)
     direction = scene.contact_directions(first)
     points = _resisting(scene, first, direction).reshape(-1, 3)
     here, there = (
-        motions.free_along(points, np.repeat(mesh.body[facets[:, 0]], 4), np.repeat(direction, 4, axis=0))
-        for facets in (first, second)
+        motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
+        for bodies in (mesh.body[first[:, 0]], _bodies_across(mesh, scene.contact_surfaces, scene.pairing, first))
     )
     resisted = here - there
     loose = motions.unresisted(resisted.T @ resisted)
@@ -59,15 +63,31 @@ def check_held(scene):
         )
 
 
+def _bodies_across(
+    mesh: RootMesh, surfaces: ContactSurfaces, pairing: Pairing, first: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Bodies across facets (n, 2) of first surfaces: (n,), of partners or the nearest facets; -1: an obstacle."""
+    partner = pairing.partner[first[:, 0], first[:, 1], 0].astype(np.int64)
+    result = np.where(partner >= 0, mesh.body[partner], -1).astype(np.int64)
+    of = surfaces.contact[first[:, 0], first[:, 1]]
+    second = surfaces.facets(1)
+    for index in np.unique(of[partner < 0]):
+        ours, others = of == index, second[surfaces.contact[second[:, 0], second[:, 1]] == index]
+        if len(others):
+            centres = (mesh.facet_points(facets).mean(axis=1) for facets in (others, first[ours]))
+            result[ours] = mesh.body[others[cKDTree(next(centres)).query(next(centres))[1], 0]]
+    return result
+
+
 def _resisting(scene, facets, direction):
     """Points at which contact facets resist motions along a direction: (n, 4, 3) float64 [m].
 
     The corners; for a curved facet that faces others along its normals the mean of the corners, four times, since only
     there the direction is the normal.
     """
-    corners, pair = scene.mesh.facet_points(facets, order=1), scene.pairing.pair[facets[:, 0], facets[:, 1]]
+    corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)
     height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
     curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
-    along_normals = np.array([contact.direction is None for contact in scene.contact], dtype=bool)[pair]
+    along_normals = np.array([contact.unit_direction is None for contact in scene.contact], dtype=bool)[of]
     return np.where((curved & along_normals)[:, None, None], middle, corners)

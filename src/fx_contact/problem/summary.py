@@ -27,7 +27,7 @@ def scene_summary(scene):
     materials = ((body, scene.materials[body]) for body in scene.mesh.bodies)
     lists = {
         "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
-        "contact": [f"{pair.first!r} on {pair.second!r}" for pair in scene.contact],
+        "contact": [" on ".join(map(repr, contact.surfaces)) for contact in scene.contact],
         "displacements": [f"{c.where!r} ({_components(c)})" for c in scene.conditions],
         "surface forces": [repr(force.surface) for force in scene.tractions],
         "body forces": [repr(force.body) for force in scene.body_forces],

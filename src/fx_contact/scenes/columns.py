@@ -5,8 +5,9 @@ import math
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import root_mesh_from_shapes
 from fx_contact.problem.solids import block
 from fx_contact.scenes.arguments import MOST_CELLS, check_arguments

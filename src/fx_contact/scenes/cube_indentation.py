@@ -3,8 +3,9 @@
 import numpy as np
 
 from fx_contact.problem.boundary_conditions import Dirichlet
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import root_mesh_from_shapes
 from fx_contact.problem.solids import block
 from fx_contact.scenes.arguments import check_arguments

@@ -8,10 +8,11 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
 from fx_contact.problem.boundary_conditions import Dirichlet
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 from fx_contact.problem.hexahedron import CORNERS, FACE_CORNERS
 from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.roundness import check_roundness
 from fx_contact.scenes.symmetry import sideways

@@ -4,8 +4,9 @@ import numpy as np
 
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import Dirichlet, Traction
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.results.analytic import Hertz
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.cube_indentation import cube_on_block

@@ -3,8 +3,9 @@
 import numpy as np
 
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
+from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import ContactPair, Scene
+from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.facing_columns import columns_mesh
 from fx_contact.scenes.roundness import sagitta

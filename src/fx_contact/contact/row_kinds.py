@@ -1,0 +1,127 @@
+"""Rows of all contacts of a scene, each made by the kind that the type of the contact asks for.
+
+A new kind of contact is a subclass of `Contact` (what the scene asks for), a subclass of `RowKind` (its rows), and an
+entry here.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.contact_facets import moduli
+from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
+from fx_contact.contact.node_pairs import NodePairs
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.parallel.errors import SceneError
+from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.scene import Scene
+
+#: The kind of rows of each type of contact; of a type that is not named, that of the nearest base class.
+KINDS: dict[type[Contact], type[RowKind]] = {ContactPair: NodePairs}
+
+#: Cosine of the angle to their mean up to which the normals of rows at one node are those of a smooth surface: 15
+#: degrees, as between the facets of a circle of twelve cells and their mean normal.
+_SMOOTH = 0.966
+
+
+def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
+    """The kind of each contact of a scene.
+
+    Local.
+
+    Raises:
+        SceneError: there is no kind for the type of a contact.
+    """
+    kinds = []
+    for index, contact in enumerate(scene.contact):
+        kind = next((KINDS[base] for base in type(contact).__mro__ if base in KINDS), None)
+        if kind is None:
+            known = ", ".join(base.__name__ for base in KINDS)
+            raise SceneError(f"there are no rows for a {type(contact).__name__}: a contact must be one of {known}")
+        kinds.append(kind(scene, index))
+    return tuple(kinds)
+
+
+def needed_keys(scene: Scene, space: Space) -> npt.NDArray[np.int64]:
+    """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.  Collective."""
+    return np.concatenate([np.empty(0, dtype=np.int64), *(kind.needed(space) for kind in kinds_of(scene))])
+
+
+def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
+    """The rows of all contacts of a scene.
+
+    Collective on prolongation.comm.
+
+    Args:
+        scene: with one contact or more.
+        prolongation: made with the `needed_keys`.
+        enforcement: for the stiffness.
+
+    Raises:
+        SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`, or a Prolongation that lacks
+            nodes.
+    """
+    kinds = kinds_of(scene)
+    parts = [kind.columns(prolongation, enforcement) for kind in kinds]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
+    if enforcement.node_stiffness is not None:
+        columns["stiffness"] = np.full(len(columns["first"]), float(enforcement.node_stiffness))
+    across = columns.pop("across")
+    normal = across / np.linalg.norm(across, axis=1)[:, None]
+    counts = [len(part.first) for part in parts]
+    rows = ConstraintRows(
+        prolongation=prolongation,
+        kinds=kinds,
+        entries=_joined([part.entries for part in parts], counts),
+        normal=normal,
+        gap=np.einsum("ni,ni->n", normal, columns["apart"]),
+        node_area=columns["area"],
+        modulus=moduli(scene, columns["bodies"]),
+        contact=np.repeat(np.arange(len(parts), dtype=np.int32), counts),
+        symmetry=scene.symmetry,
+        **columns,
+    )
+    found = bool((rows.entries.node < 0).any()), float(rows.relative_stiffness.max(initial=0.0))
+    missing, stiffest = prolongation.comm.allreduce(found, op=MPI.MAX)
+    if missing:
+        raise SceneError("rows of contact need nodes that the Prolongation lacks: make it with `needed_keys`")
+    if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
+        raise SceneError(
+            f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
+            f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
+            "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
+        )
+    return rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness)
+
+
+#: Columns of `RowColumns` that are joined as they are.
+_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name != "entries"]
+
+
+def _joined(parts: list[Entries], counts: list[int]) -> Entries:
+    """Entries of several contacts, of so many rows each."""
+    start = np.concatenate([[0], np.cumsum(counts)])
+    rows = np.concatenate([part.row + first for part, first in zip(parts, start)])
+    return Entries(rows, *(np.concatenate([getattr(p, name) for p in parts]) for name in ("node", "side", "weight")))
+
+
+def _sharing(rows: ConstraintRows, across: npt.NDArray[np.float64], node_stiffness: float | None) -> ConstraintRows:
+    """Rows of one node, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
+
+    Args:
+        rows: of several contacts.
+        across: (n, 3), normals times areas, as in `RowColumns` [m^2].
+        node_stiffness: of the rows of a node together, if it is given [N/m].
+    """
+    own = np.column_stack([rows.stiffness, rows.area, across])
+    stiffness, area, *mean = rows.at_first(own).T
+    mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
+    smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
+    normal = np.where(smooth[:, None], mean, rows.normal)
+    gap = np.einsum("ni,ni->n", normal, rows.apart)
+    stiffness = stiffness if node_stiffness is None else node_stiffness
+    return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal, gap=gap)
