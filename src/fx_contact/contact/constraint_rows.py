@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
@@ -159,6 +160,22 @@ class ConstraintRows(ABC):
             (n,) float64 [Pa].
         """
         return force / self.area
+
+    def pressure_weights(
+        self, force: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """The linear functional d of the forces that is a weighted sum of the pressures, w . p(f) = d . f.
+
+        Collective.
+
+        Args:
+            force: (n,), f [N].
+            weight: (n,), w.
+
+        Returns:
+            (n,), d.
+        """
+        return weight / self.area
 
     def pressing(self, force, group, count):
         """Force of groups of rows, and about the approach of the bodies that it takes.

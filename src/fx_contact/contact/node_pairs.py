@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
 from fx_contact.contact.contact_facets import facet_shares, facets_of, positions_across
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST
-from fx_contact.contact.pressure import nodal_pressure
+from fx_contact.contact.pressure import nodal_pressure, pressure_weights
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.mpi import Directory
 
@@ -46,6 +47,12 @@ class NodePairs(ConstraintRows):
     def pressure(self, force):
         """As `ConstraintRows.pressure`; at degree 2 force over area alternates, `nodal_pressure` does not."""
         return nodal_pressure(self, force)
+
+    def pressure_weights(
+        self, force: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """As `ConstraintRows.pressure_weights`."""
+        return pressure_weights(self, force, weight)
 
 
 def create_node_pairs(scene, forest, prolongation, enforcement):

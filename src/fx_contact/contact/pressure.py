@@ -9,7 +9,10 @@ At the rim of contact and where the pressure is singular M^-1 D p oscillates ins
 a facet by more than the part `_MOST`.
 """
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from fx_contact.contact.contact_facets import facet_shares, facets_of
 
@@ -21,43 +24,90 @@ from fx_contact.contact.contact_facets import facet_shares, facets_of
 _MOST = 0.1
 
 
-def nodal_pressure(rows, force):
+def nodal_pressure(rows: Any, force: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """The contact pressure at the nodes of node pairs.
 
     Collective on the prolongation's comm.
 
     Args:
         rows: NodePairs.
-        force: (n,) float64, compression positive [N].
+        force: (n,), compression positive [N].
 
     Returns:
-        (n,) float64, at degree 1 force over area [Pa].
+        (n,), at degree 1 force over area [Pa].
     """
-    pressure, space = force / rows.area, rows.prolongation.space
+    pressure = force / rows.area
+    return pressure + sum(facets.change() for facets in _facets(rows, pressure))
+
+
+def pressure_weights(
+    rows: Any, force: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """The linear functional of the forces that is a weighted sum of the nodal pressures, w . p = d . f.
+
+    Collective on the prolongation's comm.  Changes of the pressure keep the limits that they have at these forces.
+
+    Args:
+        rows: NodePairs.
+        force: (n,), f [N].
+        weight: (n,), w.
+
+    Returns:
+        (n,), d.
+    """
+    pressure = force / rows.area
+    return (weight + sum(facets.transposed(weight) for facets in _facets(rows, pressure))) / rows.area
+
+
+def _facets(rows: Any, pressure: npt.NDArray[np.float64]) -> list["_PressedFacets"]:
+    """The facets of each contact pair, where M^-1 D is not 1."""
+    space = rows.prolongation.space
     if space.degree == 1:
-        return pressure
-    weights, value, _, _ = space.facet_rule
-    mass = (value.T * weights) @ value
-    change = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
-    pairs = range(int(space.forest.pairing.pair.max()) + 1)
-    return pressure + sum(
-        _changes(rows, np.where(rows.contact == index, pressure, 0.0), index, change) for index in pairs
-    )
+        return []
+    return [_PressedFacets(rows, pressure, index) for index in range(int(space.forest.pairing.pair.max()) + 1)]
 
 
-def _changes(rows, pressure, index, change):
-    """What M^-1 D - 1, `change`, adds to the pressures of one contact pair: (n,) float64 [Pa].  Collective."""
-    prolongation, space = rows.prolongation, rows.prolongation.space
-    leaf, face = facets_of(index, space.forest)
-    known, sums = prolongation.zeros(1), np.zeros((len(space), 1))
-    np.add.at(known[:, 0], rows.first, pressure)
-    nodal = prolongation.prolong(prolongation.summed(known))[space.on_faces(leaf, face), 0]
-    pressed = nodal.any(axis=1)
-    leaf, face, nodal = leaf[pressed], face[pressed], nodal[pressed]
-    points = space.points[leaf[:, None], space.face_nodes[face]]
-    area, _ = facet_shares(space, space.forest.evaluate(space.forest.cell[leaf], points), face)
-    changes, most = nodal @ change.T, _MOST * np.maximum(nodal, 0.0)
-    part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
-    np.add.at(sums[:, 0], space.on_faces(leaf, face), area * part[:, None] * changes)
-    total = prolongation.ghosted(prolongation.restrict(sums))[rows.first, 0]
-    return np.where(rows.contact == index, total / rows.area, 0.0)
+class _PressedFacets:
+    """What M^-1 D - 1 adds to the nodal pressures of a contact pair, in facets with some pressure.
+
+    Collective.
+    """
+
+    def __init__(self, rows: Any, pressure: npt.NDArray[np.float64], index: int) -> None:
+        space = rows.prolongation.space
+        weights, value, _, _ = space.facet_rule
+        mass = (value.T * weights) @ value
+        self._matrix = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
+        self._rows, self._ours, (leaf, face) = rows, rows.contact == index, facets_of(index, space.forest)
+        self._nodes = space.on_faces(leaf, face)
+        nodal = self._at_facets(pressure)
+        pressed = nodal.any(axis=1)
+        leaf, face, nodal, self._nodes = leaf[pressed], face[pressed], nodal[pressed], self._nodes[pressed]
+        points = space.points[leaf[:, None], space.face_nodes[face]]
+        area, _ = facet_shares(space, space.forest.evaluate(space.forest.cell[leaf], points), face)
+        changes, most = nodal @ self._matrix.T, _MOST * np.maximum(nodal, 0.0)
+        part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
+        self._weight, self._nodal = area * part[:, None], nodal
+
+    def change(self) -> npt.NDArray[np.float64]:
+        """What is added to the pressures of node pairs: (n,) [Pa].  Collective."""
+        return self._at_pairs(self._weight * (self._nodal @ self._matrix.T)) / self._rows.area
+
+    def transposed(self, weight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The transpose of `change` as a map of pressures: (n,).  Collective."""
+        return self._at_pairs((self._weight * self._at_facets(weight / self._rows.area)) @ self._matrix)
+
+    def _at_facets(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values of the pairs at the nodes of the facets: (k, (p+1)^2).  Collective."""
+        prolongation = self._rows.prolongation
+        known = prolongation.zeros(1)
+        known[self._rows.first[self._ours], 0] = values[self._ours]
+        return prolongation.prolong(prolongation.summed(known))[self._nodes, 0]
+
+    def _at_pairs(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The transpose of `_at_facets`: (n,).  Collective."""
+        prolongation = self._rows.prolongation
+        sums = np.zeros((len(prolongation.space), 1))
+        np.add.at(sums[:, 0], self._nodes, values)
+        total = prolongation.ghosted(prolongation.restrict(sums))[self._rows.first, 0]
+        return np.where(self._ours, total, 0.0)

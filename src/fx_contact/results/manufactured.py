@@ -16,10 +16,11 @@ from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.recovery import Recovery
+from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -93,13 +94,15 @@ class ManufacturedStep:
     Attributes:
         record: ManufacturedRecord.
         forest: Forest.
-        elasticity: Elasticity; its `u` is the displacement.
+        elasticity: Elasticity.
+        field: DisplacementField.
         estimate: Estimate.
     """
 
     record: ManufacturedRecord
     forest: Forest
     elasticity: Elasticity
+    field: DisplacementField
     estimate: object
 
 
@@ -184,10 +187,10 @@ def _solve(number, space, order, tolerance, stages):
     linear = ContactProblem(matrix, forces, supports, elasticity.energy_norm, coarse=coarse)
     solution = solve_contact(linear, start, SolveOptions(Solver()), stages)
     with stages("estimate"):
-        elasticity.set_displacement(solution.displacement)
-        nowhere = np.zeros((prolongation.owned, 3), dtype=bool)
-        guess = Recovery(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.stress(exact))).estimate()
-    true = field_error(elasticity, exact)
+        field, nowhere = elasticity.field(solution.displacement), np.zeros((prolongation.owned, 3), dtype=bool)
+        estimator = Estimator(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.hooke(exact)))
+        guess = estimator.error(field).estimate
+    true = field_error(elasticity, field.function, exact)
     record = ManufacturedRecord.of(
         elasticity,
         solution,
@@ -200,7 +203,7 @@ def _solve(number, space, order, tolerance, stages):
         l2_error=true.l2,
         effectivity=guess.relative / true.energy,
     )
-    return ManufacturedStep(record, forest, elasticity, guess)
+    return ManufacturedStep(record, forest, elasticity, field, guess)
 
 
 def _load(forest, elasticity, stages):
@@ -211,7 +214,7 @@ def _load(forest, elasticity, stages):
     degree = {"quadrature_degree": fine_quadrature(elasticity)}
     ds = ufl.Measure("ds", mesh, subdomain_data=[(1, outside)], metadata=degree)
     dx = ufl.Measure("dx", mesh, metadata=degree)
-    stress = elasticity.stress(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
+    stress = elasticity.hooke(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
     work = -ufl.inner(ufl.div(stress), test) * dx + ufl.inner(stress * ufl.FacetNormal(mesh), test) * ds(1)
     with stages("compile"):
         form = compiled(forest.comm, work)
