@@ -67,7 +67,7 @@ def force(poisson: float, mesh: Mesh) -> tuple[float, float]:
 
 
 def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:
-    """Displacement and pressure when the flat face has moved by `MOVED`; the force, and the last closed node's radius."""
+    """Displacement and pressure when the flat face has moved by `MOVED`; the force; the last closed node's radius."""
     shear, first = YOUNG / (2 * (1 + poisson)), YOUNG * poisson / ((1 + poisson) * (1 - 2 * poisson))
     pair = mixed_element([element("Lagrange", "triangle", 2, shape=(2,)), element("Lagrange", "triangle", 1)])
     space = fem.functionspace(mesh, pair)

@@ -40,7 +40,7 @@ class ElementResidual:
     """
 
     def __init__(self, elasticity: Elasticity, body_force: ufl.core.expr.Expr | None, stages: Stages) -> None:
-        mesh, comm, dx, u = elasticity.mesh, elasticity.prolongation.comm, elasticity.measure(), elasticity.argument()
+        mesh, comm, dx, u = elasticity.mesh, elasticity.prolongation.comm, elasticity.measure(), elasticity.argument
         bubbles = _bubbles(mesh, elasticity.prolongation.space.degree)
         weights = fem.functionspace(mesh, ("DG", 0, (3, 3)))
         e, v = (ufl.dot(bubbles, c) for c in (ufl.TrialFunction(weights), ufl.TestFunction(weights)))

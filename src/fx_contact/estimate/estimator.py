@@ -92,11 +92,9 @@ class Estimator:
     ) -> None:
         self._elasticity, self._comm, self._stages = elasticity, elasticity.prolongation.comm, stages
         self._recovery = StressRecovery(elasticity, shear_free, stages)
-        self._first, self._second = (
-            (elasticity.argument(), fem.Function(elasticity.nodal_space(6))) for _ in range(2)
-        )
-        sigma, off = elasticity.stress(self._first[0]), self._off(*self._first)
-        self._energies = self._compiled([self._work(off, off), self._work(sigma, sigma)], self._first)
+        self._arguments = elasticity.argument, fem.Function(elasticity.nodal_space(6))
+        sigma, off = elasticity.stress(elasticity.argument), self._off(*self._arguments)
+        self._energies = self._compiled([self._work(off, off), self._work(sigma, sigma)], self._arguments)
         self._product: Integral | None = None
         self._residual = None
         if elasticity.prolongation.space.degree % 2 == 0:
@@ -147,8 +145,9 @@ class Estimator:
         (e_u, e_u)_T = xi_T^2, and |(e_u, e_z)_T| <= xi_T(u) xi_T(z).
         """
         if self._product is None:
-            work = self._work(self._off(*self._first), self._off(*self._second))
-            self._product = self._compiled([work], [*self._first, *self._second])
+            more = self._elasticity.blank(), fem.Function(self._elasticity.nodal_space(6))
+            work = self._work(self._off(*self._arguments), self._off(*more))
+            self._product = self._compiled([work], [*self._arguments, *more])
         result = self._product.vector(one.field, one.stress, other.field, other.stress)
         if one.residual is not None:
             recovered, residual = one.squares * other.squares

@@ -48,7 +48,7 @@ def projected_stress(
         moments, products = (compiled(prolongation.comm, form * elasticity.measure()) for form in (stress, mass))
     load = prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(moments).array))
     matrix = fem.assemble_matrix(products)
-    nodal = elasticity.at_conforming(matrix.to_scipy())
+    nodal = elasticity.at_conforming(matrix.to_scipy(ghosted=True))
     conforming = _solved(elasticity, nodal, load)
     shear_free.remove_shear(conforming)
     result = fem.Function(space, name="stress")

@@ -43,7 +43,7 @@ class StressRecovery:
     def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:
         self._elasticity, self._shear_free = elasticity, shear_free
         self._space = elasticity.nodal_space(6)
-        test, u = ufl.TestFunction(elasticity.nodal_space(7)), elasticity.argument()
+        test, u = ufl.TestFunction(elasticity.nodal_space(7)), elasticity.argument
         gauss = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": _SUPERCONVERGENT})
         integrand = ufl.inner(ufl.as_vector([*six(elasticity.stress(u)), 1]), test)
         with stages("compile"):

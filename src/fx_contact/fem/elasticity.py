@@ -53,6 +53,7 @@ class Elasticity:
         cells: (ncells, (p+1)^3) int32, position in the Space of the nodes of each local cell.
         node_of_block: (nblocks,) int64, the same of each local block of `function_space`; several blocks may be a node.
         lame: the two Lame coefficients, Functions constant on cells [Pa].
+        argument: stands for a displacement in an `Integral`, which gives it values.
         projects: whether there are nearly incompressible bodies; the energy of a displacement then depends on the
             cells.
     """
@@ -92,11 +93,11 @@ class Elasticity:
             self._projection = VolumeProjection(
                 mesh, prolongation.space.degree, lambda integrand, cells: self._compiled(integrand, cells)
             )
-        self._argument = self.argument()  # of the forms that are compiled here
+        self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
-    def argument(self) -> DisplacementField:
-        """A displacement of zero, to stand for others in an `Integral`.  Collective."""
+    def blank(self) -> DisplacementField:
+        """A displacement of zero.  Collective."""
         u = fem.Function(self.function_space, name="displacement")
         if not self.projects:
             return DisplacementField(u, ufl.div(u))
@@ -105,11 +106,11 @@ class Elasticity:
 
     def field(self, conforming: npt.NDArray[np.float64]) -> DisplacementField:
         """The displacement at all nodes from the owned conforming values (owned, 3) [m].  Collective."""
-        field = self.argument()
+        field = self.blank()
         field.function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
         if field.projected is not None:
             moments = self._integral(
-                "moments", ufl.inner(ufl.TestFunction(self._projection.space), ufl.div(self._argument.function))
+                "moments", ufl.inner(ufl.TestFunction(self._projection.space), ufl.div(self.argument.function))
             )
             field.projected.x.array[:] = self._projection.projected(moments.vector(field))
         return field
@@ -182,7 +183,7 @@ class Elasticity:
         Returns:
             The same on all ranks.
         """
-        u = self._argument
+        u = self.argument
         return self._root(self._integral("energy", self._energy(u.function, u.volume_strain**2)), conforming)
 
     def change_norm(self, conforming: npt.NDArray[np.float64]) -> float:
@@ -198,7 +199,7 @@ class Elasticity:
         """
         if not self.projects:
             return self.energy_norm(conforming)
-        u = self._argument.function
+        u = self.argument.function
         return self._root(self._integral("change", self._energy(u, self._pointwise * ufl.div(u) ** 2)), conforming)
 
     def _energy(self, u: fem.Function, volume_strain2: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
@@ -213,7 +214,7 @@ class Elasticity:
     def internal_forces(self, field: DisplacementField) -> npt.NDArray[np.float64]:
         """P^T K u, integrated from the stress of u without a matrix: (owned, 3) [N].  Collective."""
         strain = ufl.sym(ufl.grad(ufl.TestFunction(self.function_space)))
-        forces = self._integral("forces", ufl.inner(self.stress(self._argument), strain)).vector(field)
+        forces = self._integral("forces", ufl.inner(self.stress(self.argument), strain)).vector(field)
         return self.prolongation.restrict(self.at_nodes(forces))
 
     @property
@@ -276,11 +277,11 @@ class Elasticity:
             return compiled(self.prolongation.comm, integrand * self.measure(cells))
 
     def _integral(self, name: str, integrand: ufl.core.expr.Expr) -> Integral:
-        """The integral of what depends on a field, `_argument`, kept by name."""
+        """The integral of what depends on a field, `argument`, kept by name."""
         if name not in self._integrals:
             with self._stages("compile"):
                 form = integrand * self.measure()
-                self._integrals[name] = Integral(self.prolongation.comm, form, [self._argument])
+                self._integrals[name] = Integral(self.prolongation.comm, form, [self.argument])
         return self._integrals[name]
 
     def _form(self, cells: npt.NDArray[np.intp], space: fem.FunctionSpace) -> fem.Form:
