@@ -1,9 +1,13 @@
 """Continuous stress to be shown: the L2 projection of sigma_h on the nodes of each body.
 
-It is the better stress, the recovered one the better estimate.  Errors in the energy norm, relative to the known
-stress (`studies/effectivity/stress.py`):
+The recovered stress is made for the estimate; this one is nearer to the true stress.  Errors in the energy norm against
+known stresses (`studies.effectivity.stress`) of the cells' stress, the recovered one, their nodal mean weighted by
+volume (not kept in the study), and the projection:
 
-SHOWN_TABLE
+    HERTZ-A, degree 2, 106,422 unknowns         0.759   0.918   0.730   0.679 %
+    HERTZ-A, degree 1,   7,326 unknowns         11.6    7.91    6.55    4.12 %
+    manufactured, degree 2, 118,821 unknowns    0.397   0.500   0.395   0.375 %
+    manufactured, degree 1,   1,968 unknowns    16.0    15.8    13.6    7.50 %
 """
 
 import numpy as np
