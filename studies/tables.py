@@ -200,23 +200,6 @@ def three(rows):
     return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.0025)]
 
 
-STRESS = {
-    "problem": "{problem}",
-    "degree": "{degree:d}",
-    "unknowns": "{dofs:,}",
-    "of the cells": "{raw:.2%}",
-    "of the estimate": "{recovered:.2%}",
-    "shown": "{projected:.2%}",
-}
-FORCES = {
-    "scene": "{scene}",
-    "degree": "{degree:d}",
-    "tolerance": "{tolerance:.0%}",
-    "unknowns": "{dofs:,}",
-    "true error": "{true:.2%}",
-    "estimated": "{estimated:.2%}",
-    "estimated over true": "{effectivity:.2g}",
-}
 GOALS = {
     "scene": "{scene}",
     "goal": "{goal}",
@@ -342,8 +325,6 @@ TABLES = {
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
     "studies/stability/iterations.csv": partial(markdown, columns=ITERATIONS),
-    "studies/goals/forces.csv": partial(markdown, columns=FORCES),
-    "studies/effectivity/stress.csv": partial(markdown, columns=STRESS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),
     "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
