@@ -19,10 +19,11 @@ from fx_contact.adaptive.step_record import SolveRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.recovery import Estimate, Recovery
+from fx_contact.estimate.estimator import Estimate, Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -85,12 +86,13 @@ class ManufacturedStep:
     """The state after one step.
 
     Attributes:
-        elasticity: its `u` is the displacement.
+        field: the displacement.
     """
 
     record: ManufacturedRecord
     forest: Forest
     elasticity: Elasticity
+    field: DisplacementField
     estimate: Estimate
 
 
@@ -161,10 +163,10 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
     linear = ContactProblem(matrix, forces, supports, elasticity.energy_norm, coarse=coarse)
     solution = solve_contact(linear, start, SolveOptions(Solver()), stages)
     with stages("estimate"):
-        elasticity.set_displacement(solution.displacement)
-        nowhere = np.zeros((prolongation.owned, 3), dtype=bool)
-        guess = Recovery(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.stress(exact))).estimate()
-    true = field_error(elasticity, exact)
+        field, nowhere = elasticity.field(solution.displacement), np.zeros((prolongation.owned, 3), dtype=bool)
+        estimator = Estimator(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.hooke(exact)))
+        guess = estimator.error(field).estimate
+    true = field_error(elasticity, field.function, exact)
     record = ManufacturedRecord.of(
         elasticity,
         solution,
@@ -177,7 +179,7 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
         l2_error=true.l2,
         effectivity=guess.relative / true.energy,
     )
-    return ManufacturedStep(record, forest, elasticity, guess)
+    return ManufacturedStep(record, forest, elasticity, field, guess)
 
 
 def _load(forest: Forest, elasticity: Elasticity, stages: Stages) -> npt.NDArray[np.float64]:
@@ -188,7 +190,7 @@ def _load(forest: Forest, elasticity: Elasticity, stages: Stages) -> npt.NDArray
     degree = {"quadrature_degree": fine_quadrature(elasticity)}
     ds = ufl.Measure("ds", mesh, subdomain_data=[(1, outside)], metadata=degree)
     dx = ufl.Measure("dx", mesh, metadata=degree)
-    stress = elasticity.stress(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
+    stress = elasticity.hooke(ufl.as_vector(bump(ufl.SpatialCoordinate(mesh))))
     work = -ufl.inner(ufl.div(stress), test) * dx + ufl.inner(stress * ufl.FacetNormal(mesh), test) * ds(1)
     with stages("compile"):
         form = compiled(forest.comm, work)

@@ -211,28 +211,6 @@ def _grouped(rows, *names):
     return groups
 
 
-DUALS = {
-    "scene": "{scene}",
-    "energy that is not contact's work": "{elsewhere}",
-    "least over largest movement": "{alike}",
-    "xi(z) / omega(z)": "{of_z}",
-}
-
-
-def by_scene(rows):
-    """A row for each scene: ranges over its meshes."""
-    forms = {"elsewhere": "{:.0e}", "alike": "{:.2f}", "of_z": "{:.2g}"}
-    return [
-        {"scene": scene} | {key: _range(form, [row[key] for row in group]) for key, form in forms.items()}
-        for (scene,), group in _grouped(rows, "scene").items()
-    ]
-
-
-def _range(form, values):
-    """The least and the largest value, once if they are printed alike."""
-    return " to ".join(dict.fromkeys(form.format(value) for value in (min(values), max(values))))
-
-
 THIN = {
     "scene": "{scene}",
     "tolerance": "{tolerance:.0%}",
@@ -327,7 +305,6 @@ TABLES = {
     },
     "studies/stability/scores.csv": named,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
-    "studies/goals/duals.csv": lambda rows: markdown(by_scene(rows), DUALS),
     "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
     "studies/stability/iterations.csv": partial(markdown, columns=ITERATIONS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),

@@ -16,6 +16,7 @@ from basix.ufl import element, mixed_element
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.io import gmshio
+from dolfinx.mesh import Mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -60,8 +61,13 @@ def half_disc(cells):
         gmsh.finalize()
 
 
-def force(poisson, mesh):
+def force(poisson: float, mesh: Mesh) -> tuple[float, float]:
     """The force at which the flat face has moved by `MOVED`, and the radius of the last closed node."""
+    return solved(poisson, mesh)[1:]
+
+
+def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:
+    """Displacement and pressure when the flat face has moved by `MOVED`; the force; the last closed node's radius."""
     shear, first = YOUNG / (2 * (1 + poisson)), YOUNG * poisson / ((1 + poisson) * (1 - 2 * poisson))
     pair = mixed_element([element("Lagrange", "triangle", 2, shape=(2,)), element("Lagrange", "triangle", 1)])
     space = fem.functionspace(mesh, pair)
@@ -96,7 +102,9 @@ def force(poisson, mesh):
         forces = (matrix * solution).array[dofs]
         wanted = np.where(closed, forces > 0, solution.array[dofs] < -height)
         if (wanted == closed).all():
-            return forces[closed].sum(), radius[closed].max()
+            found = fem.Function(space)
+            found.x.array[:] = solution.array
+            return found, forces[closed].sum(), radius[closed].max()
         closed = wanted
     raise RuntimeError("the active set does not settle")
 

@@ -21,8 +21,8 @@ from unittest import mock
 
 import numpy as np
 
+from fx_contact.adaptive import step_solver
 from fx_contact.contact.enforcement import METHODS
-from fx_contact.estimate import contact_goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
@@ -45,7 +45,7 @@ def _no_gap(between):
 
 #: What is put in the place of a rule, by its name: object, attribute, replacement.
 RULES = {
-    "forces": (contact_goals, "allowed_errors", lambda forces, *_: np.full(len(forces), np.inf)),
+    "forces": (step_solver, "force_goals", lambda *_: {}),
     "gap between nodes in a force": (GapBetweenNodes, "on_cells", lambda between, _: _no_gap(between)),
     "penetration between nodes": (GapBetweenNodes, "penetrated", _none),
     "effectivity": (ErrorControl, "correction", lambda *_: 1.0),

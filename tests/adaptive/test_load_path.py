@@ -18,7 +18,7 @@ from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import State
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.recovery import Estimate
+from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space
 from fx_contact.scenes import hertz
 
@@ -58,7 +58,7 @@ def test_a_coarse_forest_is_two_refinements_away(share, levels):
     forest = Beginning.uniform(two_cubes(two_boxes(upper=(1, 1, 1))), 3).forest
     count, tolerance = forest.size_global, 0.1
     error = np.full(len(forest), share * tolerance / np.sqrt(count))
-    estimate = Estimate(None, error, None, share * tolerance, 1.0, count, 1 / 32)
+    estimate = Estimate(error, None, share * tolerance, 1.0, count, 1 / 32)
     state = SimpleNamespace(
         forest=forest, estimate=estimate, history=RefinementHistory(1.0), values=np.zeros((len(forest), 8, 3))
     )

@@ -50,7 +50,7 @@ def test_rows_of_four_vertices(distribution, method):
     # Rounding is that of all ranks: it does not depend on their number, though some have nothing.
     forest = roots(scene, MPI.COMM_SELF)
     elasticity = discrete(scene, forest)
-    serial = create_node_pairs(scene, forest, elasticity.prolongation, enforcement)
+    serial = create_rows(scene, elasticity.prolongation, enforcement)
     alone = solved(elasticity, serial, find_supports(scene, forest, elasticity.prolongation), enforcement)
     assert abs(one.rounding / alone.rounding - 1) < 1e-6
     slack = 1e-10 if method == "exact" else 1e-5

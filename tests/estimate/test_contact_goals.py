@@ -9,11 +9,10 @@ from conftest import WORLD
 from model_problems import DEPTH, PULL, THICKNESS, WIDTH, leaves, plates
 from mpi4py import MPI
 
-from fx_contact import Enforcement, Solver, adapt
+from fx_contact import ContactForce, Enforcement, Solver, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
-from fx_contact.estimate import contact_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
@@ -21,7 +20,7 @@ from fx_contact.estimate.marking import for_goal
 from fx_contact.fem.external_forces import load
 from fx_contact.parallel.errors import SolveError
 from fx_contact.results.report import force_warnings
-from fx_contact.scenes import cylinders, punch
+from fx_contact.scenes import punch
 from studies.stability.shapes import beam, films, on_a_base, sinking
 
 pytestmark = pytest.mark.whole_run
@@ -38,8 +37,8 @@ class Watched(Goals):
 
     asked = []
 
-    def force(self, index):
-        goal, state = super().force(index), self._state
+    def of(self, functional):
+        goal, state = super().of(functional), self._state
         norm, u, z = state.elasticity.energy_norm, state.solution.displacement, goal.adjoint
         scale = norm(u) / norm(z) if norm(u) and norm(z) else 1.0
         strained = abs(norm(u + scale * z) ** 2 - norm(u - scale * z) ** 2) / (4 * scale)  # |a(u, z)|
@@ -68,44 +67,28 @@ def test_dual_solutions(asked, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_after_a_dual_solution(monkeypatch, method):
-    """The system has the displacement that it had before, and so has the mesh, where the estimate fails too."""
+    """The system has the displacement that it had before."""
     tried = []
 
     class Again(Goals):
-        def force(self, index):
-            shown, estimate = self._state.elasticity.u.x.array.copy(), self._recovery.estimate
-            goal, solution = super().force(index), self._state.solution
+        def of(self, functional):
+            goal, solution = super().of(functional), self._state.solution
             u = solution.displacement
             again = self._system.solve(solution.active, 0.5 * u, 1e-8)
             tried.append(np.abs(again - u).max(initial=0.0) / np.abs(u).max(initial=1e-300))
-            self._recovery.estimate = None
-            with pytest.raises(TypeError):
-                super().force(index)
-            self._recovery.estimate = estimate
-            tried.append(np.abs(self._state.elasticity.u.x.array - shown).max(initial=0.0))
             return goal
 
     monkeypatch.setattr("fx_contact.adaptive.step_solver.Goals", Again)
     list(adapt(beam(0.5), 0.3, enforcement=Enforcement(method), max_steps=4))
-    assert len(tried) > 1 and max(tried[::2]) < 1e-5 and max(tried[1::2]) == 0, tried
+    assert tried and max(tried) < 1e-5, tried
 
 
-def test_what_contact_alone_loads_needs_no_dual_solution(asked):
-    """The energy that its force stores bounds the error of that."""
-    first, *_, last = (step.record for step in adapt_linear(punch(), 0.12))
-    assert first.pair_errors == [None]  # before the whole is resolved
+def test_dual_solutions_wait_for_the_energy(asked):
+    """The error of a force is not known before (6) is met; of a flat punch it is then an estimate, not too small."""
+    first, *_, last = records = [step.record for step in adapt_linear(punch(), 0.12)]
+    assert first.pair_errors == [None] and len(asked) == sum(record.pair_errors != [None] for record in records)
     error = abs(last.force / 7.676e-4 - 1)  # this program's on a uniform mesh of 705,000 unknowns
     assert last.reached and last.pair_leaves == [0] and error < last.pair_errors[0] < 0.12
-    assert not asked
-
-
-@pytest.mark.parametrize("make", [partial(punch), partial(cylinders, order=2)], ids=["punch", "cylinders"])
-def test_what_needs_no_dual_solution_is_below_its_bound(monkeypatch, make):
-    """The bound is at least the error that the dual solution gives, and at most ten times."""
-    *_, bounded = (step.record for step in adapt(make(), 0.12))
-    monkeypatch.setattr(contact_goals, "_bound", lambda *_: np.inf)
-    *_, known = (step.record for step in adapt(make(), 0.12))
-    assert bounded.dofs == known.dofs and 1 < bounded.pair_errors[0] / known.pair_errors[0] < 10
 
 
 @pytest.mark.parametrize("joined", [False, True])
@@ -189,9 +172,10 @@ def test_restart(tmp_path):
 @pytest.mark.whole_run(2, 3)
 def test_any_number_of_ranks():
     """What dual solutions ask for is the same, though the force is light beside what the solver is accurate to."""
-    scene, solver = beam(0.9, poisson=0.35, tension=3e-2), Solver(tolerance=1e-10)
+    scene, solver = beam(0.85, poisson=0.4, tension=1e-2), Solver(tolerance=1e-10)
     alone, together = (
-        [step.record for step in adapt(scene, 0.3, comm, solver=solver)] for comm in (MPI.COMM_SELF, WORLD)
+        [step.record for step in adapt_linear(scene, 0.2, comm, solver=solver, max_steps=4)]
+        for comm in (MPI.COMM_SELF, WORLD)
     )
     assert [one.pair_leaves for one in alone] == [one.pair_leaves for one in together]
     assert [one.dofs for one in alone] == [one.dofs for one in together] and together[1].pair_leaves != [0]
@@ -240,8 +224,8 @@ def test_a_very_light_plate():
 
 
 def test_forces_beside_a_weight():
-    """A weight loads bodies 200 times as much as contact: leaves are refined for its force alone."""
-    steps = [step.record for step in adapt_linear(films(order=1, weight=4.0), 0.2)]
+    """A weight loads bodies 1000 times as much as contact: leaves are refined for its force alone."""
+    steps = [step.record for step in adapt_linear(films(order=1, weight=20.0), 0.2, allow=("large strain",))]
     assert any(step.pair_leaves[0] > 0 for step in steps)
     assert steps[-1].reached and steps[-1].pair_errors[0] < 0.2
     assert abs(steps[-1].force / (LIGHT / (2 * 0.05)) - 1) < 0.2**2
@@ -308,9 +292,11 @@ def test_dual_forces(asked, method):
 
 
 def test_the_gap_between_nodes_counts_for_a_force(asked):
-    """Of a round body it adds to what the cells contribute."""
-    *_, step = adapt(sinking(5e-3), 0.4)
+    """Of a round body it is a part of the error, which is the same whether the user asks for it or not."""
+    scene = sinking(5e-3)
+    *_, step = adapt(scene, 0.4, goals=(ContactForce(scene.contact[0].name, 1e3),))
     goal, *_ = asked[-1]
     between = WORLD.allreduce(float(GapBetweenNodes(step).on_cells(goal.pressure).sum()))
-    assert between > 0.01 * goal.total
-    assert abs(step.record.pair_errors[0] * goal.value / (goal.total + between) - 1) < 1e-9
+    (error,), (of_user,) = step.record.pair_errors, step.record.goals
+    assert 0.01 * goal.total < between < goal.total
+    assert error == of_user.error / of_user.value >= goal.total / goal.value

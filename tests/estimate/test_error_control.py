@@ -12,8 +12,8 @@ from mpi4py import MPI
 from fx_contact import ErrorControl, Material, adapt
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import for_tolerance
-from fx_contact.estimate.recovery import Estimate
 from fx_contact.parallel.errors import CheckpointError, SceneError
 from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import indentation, stack
@@ -25,7 +25,7 @@ HALF = SIDE // 2
 def spread(errors, energy=1.0, child_error=1 / 32):
     """An Estimate of cell errors dealt out to the ranks."""
     total = float(np.sqrt((errors**2).sum()))
-    return Estimate(None, dealt(errors), None, total, energy, len(errors), child_error)
+    return Estimate(dealt(errors), None, total, energy, len(errors), child_error)
 
 
 def dealt(values):
@@ -212,7 +212,7 @@ def test_partners_by_hand(control, marked, partner):
     forest = strewn(start.refined(np.ones(len(start), dtype=bool))[0])
     assert forest.size_global == 16
     mine = (forest.cell == marked[0]) & (forest.anchor == marked[1]).all(axis=1)
-    estimate = Estimate(None, np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
+    estimate = Estimate(np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
     times, _ = control.marked(estimate, 0.5, control.begin(), WORLD)
     fine, _ = forest.refined_with(times)
     sides, quarters = product((0, HALF), repeat=3), list(product((0, HALF // 2), repeat=3))

@@ -50,6 +50,8 @@ CALLS = {
     "root_mesh_from_file": lambda run, folder: root_mesh_from_file(COMM, "a.msh"),
     "RootMesh.from_dolfinx": lambda run, folder: RootMesh.from_dolfinx(None, None, None, {}, {}),
     "Step.stress of step 0": lambda run, folder: run.step.stress,
+    "Step.nodal_stress of step 0": lambda run, folder: run.step.nodal_stress,
+    "Step.to_pyvista of step 0": lambda run, folder: run.step.to_pyvista(),
     "Step.facet_tags of step 0": lambda run, folder: run.step.facet_tags,
     "Step.ds of step 0": lambda run, folder: run.step.ds("top"),
     "ContactState.gathered": lambda run, folder: run.step.contact.gathered(),

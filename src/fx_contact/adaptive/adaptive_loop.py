@@ -322,13 +322,13 @@ def _check_penalty(step, settings):
     """See that there is something to refine for: a penalty's own error no mesh takes away.  Local.
 
     Raises:
-        SolveError: the estimate has met the tolerance, but the penalty holds more of the energy than its square.
+        SolveError: the estimate has met the tolerance, but the penalty takes more of a force than its square.
     """
     tolerance = settings.tolerance
     if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
         raise SolveError(
             f"the penalty is too soft for the tolerance: penetration takes {percent(step.record.penalty_share)} of "
-            f"the energy of contact, a tolerance of {percent(tolerance)} allows {percent(tolerance**2)}, its square; "
+            f"a contact force, a tolerance of {percent(tolerance)} allows {percent(tolerance**2)}, its square; "
             "take a larger factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default "
             "enforcement 'exact'"
         )

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.recovery import Estimate
+from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
@@ -139,7 +139,7 @@ class State:
     Attributes:
         forest: Forest.
         values: (n, (p+1)^3, 3 + k) float64 at the nodes of the leaves: displacement [m], and fields that go along.
-        estimate: Estimate without stress, its errors in the order of the leaves.
+        estimate: Estimate, its errors in the order of the leaves.
         refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
         history: RefinementHistory, before this step is marked.
     """
@@ -159,7 +159,7 @@ class State:
         Args:
             step: Step.
         """
-        estimate = replace(step.estimate, stress=None, error=_by_leaf(step), energy=None)
+        estimate = replace(step.estimate, error=_by_leaf(step), energy=None)
         return cls(step.forest, step.nodal_displacement, estimate, step.contact_error.refine, step.history)
 
 
@@ -247,6 +247,6 @@ class Checkpoint:
         directory = Directory(comm, keys, forest.homes.of_points)
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
-        estimate = Estimate(stress=None, error=error, energy=None, **known, child_error=child_error(space.degree))
+        estimate = Estimate(error=error, energy=None, **known, child_error=child_error(space.degree))
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine, history)

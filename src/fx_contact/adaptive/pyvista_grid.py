@@ -4,7 +4,8 @@ import warnings
 
 import numpy as np
 
-from fx_contact.estimate.recovery import TENSOR, von_mises
+from fx_contact.estimate.shear_free import VOIGT
+from fx_contact.estimate.stress_recovery import von_mises
 
 
 def import_pyvista():
@@ -18,7 +19,7 @@ def import_pyvista():
 def leaf_grid(step):
     """This rank's leaves, undeformed, as a grid of pyvista; what `Step.to_pyvista` gives.
 
-    Local.
+    Collective on the step's communicator.
 
     Args:
         step: Step.
@@ -28,18 +29,13 @@ def leaf_grid(step):
     """
     from dolfinx.plot import vtk_mesh
 
-    space, recovered, forest, leaf = (
-        step.displacement.function_space,
-        step.estimate.stress,
-        step.forest,
-        step.leaf_mesh.leaf,
-    )
+    space, tensor, forest, leaf = step.displacement.function_space, step.stress, step.forest, step.leaf_mesh.leaf
     grid = import_pyvista().UnstructuredGrid(*vtk_mesh(space))
-    stress = np.empty((grid.n_points, 6))
-    stress[space.dofmap.list] = recovered.x.array.reshape(-1, 6)[recovered.function_space.dofmap.list]
+    stress = np.empty((grid.n_points, 9))
+    stress[space.dofmap.list] = tensor.x.array.reshape(-1, 9)[tensor.function_space.dofmap.list]
     grid.point_data["displacement"] = step.displacement.x.array.reshape(-1, 3)
-    grid.point_data["stress"] = stress[:, np.ravel(TENSOR)]
-    grid.point_data["von Mises stress"] = von_mises(stress)
+    grid.point_data["stress"] = stress
+    grid.point_data["von Mises stress"] = von_mises(stress[:, np.ravel_multi_index(np.transpose(VOIGT), (3, 3))])
     grid.cell_data["body"] = forest.mesh.body[forest.cell[leaf]]
     grid.cell_data["level"] = forest.level[leaf]
     grid.cell_data["rank"] = np.full(len(leaf), forest.comm.rank)

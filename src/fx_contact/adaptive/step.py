@@ -13,7 +13,10 @@ from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.contact_goals import ContactError
-from fx_contact.estimate.recovery import TENSOR, VOIGT
+from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.estimate.stress_projection import projected_stress
+from fx_contact.estimate.stress_recovery import TENSOR
+from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.errors import SceneError
@@ -34,7 +37,8 @@ class Step:
         scene: Scene.
         forest: Forest.
         leaf_mesh: LeafMesh.
-        elasticity: Elasticity; its `u` is the displacement.
+        elasticity: Elasticity.
+        field: DisplacementField.
         pairs: ConstraintRows or None.
         start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
         solution: ContactSolution.
@@ -50,6 +54,7 @@ class Step:
     forest: Forest
     leaf_mesh: object
     elasticity: Elasticity
+    field: DisplacementField
     pairs: object
     start: np.ndarray
     solution: object
@@ -106,28 +111,41 @@ class Step:
     @property
     def displacement(self):
         """dolfinx Function, a vector; continuous across hanging facets [m].  Local."""
-        return self.elasticity.u
+        return self.field.function
 
     @cached_property
     @collective("self.forest.comm")
     def stress(self):
-        """dolfinx Function, a 3 x 3 tensor: the recovered stress, continuous inside each body [Pa].  Collective."""
-        recovered, space = self.estimate.stress, self.elasticity.function_space
-        result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", space.element.basix_element.degree, (3, 3))))
-        result.name = "stress"
-        values = recovered.x.array.reshape(-1, len(VOIGT))[recovered.function_space.dofmap.list]
+        """dolfinx Function, a 3 x 3 tensor: the L2 projection, continuous inside each body [Pa].  Collective."""
+        elasticity, six = self.elasticity, self._projected_stress
+        degree = elasticity.prolongation.space.degree
+        result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", degree, (3, 3))), name="stress")
+        values = six.x.array.reshape(-1, 6)[six.function_space.dofmap.list]
         result.x.array.reshape(-1, 9)[result.function_space.dofmap.list] = values[:, :, np.ravel(TENSOR)]
         return result
 
+    @property
+    @collective("self.forest.comm")
+    def nodal_stress(self):
+        """`stress` at the nodes of this rank's leaves, in the order of `VOIGT`: (n, (p+1)^3, 6) [Pa].  Collective."""
+        return self.elasticity.at_leaves(self._projected_stress)
+
+    @cached_property
+    def _projected_stress(self):
+        """Six components a node.  Collective."""
+        shear_free = find_shear_free(self.scene, self.forest, self.elasticity.prolongation)
+        return projected_stress(self.elasticity, self.field, shear_free, self.stages)
+
+    @collective("self.forest.comm")
     def to_pyvista(self):
         """pyvista UnstructuredGrid of this rank's leaves, undeformed: `grid.warp_by_vector("displacement")` moves them.
 
-        Local.  `pyvista.merge(comm.gather(step.to_pyvista()))` on rank 0 has those of all ranks.  A leaf is a Lagrange
-        hexahedron of the displacement's degree.
+        Collective.  `pyvista.merge(comm.gather(step.to_pyvista()))` on rank 0 has those of all ranks.  A leaf is a
+        Lagrange hexahedron of the displacement's degree.
 
         Returns:
-            Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa], recovered;
-            cell data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
+            Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
+            data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
         """
         return leaf_grid(self)
 

@@ -134,11 +134,12 @@ class StepRecord(SolveRecord):
         contact_iterations: of the active set.
         preconditioner: as asked for, or the one that took its place.
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].
-        pair_errors: estimated error of each pair's force, relative to the force; None where it is 0 or nothing is
-            known [-].
+        pair_errors: estimated error of each pair's force, that of a goal `ContactForce`, relative to the force; None
+            where it is 0 or nothing is known [-].
         pair_leaves: leaves marked for the force of each contact pair.
         unseen_contact: leaves marked because the surfaces touch between their nodes; None: not asked for.
-        penalty_share: largest share of a pair's contact energy that its penetration takes [-]; None: not asked for.
+        penalty_share: largest share of a pair's force that the penetration of a penalty takes [-]; None: not computed,
+            before the energy error meets the tolerance.
         reached: whether the tolerance is reached.
         partition: PartitionSummary.
         doubts: list of Doubt, what speaks against the problem itself, however small its error.

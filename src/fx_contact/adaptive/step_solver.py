@@ -16,16 +16,17 @@ from fx_contact.contact.contact_problem import ContactProblem, Environment, Solv
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.contact.row_kinds import create_rows
-from fx_contact.estimate.contact_goals import ContactError, contact_error
+from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import WHERE_ROUNDING_IS_LARGE, check_balance, nodal_residual
+from fx_contact.estimate.estimator import Estimate, Estimator
 from fx_contact.estimate.goal_errors import judge_goals
-from fx_contact.estimate.recovery import Estimate, Recovery
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
@@ -77,6 +78,7 @@ class _Discrete(NamedTuple):
 class _Verdict(NamedTuple):
     """What is known of a solution: its error, its contact as a whole, and what is doubtful."""
 
+    field: DisplacementField
     estimate: Estimate
     history: RefinementHistory
     contact_error: ContactError
@@ -116,6 +118,7 @@ def solve_step(settings, number, start, partition, stages):
         forest=start.forest,
         leaf_mesh=discrete.leaf_mesh,
         elasticity=discrete.elasticity,
+        field=verdict.field,
         pairs=discrete.problem.rows,
         start=start.displacement,
         solution=solution,
@@ -172,13 +175,14 @@ def _judge(settings, start, discrete, solution, system, stages):
     forest, elasticity, problem = start.forest, discrete.elasticity, discrete.problem
     pairs, history, comm = problem.rows, start.history, forest.comm
     change = elasticity.change_norm(solution.displacement - start.displacement) if control.of_contact else None
-    elasticity.set_displacement(solution.displacement)
     shear_free = find_shear_free(scene, forest, start.prolongation)
-    recovery = Recovery(elasticity, shear_free, stages, body_force(scene, elasticity))
+    estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
-    estimate = recovery.estimate(0.0 if touches else RIGID * solution.rounding)
+    field = elasticity.field(solution.displacement)
+    error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
+    estimate = error.estimate
     _check_solver(solution, estimate, tolerance)
-    state = SolvedState(scene, forest, elasticity, pairs, solution, estimate)
+    state = SolvedState(scene, forest, elasticity, field, pairs, solution, estimate)
     residual = nodal_residual(state, problem.load)
     if estimate.energy_norm:
         check_balance(state, residual, problem.load, problem.supports)
@@ -189,18 +193,22 @@ def _judge(settings, start, discrete, solution, system, stages):
     contact = figures_of_contact(scene, pairs, solution, comm)
     contact["resultants"] = sum_up(state, residual, discrete.load_totals, contact["contact_centre"])
     contact["contact_centre"] = contact["contact_centre"].tolist()
+    met, forces = control.sought(estimate, tolerance, history) is None, {}
+    duals = Goals(state, error, estimator, system, stages)
     of_contact = ContactError.unknown(len(forest), len(scene.contact))
-    duals = Goals(state, system, recovery, stages)
     if pairs is not None and control.of_contact:
-        of_contact = contact_error(state, duals, contact["pair_forces"], tolerance, control, history)
+        forces = force_goals([pair.name for pair in scene.contact], contact["pair_forces"], tolerance)
+    goals, theta = (*forces.values(), *settings.goals), control.correction(history)
+    judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
+    if pairs is not None and control.of_contact:
+        of_contact = contact_error(state, duals.between, dict(zip(forces, judged)))
     if settings.goals:
-        duals = duals if control.sought(estimate, tolerance, history) is None else None
-        theta = control.correction(history)
-        contact["goals"], refine = judge_goals(settings.goals, duals, state, residual, theta, control)
-        of_contact = of_contact.with_more(refine, comm)
-    fine = control.sought(estimate, tolerance, history) is None and not of_contact.leaves
+        of_users = judged[len(forces) :]
+        contact["goals"] = tuple(goal.record for goal in of_users)
+        of_contact = of_contact.with_more(of_users, comm)
+    fine = met and not of_contact.leaves
     reached = bool(fine and (of_contact.penalty_share or 0.0) <= tolerance**2)
-    return _Verdict(estimate, history, of_contact, contact, doubts, reached)
+    return _Verdict(field, estimate, history, of_contact, contact, doubts, reached)
 
 
 def _record(settings, discrete, solution, verdict, stages, **known):

@@ -178,7 +178,7 @@ def _large_deformations(state):
     """Doubts about the body that is strained most, and the one that turns most, in the mean."""
     forest, names = state.forest, state.forest.mesh.bodies
     body = forest.mesh.body[forest.cell[state.elasticity.leaf_mesh.leaf]]
-    strain, rotation, volume = cell_strains(state.elasticity)
+    strain, rotation, volume = cell_strains(state.field.function)
     energy = state.estimate.energy
     columns = energy, energy * strain, volume, volume * rotation
     sums = np.stack([np.bincount(body, column, len(names)) for column in columns]).astype(float)

@@ -8,6 +8,7 @@ nodes of both surfaces, or of the first alone.  Each contact of a scene has a `R
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +84,16 @@ class RowColumns:
     bodies: npt.NDArray[np.int32]
 
 
+class PressureCorrection(Protocol):
+    """A linear correction of force over area in the rows of one contact."""
+
+    def change(self) -> Floats:
+        """What is added to the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
+
+    def transposed(self, weight: Floats) -> Floats:
+        """Transpose of the correction as a map of pressures, of weights (n,): (n,).  Collective."""
+
+
 class RowKind(ABC):
     """The rows of a contact of one type, and its geometry between their nodes.
 
@@ -120,15 +131,15 @@ class RowKind(ABC):
             (n, m, 3) [m].
         """
 
-    def pressure_change(self, rows: "ConstraintRows", pressure: Floats) -> Floats:
-        """Correction of force over area, 0 in other rows: (n,) [Pa].
+    def pressure_correction(self, rows: "ConstraintRows", pressure: Floats) -> PressureCorrection | None:
+        """Correction of force over area; None: there is none.
 
         Collective.
 
         Args:
             pressure: (n,), force over area, 0 in rows of other contacts [Pa].
         """
-        return np.zeros(len(pressure))
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +283,7 @@ class ConstraintRows:
         return self.apart - self.closing(u)
 
     def pressure(self, force: Floats) -> Floats:
-        """The contact pressure at the nodes of the rows: force over area, corrected where their kind knows better.
+        """The contact pressure at the nodes of the rows: force over area, corrected as their kinds do.
 
         Collective.
 
@@ -282,10 +293,27 @@ class ConstraintRows:
         Returns:
             (n,) [Pa].
         """
-        pressure = force / self.area
-        return pressure + sum(
-            kind.pressure_change(self, np.where(self.contact == kind.index, pressure, 0.0)) for kind in self.kinds
-        )
+        return force / self.area + sum(correction.change() for correction in self._pressure_corrections(force))
+
+    def pressure_weights(self, force: Floats, weight: Floats) -> Floats:
+        """The linear functional d of the forces that is a weighted sum of the pressures, w . p = d . f.
+
+        Collective.  Limited corrections keep the limits that they have at these forces.
+
+        Args:
+            force: (n,), f [N].
+            weight: (n,), w.
+
+        Returns:
+            (n,), d.
+        """
+        corrections = self._pressure_corrections(force)
+        return (weight + sum(correction.transposed(weight) for correction in corrections)) / self.area
+
+    def _pressure_corrections(self, force: Floats) -> list[PressureCorrection]:
+        ours = ((kind, np.where(self.contact == kind.index, force / self.area, 0.0)) for kind in self.kinds)
+        corrections = [kind.pressure_correction(self, pressure) for kind, pressure in ours]
+        return [correction for correction in corrections if correction is not None]
 
     def pressing(self, force, group, count):
         """Force of groups of rows, and about the approach of the bodies that it takes.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.pressure import pressure_change
+from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
@@ -62,6 +62,7 @@ class NodePairs(RowKind):
         here, there = positions_across(forest, leaf, face, points)
         return there - here
 
-    def pressure_change(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def pressure_correction(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64]) -> FacetPressure | None:
         """At degree 2 force over area alternates around the pressure."""
-        return pressure_change(rows, pressure, self.index)
+        degree = rows.prolongation.space.degree
+        return None if degree == 1 else FacetPressure(rows, pressure, self.index)

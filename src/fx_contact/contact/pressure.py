@@ -23,34 +23,52 @@ from fx_contact.contact.contact_facets import facet_shares, facets_of
 _MOST = 0.1
 
 
-def pressure_change(rows: ConstraintRows, pressure: npt.NDArray[np.float64], index: int) -> npt.NDArray[np.float64]:
-    """Correction of force over area at the nodes of the node pairs of a contact.
+class FacetPressure:
+    """M^-1 D - 1 on the pressed facets of a contact, with the limits of the present pressures (`PressureCorrection`).
 
     Collective on the prolongation's comm.
 
     Args:
-        pressure: (n,) force over area, compression positive, 0 in rows of other contacts [Pa].
+        rows: all rows.
+        pressure: (n,), force over area, compression positive [Pa].
         index: of the contact.
-
-    Returns:
-        (n,) [Pa], 0 at degree 1, and in rows of other contacts.
     """
-    prolongation, space = rows.prolongation, rows.prolongation.space
-    if space.degree == 1:
-        return np.zeros(len(pressure))
-    weights, value, _, _ = space.facet_rule
-    mass = (value.T * weights) @ value
-    change = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
-    leaf, face = facets_of(index, space.forest)
-    known, sums = prolongation.zeros(1), np.zeros((len(space), 1))
-    np.add.at(known[:, 0], rows.first, pressure)
-    nodal = prolongation.prolong(prolongation.summed(known))[space.on_faces(leaf, face), 0]
-    pressed = nodal.any(axis=1)
-    leaf, face, nodal = leaf[pressed], face[pressed], nodal[pressed]
-    points = space.points[leaf[:, None], space.face_nodes[face]]
-    area, _ = facet_shares(space, space.forest.evaluate(space.forest.cell[leaf], points), face)
-    changes, most = nodal @ change.T, _MOST * np.maximum(nodal, 0.0)
-    part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
-    np.add.at(sums[:, 0], space.on_faces(leaf, face), area * part[:, None] * changes)
-    total = prolongation.ghosted(prolongation.restrict(sums))[rows.first, 0]
-    return np.where(rows.contact == index, total / rows.area, 0.0)
+
+    def __init__(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64], index: int) -> None:
+        space = rows.prolongation.space
+        weights, value, _, _ = space.facet_rule
+        mass = (value.T * weights) @ value
+        self._matrix = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
+        self._rows, self._ours, (leaf, face) = rows, rows.contact == index, facets_of(index, space.forest)
+        self._nodes = space.on_faces(leaf, face)
+        nodal = self._at_facets(pressure)
+        pressed = nodal.any(axis=1)
+        leaf, face, nodal, self._nodes = leaf[pressed], face[pressed], nodal[pressed], self._nodes[pressed]
+        points = space.points[leaf[:, None], space.face_nodes[face]]
+        area, _ = facet_shares(space, space.forest.evaluate(space.forest.cell[leaf], points), face)
+        changes, most = nodal @ self._matrix.T, _MOST * np.maximum(nodal, 0.0)
+        part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
+        self._weight, self._nodal = area * part[:, None], nodal
+
+    def change(self) -> npt.NDArray[np.float64]:
+        """Correction of the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
+        return self._at_rows(self._weight * (self._nodal @ self._matrix.T)) / self._rows.area
+
+    def transposed(self, weight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Transpose of `change` as a map of pressures, of weights (n,): (n,).  Collective."""
+        return self._at_rows((self._weight * self._at_facets(weight / self._rows.area)) @ self._matrix)
+
+    def _at_facets(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values of the rows at the nodes of the facets: (k, (p+1)^2).  Collective."""
+        prolongation = self._rows.prolongation
+        known = prolongation.zeros(1)
+        known[self._rows.first[self._ours], 0] = values[self._ours]
+        return prolongation.prolong(prolongation.summed(known))[self._nodes, 0]
+
+    def _at_rows(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Transpose of `_at_facets`: (n,).  Collective."""
+        prolongation = self._rows.prolongation
+        sums = np.zeros((len(prolongation.space), 1))
+        np.add.at(sums[:, 0], self._nodes, values)
+        total = prolongation.ghosted(prolongation.restrict(sums))[self._rows.first, 0]
+        return np.where(self._ours, total, 0.0)

@@ -1,30 +1,17 @@
-"""What of the error is contact's own: of its forces, between its nodes, and of a penalty.
+"""Errors of contact itself: of its forces, between its nodes, and of a penalty."""
 
-The force F of a contact pair may have the relative error e, or e^2 of the largest force.  Its dual solution z has the
-contact pressure p_z.  With the gap g, and g_I that a step takes for it between the nodes,
-
-    |F - F_h| <= sum_T xi_T(u) xi_T(z) + int |p_z| |g - g_I| dA.
-
-Where a single pair does all the work, and its surfaces move alike, z is about u over that movement, F times which is
-omega(u)^2.  Then, with xi(z) / omega(z) taken as `_DUAL_ERROR` and no dual solution,
-
-    |F - F_h| / F <= xi(u) / omega(u) xi(z) / omega(z) + int p |g - g_I| dA / omega(u)^2.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
+from fx_contact.estimate.dual_weighted import Goal
+from fx_contact.estimate.goal_errors import JudgedGoal
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
-from fx_contact.estimate.marking import for_goal
-
-#: xi(z) / omega(z) of a dual solution that is not computed.  This constant and the next two: `studies.goals.duals`.
-_DUAL_ERROR = 0.5
-#: Largest part of the energy that is not the work of contact,
-_ELSEWHERE = 0.01
-#: and least ratio of movements by strains, for surfaces that move alike.
-_ALIKE = 0.4
+from fx_contact.estimate.quantities import ContactForce
+from fx_contact.estimate.solved_state import SolvedState
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,170 +22,79 @@ class ContactError:
         refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever xi_T is.
         leaves: number of these leaves on all ranks.
         between_nodes: number of those on all ranks that are penetrated between nodes; None: not computed.
-        of_pairs: list of float, for each contact pair the estimated error of its force, relative to it; None: not
-            computed, before (6) is met, or no force [-].
-        leaves_of_pairs: list of int, number of leaves on all ranks that the force of each pair needs.
-        penalty_share: the largest share of a contact pair's force that the penetration of a penalty takes; None: not
-            computed [-].
+        of_pairs: for each contact pair the estimated error of its force, relative to it; None: not computed, before
+            (6) is met, or no force [-].
+        leaves_of_pairs: number of leaves on all ranks that the force of each pair needs.
+        penalty_share: `penalty_share`, the largest of all contact pairs; None: not computed [-].
     """
 
-    refine: np.ndarray
+    refine: npt.NDArray[np.int8]
     leaves: int
     between_nodes: int | None
-    of_pairs: list
-    leaves_of_pairs: list
+    of_pairs: list[float | None]
+    leaves_of_pairs: list[int]
     penalty_share: float | None
 
     @classmethod
-    def unknown(cls, leaves, pairs):
+    def unknown(cls, leaves: int, pairs: int) -> "ContactError":
         """That of a step of so many leaves on this rank and so many contact pairs for which it is not asked.  Local."""
         between_nodes, share = (None, None) if pairs else (0, 0.0)
         return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
 
-    def with_more(self, refine, comm):
-        """The same with leaves to refine for something else.
-
-        Collective on comm.
-
-        Args:
-            refine: (n,) int8, how often to refine each leaf.
-            comm: MPI communicator.
-        """
-        refine = np.maximum(self.refine, refine)
+    def with_more(self, goals: Sequence[JudgedGoal], comm: MPI.Comm) -> "ContactError":
+        """The same with leaves to refine for goals of the user.  Collective on comm."""
+        refine = np.max([self.refine, *(goal.refine for goal in goals)], axis=0)
         return replace(self, refine=refine, leaves=comm.allreduce(int((refine > 0).sum())))
 
 
-def contact_error(state, goals, forces, tolerance, control, history):
-    """Estimate the errors of contact in a step, and mark leaves for them.
+def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float) -> dict[int, ContactForce]:
+    """The forces of contact pairs that press, as goals, by the position of the pair.
+
+    Local.  A force may have the relative error e of what it should be, or e^2 of the largest force, but not all of it.
+
+    Args:
+        names: of the contact pairs.
+        forces: `pair_forces` of the record [N].
+        tolerance: prescribed accuracy e [-].
+    """
+    largest = max(map(abs, forces), default=0.0)
+    allowed = {i: max(tolerance, tolerance**2 * largest / force) for i, force in enumerate(forces) if force > 0}
+    return {i: ContactForce(names[i], 1 / (1 + 1 / share)) for i, share in allowed.items()}
+
+
+def contact_error(state: SolvedState, between: GapBetweenNodes, forces: dict[int, JudgedGoal]) -> ContactError:
+    """The errors of contact in a step, and the leaves to refine for them.
 
     Collective on state.forest.comm.  Penetration between nodes is looked at in each step, forces once (6) is met.
 
     Args:
         state: SolvedState.
-        goals: Goals of that.
-        forces: (npairs,) float64, or a list, `pair_forces` of the record [N].
-        tolerance: prescribed accuracy e [-].
-        control: ErrorControl.
-        history: RefinementHistory.
-
-    Returns:
-        ContactError.
+        between: the gap between its nodes.
+        forces: the judged `force_goals`.
     """
-    comm, leaf, between = state.forest.comm, state.elasticity.leaf_mesh.leaf, GapBetweenNodes(state)
+    comm, pairs = state.forest.comm, range(len(state.scene.contact))
     missed = between.penetrated()
-    refine, errors, leaves = missed.astype(np.int8), [None] * len(forces), [0] * len(forces)
-    shares = _yielded(state, len(forces))
-    if control.sought(state.estimate, tolerance, history) is None:
-        theta = control.correction(history)
-        bound = _bound(state, between, forces)
-        for index, allowed in enumerate(allowed_errors(forces, tolerance, theta)):
-            if forces[index] <= 0:
-                continue
-            if bound <= allowed:
-                errors[index] = bound
-                continue
-            goal = goals.force(index)
-            shares[index] = _part_of_penetration(state, goal)
-            error = goal.error + between.on_cells(goal.pressure)
-            total = comm.allreduce(float(error.sum()))
-            errors[index] = total / goal.value if goal.value else float(total > 0)
-            if errors[index] > allowed:
-                times = for_goal(error, allowed * goal.value, goal.dual.child_error, control, comm)
-                leaves[index] = comm.allreduce(int((times > 0).sum()))
-                refine[leaf] = np.maximum(refine[leaf], times)
+    refine = np.max([missed.astype(np.int8), *(judged.refine for judged in forces.values())], axis=0)
     between_nodes, total = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
-    return ContactError(refine, total, between_nodes, errors, leaves, float(np.max(shares, initial=0.0)))
+    known = {i: judged for i, judged in forces.items() if judged.record.error is not None}
+    return ContactError(
+        refine=refine,
+        leaves=total,
+        between_nodes=between_nodes,
+        of_pairs=[known[i].record.error / known[i].record.value if i in known else None for i in pairs],
+        leaves_of_pairs=[known[i].leaves if i in known else 0 for i in pairs],
+        penalty_share=max((penalty_share(state, judged.goal) for judged in known.values()), default=None),
+    )
 
 
-def allowed_errors(forces, tolerance, effectivity):
-    """Relative errors that forces of contact pairs may have: e of what each should be, or e^2 of the largest.
+def penalty_share(state: SolvedState, force: Goal) -> float:
+    """The share of a contact pair's force that the penetration of a penalty takes [-].
 
-    Local.
-
-    Args:
-        forces: (npairs,) float64, or a list, `pair_forces` of a record [N].
-        tolerance: prescribed accuracy e [-].
-        effectivity: by which estimated errors are corrected [-].
-
-    Returns:
-        (npairs,) float64, relative to the forces that they have [-].
-    """
-    forces = np.abs(forces)
-    light = np.divide(forces.max(initial=0.0), forces, out=np.full(len(forces), np.inf), where=forces > 0)
-    allowed = np.maximum(tolerance, tolerance**2 * light)
-    return effectivity / (1 + 1 / allowed)
-
-
-def _yielded(state, count):
-    """The share of the energy that is the work of each contact pair's force on its penetration: (count,) float64."""
-    work = np.bincount(state.pairs.contact, state.solution.force * state.solution.penetration, count)
-    work, energy = np.maximum(state.forest.comm.allreduce(work), 0.0), state.estimate.energy_norm**2
-    return work / energy if energy else np.zeros(count)
-
-
-def _bound(state, between, forces):
-    """A bound of the relative error of the force of a pair that stores all energy, its surfaces moved alike; or inf.
-
-    Collective.
-    """
-    if np.count_nonzero(np.asarray(forces) > 0) != 1:
-        return np.inf
-    elsewhere, alike = likeness(state)
-    if elsewhere > _ELSEWHERE or alike < _ALIKE:
-        return np.inf
-    estimate = state.estimate
-    gap = state.forest.comm.allreduce(float(between.on_cells(state.solution.pressure).sum()))
-    return _DUAL_ERROR * estimate.relative + gap / estimate.energy_norm**2
-
-
-def likeness(state):
-    """How much the solution is like the dual solution of the contact force.
-
-    Collective on state.forest.comm.
+    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F.
 
     Args:
         state: SolvedState.
-
-    Returns:
-        |f . B v - omega^2| / omega^2, with v = u less the rigid motions, 0 where contact does all the work (Clapeyron)
-        [-]; the least over the largest movement by strains of node pairs that press, 1 where they move alike [-].
+        force: Goal of the force.
     """
-    comm, estimate = state.forest.comm, state.estimate
-    force, moved = state.solution.force, -moved_by_strains(state)
-    least, most = moved[force > 0].min(initial=np.inf), moved[force > 0].max(initial=-np.inf)
-    least, most = comm.allreduce(least, op=MPI.MIN), comm.allreduce(most, op=MPI.MAX)
-    work, energy = comm.allreduce(float(force @ moved)), estimate.energy_norm**2 - estimate.error_global**2
-    return abs(work - energy) / energy if energy > 0 else np.inf, least / most if most > 0 else 0.0
-
-
-def moved_by_strains(state):
-    """How far strains have moved the surfaces of node pairs towards each other.
-
-    Collective.  It is B u less the rigid motions of the bodies: those that conditions prescribe, and of those that no
-    condition stops the ones that bring closed contact together.
-
-    Args:
-        state: SolvedState.
-
-    Returns:
-        (n,) float64 [m].
-    """
-    scene, pairs, solution = state.scene, state.pairs, state.solution
-    moved, sides = solution.penetration + pairs.gap, list(zip((1, -1), pairs.bodies.T))
-    for sign, side in sides:
-        modes = np.einsum("nmi,ni->nm", scene.rigid_motions.modes(pairs.position, side), pairs.normal)
-        moved -= sign * np.where(side >= 0, (modes * scene.rigid_motions.prescribed[side]).sum(axis=1), 0.0)
-    if len(scene.rigid_motions.free):
-        free = sum(sign * scene.rigid_motions.free_along(pairs.position, side, pairs.normal) for sign, side in sides)
-        weighted = solution.active * pairs.area * free.T
-        sums = np.column_stack([weighted @ free, weighted @ moved])
-        pairs.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-        motion, *_ = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=1e-10)  # as RigidMotions tells free from held
-        moved -= free @ motion
-    return moved
-
-
-def _part_of_penetration(state, goal):
-    """The part of a pair's force that penetration of a penalty takes, by the dual solution: float [-].  Collective."""
-    work = float((goal.pressure * state.pairs.area) @ state.solution.penetration)
-    return abs(state.forest.comm.allreduce(work)) / goal.value if goal.value else 0.0
+    work = float((force.pressure * state.pairs.area) @ state.solution.penetration)
+    return abs(state.forest.comm.allreduce(work)) / force.value

@@ -5,21 +5,29 @@ J(u) is to be linear as long as the closed node pairs stay closed.  Then it has 
     K z + B^T m = l,    B z = d on the closed pairs,    z = w at prescribed components.
 
 A displacement or a gap has l = J'; the force of a contact pair d = 1 on its closed node pairs; the reaction at a place
-w = 1 there, in its direction.  With the solutions u_h and z_h on a mesh
+w = 1 there, in its direction.  With the solutions u_h and z_h on a mesh, and the gap g_I that a step takes for g
+between the nodes, on which z has the contact pressure p_z,
 
-    |J(u) - J(u_h)| = |a(u - u_h, z - z_h)| <= sum_T xi_T(u) xi_T(z)
+    |J(u) - J(u_h)| = |a(u - u_h, z - z_h)| <= sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA,
 
+over families P of cells T that have one parent
 (J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001; reactions:
 W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003, chapter 11).
 So a light contact is refined where its force is made, wherever that is, and whatever else stores energy.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
-from fx_contact.estimate.recovery import Estimate
+from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes
+from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import leaf_side
 
@@ -35,9 +43,6 @@ class Functional:
         load: (owned, 3) float64, l; None: 0.
         penetration: (n,) float64, d of this rank's node pairs; None: 0.
         prescribed: (owned, 3) float64, w, 0 where no condition prescribes the component; None: 0.
-        pointwise: whether it is of a point: then z has no energy norm in the limit, and the relative error of z_h, 0.3
-            to 0.63 on cubes, stays as it is wherever the mesh is refined.  The products (e_u, e_z)_T still fall, as
-            grad e_z does away from the point: the functional needs no regularisation.
     """
 
     value: float
@@ -45,12 +50,11 @@ class Functional:
     load: np.ndarray | None = None
     penetration: np.ndarray | None = None
     prescribed: np.ndarray | None = None
-    pointwise: bool = False
 
-    def depends(self, comm):
+    def depends(self, comm: MPI.Comm) -> bool:
         """Whether the dual problem has any data, on any rank.  Collective."""
         data = self.load, self.penetration, self.prescribed
-        return comm.allreduce(any(array is not None and bool(array.any()) for array in data), op=MPI.LOR)
+        return bool(comm.allreduce(any(array is not None and bool(array.any()) for array in data), op=MPI.LOR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,93 +62,76 @@ class Goal:
     """A quantity of interest and its estimated error.
 
     Attributes:
-        value: of the quantity, as of the force of the modelled part [N], or the mean gap [m].
-        error: (ncells,) float64, xi_T(u) xi_T(z) of this rank's cells, in the unit of the value.
+        value: of the quantity.
+        error: (ncells,), what each cell of this rank adds to the error, not negative, in the unit of the value.
         total: sum of these on all ranks.
         dual: Estimate of the dual solution.
-        adjoint: (owned, 3) float64, the dual solution z.
-        pressure: (n,) float64, contact pressure of the dual solution at this rank's node pairs.
+        adjoint: (owned, 3), the dual solution z.
+        pressure: (n,), contact pressure of the dual solution at this rank's node pairs.
     """
 
     value: float
-    error: np.ndarray
+    error: npt.NDArray[np.float64]
     total: float
     dual: Estimate
-    adjoint: np.ndarray
-    pressure: np.ndarray
+    adjoint: npt.NDArray[np.float64]
+    pressure: npt.NDArray[np.float64]
 
 
 class Goals:
-    """The quantities of interest of a step.
+    """Errors of the quantities of interest of a step, each by one adjoint solution.
 
     Local.
 
     Args:
-        state: SolvedState; the `u` of its elasticity is the displacement again after each goal.
+        state: SolvedState.
+        error: DisplacementError of its displacement.
+        estimator: Estimator.
         system: ContactSystem or LinearSystem of the solution.
-        recovery: Recovery.
         stages: Stages, for the times.
     """
 
-    def __init__(self, state, system, recovery, stages):
-        self._state, self._system, self._recovery, self._stages = state, system, recovery, stages
+    def __init__(
+        self, state: SolvedState, error: DisplacementError, estimator: Estimator, system: object, stages: Stages
+    ) -> None:
+        self._state, self._error, self._estimator, self._system, self._stages = (
+            state,
+            error,
+            estimator,
+            system,
+            stages,
+        )
         self._comm = state.forest.comm
 
-    def of(self, functional):
-        """Any quantity of interest: Goal.  Collective.
+    @cached_property
+    def between(self) -> GapBetweenNodes:
+        """The gap between the nodes of the step.  Collective at the first call."""
+        return GapBetweenNodes(self._state)
 
-        Args:
-            functional: Functional.
-        """
-        z, force, dual = self._dual(functional)
-        error, pairs = self._state.estimate.error * dual.error, self._state.pairs
-        return Goal(
-            functional.value, error, self._sum(error), dual, z, force if pairs is None else force / pairs.area
-        )
+    def of(self, functional: Functional) -> Goal:
+        """A quantity of interest and its error.
 
-    def force(self, index):
-        """The force of a contact pair, of the modelled part: Goal.  Collective.
-
-        Args:
-            index: of the contact pair.
-        """
-        solution = self._state.solution
-        closed = (self._state.pairs.contact == index) & solution.active
-        value = self._comm.allreduce(float(solution.force[closed].sum()))
-        return self.of(Functional(value, abs(value), penetration=closed.astype(float)))
-
-    def errors(self, goal):
-        """A sharper error of a goal than xi_T(u) xi_T(z): (ncells,) float64 of this rank's cells, not negative.
-
-        Collective.  Their sum is that of |sum_T (e_u, e_z)_T| over families P of cells T that have one parent, each of
-        them with an equal share.  Within a family the products have both signs where z is that of a point, and cancel:
+        Collective.  Within a family the products (e_u, e_z)_T have both signs where z is that of a point, and cancel:
         the sum of |(e_u, e_z)_T| is up to three times as much.  Over wide distances they must not be trusted to do so:
         summed with their signs over all cells, those of a gap beside Hertz's contact are 0.01 to 0.6 of its error.
 
         Args:
-            goal: Goal.
+            functional: Functional.
         """
-        return _of_families(self._state.elasticity, self._products(goal))
+        z, force = self._dual(functional)
+        dual = self._estimator.error(self._state.elasticity.field(z), loaded=False)
+        error, pairs = (
+            _of_families(self._state.elasticity, self._estimator.products(self._error, dual)),
+            self._state.pairs,
+        )
+        pressure = force if pairs is None else force / pairs.area
+        if pairs is not None:
+            error = error + self.between.on_cells(pressure)
+        total = self._comm.allreduce(float(error.sum()))
+        return Goal(functional.value, error, total, dual.estimate, z, pressure)
 
-    def _products(self, goal):
-        """(e_u, e_z)_T of this rank's cells: (ncells,) float64.
-
-        With xi_T^2 a quadratic form of what is estimated, by polarisation xi_T(u + s z)^2 - xi_T(u - s z)^2 =
-        4 s (e_u, e_z)_T; far from what a goal is of, e_u and e_z have little to do with each other.
-        """
-        elasticity, u, estimate = self._state.elasticity, self._state.solution.displacement, self._state.estimate
-        scale = estimate.error_global / goal.dual.error_global if goal.dual.error_global else 1.0
-        squares = []
-        try:
-            for sign in (1, -1):
-                elasticity.set_displacement(u + sign * scale * goal.adjoint)
-                squares.append(self._recovery.estimate().error ** 2)
-        finally:
-            elasticity.set_displacement(u)
-        return (squares[0] - squares[1]) / (4 * scale) if scale else np.zeros(len(goal.error))
-
-    def _dual(self, functional):
-        """A dual solution z, (owned, 3) float64, its contact forces (n,) float64, and its Estimate.
+    def _dual(self, functional: Functional) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """A dual solution z, (owned, 3), and its contact forces (n,).
 
         What is prescribed is taken off: z = w + y with K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed
         components.
@@ -155,38 +142,29 @@ class Goals:
         penetration, w = functional.penetration, functional.prescribed
         if penetration is None:
             penetration = np.zeros(0 if pairs is None else len(pairs))
-        try:
-            if w is not None:
-                elasticity.set_displacement(w)
-                load = load - elasticity.internal_forces()
-                penetration = penetration if pairs is None else penetration - pairs.jump(w)
-            with self._stages("solve"):
-                z, force = self._system.dual(load, penetration)
-            z = z if w is None else z + w
-            elasticity.set_displacement(z)
-            return z, force, self._recovery.estimate(loaded=False)
-        finally:
-            elasticity.set_displacement(self._state.solution.displacement)
-
-    def _sum(self, values):
-        return self._comm.allreduce(float(values.sum()))
+        if w is not None:
+            load = load - elasticity.internal_forces(elasticity.field(w))
+            penetration = penetration if pairs is None else penetration - pairs.jump(w)
+        with self._stages("solve"):
+            z, force = self._system.dual(load, penetration)
+        return z if w is None else z + w, force
 
 
-def gap_functional(state, weight):
+def gap_functional(state: SolvedState, weight: npt.NDArray[np.float64]) -> Functional:
     """The mean gap of a place: Functional.
 
     Collective on state.forest.comm.
 
     Args:
         state: SolvedState.
-        weight: (n,) float64, the part of the place that each node pair is, 1 in all on all ranks [-].
+        weight: (n,), the part of the place that each node pair is, 1 in all on all ranks [-].
     """
     left = np.maximum(-state.solution.penetration, 0.0)
     value = state.forest.comm.allreduce(float((weight * left).sum()))
-    return Functional(value, value, load=-state.pairs.transposed(weight), pointwise=True)
+    return Functional(value, value, load=-state.pairs.transposed(weight))
 
 
-def _of_families(elasticity, products):
+def _of_families(elasticity: Elasticity, products: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """|sum of the products| of the cells that have one parent, in equal shares; root cells are by themselves.
 
     Collective.  The middle of the parent, a corner of all of them that never hangs, stands for the family, which may
@@ -194,10 +172,10 @@ def _of_families(elasticity, products):
 
     Args:
         elasticity: Elasticity.
-        products: (ncells,) float64, signed, of this rank's cells.
+        products: (ncells,), signed, of this rank's cells.
 
     Returns:
-        (ncells,) float64.
+        (ncells,).
     """
     prolongation, leaf = elasticity.prolongation, elasticity.leaf_mesh.leaf
     space, forest = prolongation.space, prolongation.space.forest

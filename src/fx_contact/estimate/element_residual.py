@@ -7,12 +7,17 @@ Bank, A. Weiser, Math. Comp. 44, 1985; on the choice of functions M. Ainsworth, 
 
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 import ufl
 from basix import CellType, LagrangeVariant
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.displacement_field import DisplacementField, Integral
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import basix_order
+from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 
 
@@ -30,40 +35,41 @@ class ElementResidual:
 
     Args:
         elasticity: Elasticity.
-        stress: sigma_h, a UFL expression (3, 3) [Pa].
         body_force: f, a UFL vector [N/m^3]; None: there is none.
         stages: Stages, for the times.
     """
 
-    def __init__(self, elasticity, stress, body_force, stages):
-        mesh, comm = elasticity.mesh, elasticity.prolongation.comm
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": elasticity.quadrature_degree})
+    def __init__(self, elasticity: Elasticity, body_force: ufl.core.expr.Expr | None, stages: Stages) -> None:
+        mesh, comm, dx, u = elasticity.mesh, elasticity.prolongation.comm, elasticity.measure(), elasticity.argument
         bubbles = _bubbles(mesh, elasticity.prolongation.space.degree)
         weights = fem.functionspace(mesh, ("DG", 0, (3, 3)))
         e, v = (ufl.dot(bubbles, c) for c in (ufl.TrialFunction(weights), ufl.TestFunction(weights)))
-        self._loaded, force = fem.Constant(mesh, 1.0), ufl.div(stress)
+        self._loaded, force = fem.Constant(mesh, 1.0), ufl.div(elasticity.stress(u))
         if body_force is not None:
             force += self._loaded * body_force
-        residual, energy = ufl.inner(force, v), ufl.inner(elasticity.stress(e), ufl.sym(ufl.grad(v)))
+        residual, energy = ufl.inner(force, v), ufl.inner(elasticity.hooke(e), ufl.sym(ufl.grad(v)))
         with stages("compile"):
-            self._residual, stiffness = compiled(comm, residual * dx), compiled(comm, energy * dx)
+            self._residual, stiffness = Integral(comm, residual * dx, [u]), compiled(comm, energy * dx)
         self._stiffness = fem.assemble_matrix(stiffness).data.reshape(-1, 9, 9)
 
-    def error2(self, loaded=True):
-        """xi_T^2 of this rank's cells: (ncells,) float64 [J].
+    def of(self, field: DisplacementField, loaded: bool = True) -> npt.NDArray[np.float64]:
+        """The right-hand side r of each cell: (ncells, 9) [J/m].
 
         Local.
 
         Args:
+            field: u_h.
             loaded: whether the body force acts.
         """
         self._loaded.value = float(loaded)
-        residual = fem.assemble_vector(self._residual).array.reshape(-1, 9)
-        error = np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
-        return (residual * error).sum(axis=1)
+        return self._residual.vector(field).reshape(-1, 9)
+
+    def solved(self, residual: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The weights of e_T, (ncells, 9) [m]; r . e_T is xi_T^2 [J].  Local."""
+        return np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
 
 
-def _bubbles(mesh, degree):
+def _bubbles(mesh: Mesh, degree: int) -> fem.Function:
     """b along each axis of each cell: a Function of three components, discontinuous."""
     order = degree + 1
     element = basix.ufl.element(

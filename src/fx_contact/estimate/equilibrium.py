@@ -25,13 +25,13 @@ def nodal_residual(state, load):
     Collective on state.forest.comm.
 
     Args:
-        state: SolvedState, its `elasticity.u` set.
+        state: SolvedState.
         load: (owned, 3) float64, external forces L [N].
 
     Returns:
         (owned, 3) float64, at the conforming nodes, K u integrated from the stresses [N].
     """
-    residual = state.elasticity.internal_forces() - load
+    residual = state.elasticity.internal_forces(state.field) - load
     if state.pairs is not None:
         residual += state.pairs.transposed(state.solution.force)
     return residual

@@ -1,10 +1,16 @@
 """Errors of the quantities of interest that the user asks for, and the cells to refine for them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from fx_contact.estimate.dual_weighted import Functional, Goal, Goals
+from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
+from fx_contact.estimate.quantities import Quantity
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.parallel.validation import percent
 
 
@@ -37,35 +43,70 @@ class GoalRecord:
         return f"{self.name}: {self.value:.6g}{error}, tolerance {percent(self.tolerance)} {reached}"
 
 
-def judge_goals(goals, duals, state, residual, theta, control):
-    """Values and estimated errors of goals, and the cells to refine for them.
+@dataclass(frozen=True, eq=False)
+class JudgedGoal:
+    """A goal, its error, and the leaves to refine for it.
 
-    Collective on state.forest.comm.  The error is sum_P |sum_T (e_u, e_z)_T| / theta, of the recovered errors of u and
-    of the adjoint solution z (`dual_weighted.Goals.errors`).  It takes that closed node pairs stay closed.
+    Attributes:
+        record: GoalRecord.
+        refine: (n,) int8, how often to refine each leaf of this rank.
+        leaves: number of these leaves on all ranks.
+        goal: Goal; None: not estimated.
+    """
+
+    record: GoalRecord
+    refine: npt.NDArray[np.int8]
+    leaves: int
+    goal: Goal | None
+
+
+def judge_goals(
+    goals: Sequence[Quantity],
+    duals: Goals | None,
+    state: SolvedState,
+    residual: npt.NDArray[np.float64],
+    theta: float,
+    control: ErrorControl,
+) -> tuple[JudgedGoal, ...]:
+    """Values and estimated errors of goals, and the leaves to refine for them.
+
+    Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  It takes that closed node pairs
+    stay closed.  Goals of one quantity share an adjoint solution.
 
     Args:
-        goals: sequence of Quantity.
-        duals: dual_weighted.Goals of the state; None: no errors are wanted yet.
+        goals: quantities.
+        duals: Goals of the state; None: no errors are wanted yet.
         state: SolvedState.
-        residual: (owned, 3) float64, its `nodal_residual` [N].
+        residual: (owned, 3), its `nodal_residual` [N].
         theta: effectivity by which estimated errors are corrected [-].
         control: ErrorControl.
-
-    Returns:
-        tuple of GoalRecord, and (n,) int8, how often to refine each leaf.
     """
-    comm, leaf = state.forest.comm, state.elasticity.leaf_mesh.leaf
-    records, refine = [], np.zeros(len(state.forest), dtype=np.int8)
-    for goal in goals:
-        functional, error = goal.functional(state, residual), None
-        allowed, reached = goal.tolerance * functional.size, duals is not None
-        if duals is not None and functional.depends(comm):
-            found = duals.of(functional)
-            errors = duals.errors(found)
-            error = comm.allreduce(float(errors.sum())) / theta
-            reached = error <= allowed
-            if not reached:
-                times = for_goal(errors, allowed * theta, found.dual.child_error, control, comm)
-                refine[leaf] = np.maximum(refine[leaf], times)
-        records.append(GoalRecord(goal.name, functional.value, error, allowed, float(goal.tolerance), reached))
-    return tuple(records), refine
+    known: dict[str, tuple[Functional, Goal | None]] = {}
+    for quantity in goals:
+        if quantity.name not in known:
+            functional = quantity.functional(state, residual)
+            wanted = duals is not None and functional.depends(state.forest.comm)
+            known[quantity.name] = functional, duals.of(functional) if wanted else None
+    return tuple(_judged(goal, *known[goal.name], duals is not None, state, theta, control) for goal in goals)
+
+
+def _judged(
+    quantity: Quantity,
+    functional: Functional,
+    goal: Goal | None,
+    wanted: bool,
+    state: SolvedState,
+    theta: float,
+    control: ErrorControl,
+) -> JudgedGoal:
+    """A goal by its functional and error.  Collective."""
+    comm, refine = state.forest.comm, np.zeros(len(state.forest), dtype=np.int8)
+    allowed, error, reached = quantity.tolerance * functional.size, None, wanted
+    if goal is not None:
+        error = goal.total / theta
+        reached = error <= allowed
+        if not reached:
+            times = for_goal(goal.error, allowed * theta, goal.dual.child_error, control, comm)
+            refine[state.elasticity.leaf_mesh.leaf] = times
+    record = GoalRecord(quantity.name, functional.value, error, allowed, float(quantity.tolerance), reached)
+    return JudgedGoal(record, refine, comm.allreduce(int((refine > 0).sum())), goal)

@@ -4,10 +4,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import force_components
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name, check_number, check_vector, shown
@@ -147,13 +149,13 @@ class MaxPressure(OfPair):
         """As records have it."""
         return f"largest pressure of {self.pair}"
 
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: npt.NDArray[np.float64]) -> Functional:
         """As `Quantity.functional`, of the pressure at the node that has the largest."""
-        pressure, comm = state.solution.pressure, state.forest.comm
-        ours = self.ours(state)
-        value = comm.allreduce(float(pressure[ours].max(initial=0.0)), op=MPI.MAX)
-        weight = _one(comm, state.pairs, ours & state.solution.active, pressure)
-        return Functional(value, value, penetration=weight / state.pairs.area, pointwise=True)
+        solution, ours = state.solution, self.ours(state)
+        value = state.forest.comm.allreduce(float(solution.pressure[ours].max(initial=0.0)), op=MPI.MAX)
+        weight = _one(state.forest.comm, state.pairs, ours & solution.active, solution.pressure)
+        share = state.pairs.pressure_weights(solution.force, weight)
+        return Functional(value, value, penetration=np.where(solution.active, share, 0.0))
 
 
 @dataclass(frozen=True)
@@ -207,9 +209,7 @@ class Displacement(Quantity):
         weight = prolongation.restrict(sums)
         vector = comm.allreduce((weight * state.solution.displacement).sum(axis=0))
         direction = check_direction("the direction", self.direction)
-        return Functional(
-            float(direction @ vector), float(np.linalg.norm(vector)), load=weight * direction, pointwise=True
-        )
+        return Functional(float(direction @ vector), float(np.linalg.norm(vector)), load=weight * direction)
 
     def _place(self, mesh):
         """Root cell and reference coordinates (3,) of the point."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_solver import ContactSolution
-from fx_contact.estimate.recovery import Estimate
+from fx_contact.estimate.estimator import Estimate
+from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.problem.scene import Scene
@@ -17,7 +18,8 @@ class SolvedState:
     Attributes:
         scene: Scene.
         forest: Forest.
-        elasticity: Elasticity; its `u` is the displacement.
+        elasticity: Elasticity.
+        field: DisplacementField, u at all nodes [m].
         pairs: ConstraintRows; None without contact.
         solution: ContactSolution.
         estimate: Estimate.
@@ -26,6 +28,7 @@ class SolvedState:
     scene: Scene
     forest: Forest
     elasticity: Elasticity
+    field: DisplacementField
     pairs: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate

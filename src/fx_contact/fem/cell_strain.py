@@ -1,6 +1,8 @@
 """Strain and rotation of each cell, by the trilinear maps of its corners before and after: no form to compile."""
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
 
 from fx_contact.parallel import compat
 from fx_contact.problem.hexahedron import CORNERS
@@ -11,28 +13,30 @@ _DIFFERENCES = (2 * CORNERS.T - 1) / 4
 _CHUNK = 1 << 12
 
 
-def cell_strains(elasticity):
+def cell_strains(
+    displacement: fem.Function,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Strain, rotation and volume of this rank's cells.
 
     Local.  Of grad u in the middle of a cell, exact where u and the map of the cell are linear.
 
     Args:
-        elasticity: Elasticity; its `u` is the displacement.
+        displacement: u at the nodes of a leaf mesh [m].
 
     Returns:
-        three (ncells,) float64: |sym grad u|, the Frobenius norm of the strain [-]; |curl u| / 2, the angle of the
+        three (ncells,): |sym grad u|, the Frobenius norm of the strain [-]; |curl u| / 2, the angle of the
         rotation [rad]; the volume [m^3].
     """
     # The corners are the first nodes of a Lagrange element, in tensor order.
-    points, displacement = elasticity.mesh.geometry.x, elasticity.u.x.array.reshape(-1, 3)
-    at, on = compat.geometry_nodes(elasticity.mesh)[:, :8], elasticity.function_space.dofmap.list[:, :8]
+    space, nodal = displacement.function_space, displacement.x.array.reshape(-1, 3)
+    points, at, on = space.mesh.geometry.x, compat.geometry_nodes(space.mesh)[:, :8], space.dofmap.list[:, :8]
     strain, rotation, volume = np.empty((3, len(on)))
     for start in range(0, len(on), _CHUNK):
         part = slice(start, start + _CHUNK)
         x, y, z = (_DIFFERENCES @ points[at[part]]).swapaxes(0, 1)
         dual = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
         volume[part] = np.einsum("ni,ni->n", x, dual[:, 0])
-        slopes = _DIFFERENCES @ displacement[on[part]]
+        slopes = _DIFFERENCES @ nodal[on[part]]
         gradient = slopes.swapaxes(1, 2) @ dual / volume[part, None, None]
         strain[part] = np.linalg.norm(gradient + gradient.swapaxes(1, 2), axis=(1, 2)) / 2
         rotation[part] = np.linalg.norm(gradient - gradient.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.recovery import von_mises
+from fx_contact.estimate.stress_recovery import von_mises
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import add_length, add_note, bar, draw_on_first, exceeded, picture_size, plotter_for
@@ -76,7 +76,7 @@ def _on_faces(step, leaf, face, field, factor):
         on_contact[step.forest.contact_faces()] = 1  # other faces may have closed nodes at an edge
         values = on_contact[leaf, face, None] * (nodal @ _between_nodes(degree).T)
     else:
-        values = von_mises(step.elasticity.at_leaves(step.estimate.stress)[on_face]) @ finer.T
+        values = von_mises(step.nodal_stress[on_face]) @ finer.T
     return face_points(step.forest, leaf, face) + factor * (finer @ step.nodal_displacement[on_face]), values
 
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.recovery import von_mises
+from fx_contact.estimate.stress_recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
@@ -23,7 +23,7 @@ _SATURATED = 0.01
 
 @collective("step.forest.comm")
 def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
-    """Von Mises stress, recovered at the nodes, and the leaves in a plane through the contact's centre.
+    """Von Mises stress at the nodes, and the leaves in a plane through the contact's centre.
 
     Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
 
@@ -56,7 +56,7 @@ def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
     if zoom is not None:
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
-    stress = von_mises(step.elasticity.at_leaves(step.estimate.stress)[cut])
+    stress = von_mises(step.nodal_stress[cut])
     parts = comm.gather((points[cut], stress, forest.mesh.body[forest.cell[cut]]), root=0)
 
     def draw(plotter):

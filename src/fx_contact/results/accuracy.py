@@ -8,8 +8,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.recovery import VOIGT
+from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.meeting import collective
 
 #: Entries of a StepRecord that are compared with those of a reference.
@@ -30,23 +31,21 @@ class FieldError:
 
 
 @collective("elasticity.prolongation.comm")
-def field_error(elasticity, exact):
-    """Relative errors of `elasticity.u` against a known displacement.
+def field_error(elasticity: Elasticity, u: fem.Function, exact: ufl.core.expr.Expr) -> FieldError:
+    """Relative errors of a displacement against a known one.
 
     Collective.
 
     Args:
-        elasticity: Elasticity, its `u` set.
+        elasticity: Elasticity.
+        u: a displacement on its mesh [m].
         exact: UFL vector on its mesh [m].
-
-    Returns:
-        FieldError.
     """
     mesh = elasticity.mesh
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": fine_quadrature(elasticity)})
     cellwise = fem.functionspace(mesh, ("DG", 0, (4,)))
-    off = elasticity.u - exact
-    densities = [ufl.inner(elasticity.stress(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
+    off = u - exact
+    densities = [ufl.inner(elasticity.hooke(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
     densities += [ufl.inner(v, v) for v in (off, exact)]
     form = compiled(
         elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
@@ -99,7 +98,7 @@ def contact_errors(step, reference):
 
     Returns:
         dict of float [-]: `force`, `contact_radius` (of round contact) and `max_pressure`, with sign.  Where the
-        reference has them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered
+        reference has them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the
         stress along the axis in the Euclidean norm over the reference's heights.
 
     Raises:
@@ -126,13 +125,12 @@ def _pressure_error(step, reference):
 
 def _axis_error(step, reference):
     """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
-    forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
-    space = elasticity.prolongation.space
+    forest, comm, space = step.forest, step.forest.comm, step.elasticity.prolongation.space
     leaf, node = space.example.T
     position = space.positions() - step.record.contact_centre
     upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
     on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
-    stress = elasticity.at_leaves(step.estimate.stress)[leaf, node, VOIGT.index((2, 2))]
+    stress = step.nodal_stress[leaf, node, VOIGT.index((2, 2))]
     rows = np.concatenate(comm.allgather(np.stack([position[on, 2], stress[on]], axis=1)))
     rows = rows[np.argsort(rows[:, 0])]
     height, known = reference.axis.T

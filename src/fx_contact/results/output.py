@@ -142,7 +142,7 @@ def write_fields(step, folder):
 
 @collective("step.forest.comm")
 def point_fields(step):
-    """Displacement and recovered stress at the points by which ParaView draws curved cells.
+    """Displacement and stress at the points by which ParaView draws curved cells.
 
     Collective on the step's communicator.  VTX draws the cells of a function's order.  That of these is the higher one
     of geometry and displacement, so that the fields are written as they are, nothing of them lost.

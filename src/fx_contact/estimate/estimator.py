@@ -1,0 +1,175 @@
+"""Error estimate of O. C. Zienkiewicz, J. Z. Zhu (1987): indicator (3), energies (4), and products of two errors.
+
+At degree 2 the larger of (3) and of the element residual counts in each cell.  (3) shows what jumps from cell to cell,
+as beside contact edges, but little of a smooth error, which the element residual shows.  Effectivities:
+`studies/effectivity`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fx_contact.estimate.element_residual import ElementResidual
+from fx_contact.estimate.shear_free import ShearFree
+from fx_contact.estimate.stress_recovery import TENSOR, StressRecovery
+from fx_contact.fem.displacement_field import DisplacementField, Integral
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.space import child_error
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.timing import Stages
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimated error and energy of a displacement field.
+
+    Attributes:
+        error: (ncells,), xi_T of this rank's cells (3) [J^(1/2)].
+        energy: (ncells,), strain energy of this rank's cells, twice [J]; None: not kept.
+        error_global: xi of all cells (6) [J^(1/2)].
+        energy_norm: omega (4) [J^(1/2)].
+        cells: number of cells on all ranks.
+        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `fem.space.child_error` [-].
+    """
+
+    error: npt.NDArray[np.float64]
+    energy: npt.NDArray[np.float64] | None
+    error_global: float
+    energy_norm: float
+    cells: int
+    child_error: float
+
+    @property
+    def relative(self) -> float:
+        """xi / omega [-]."""
+        return self.error_global / self.energy_norm if self.energy_norm else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DisplacementError:
+    """The error e of a displacement field, as far as it is known.
+
+    Attributes:
+        field: the displacement.
+        stress: sigma*, six components a node [Pa].
+        squares: (k, ncells), xi_T^2 by (3), at degree 2 and by the element residual [J].
+        residual: (ncells, 9), element residual [J/m]; None at degree 1.
+        bubbles: (ncells, 9), its solution [m]; None at degree 1.
+        estimate: Estimate.
+    """
+
+    field: DisplacementField
+    stress: fem.Function
+    squares: npt.NDArray[np.float64]
+    residual: npt.NDArray[np.float64] | None
+    bubbles: npt.NDArray[np.float64] | None
+    estimate: Estimate
+
+
+class Estimator:
+    """Errors of displacements on a mesh.
+
+    Collective.
+
+    Args:
+        elasticity: Elasticity.
+        shear_free: ShearFree, where there is no shear stress by symmetry.
+        stages: Stages, for the times.
+        body_force: UFL vector on the mesh [N/m^3]; None: there is none.
+    """
+
+    def __init__(
+        self,
+        elasticity: Elasticity,
+        shear_free: ShearFree,
+        stages: Stages,
+        body_force: ufl.core.expr.Expr | None = None,
+    ) -> None:
+        self._elasticity, self._comm, self._stages = elasticity, elasticity.prolongation.comm, stages
+        self._recovery = StressRecovery(elasticity, shear_free, stages)
+        self._arguments = elasticity.argument, fem.Function(elasticity.nodal_space(6))
+        sigma, off = elasticity.stress(elasticity.argument), self._off(*self._arguments)
+        self._energies = self._compiled([self._work(off, off), self._work(sigma, sigma)], self._arguments)
+        self._product: Integral | None = None
+        self._residual = None
+        if elasticity.prolongation.space.degree % 2 == 0:
+            self._residual = ElementResidual(elasticity, body_force, stages)
+
+    def error(self, field: DisplacementField, noise: float = 0.0, loaded: bool = True) -> DisplacementError:
+        """The estimated error of a displacement.
+
+        Collective.
+
+        Args:
+            field: of the elasticity.
+            noise: energy norm up to which the displacement is a rigid motion, without error [J^(1/2)].
+            loaded: whether the body force acts; not on an adjoint solution.
+
+        Raises:
+            SolveError: the energy is not a finite number.
+        """
+        stress, residual, bubbles = self._recovery.stress(field), None, None
+        squares, energy = np.maximum(self._energies.vector(field, stress).reshape(-1, 2), 0).T
+        squares = squares[None]
+        if self._residual is not None:
+            residual = self._residual.of(field, loaded)
+            bubbles = self._residual.solved(residual)
+            squares = np.stack([squares[0], (residual * bubbles).sum(axis=1)])
+        error2 = squares.max(axis=0)
+        total = self._comm.allreduce(np.array([error2.sum(), energy.sum(), len(error2)]), op=MPI.SUM)
+        if not np.isfinite(total).all():
+            raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
+        xi, omega = float(np.sqrt(total[0])), float(np.sqrt(total[0] + total[1]))
+        if omega <= noise:
+            squares, error2, energy, xi, omega = 0 * squares, 0 * error2, 0 * energy, 0.0, 0.0
+        estimate = Estimate(
+            error=np.sqrt(error2),
+            energy=energy,
+            error_global=xi,
+            energy_norm=omega,
+            cells=int(total[2]),
+            child_error=child_error(self._elasticity.prolongation.space.degree),
+        )
+        return DisplacementError(field, stress, squares, residual, bubbles, estimate)
+
+    def products(self, one: DisplacementError, other: DisplacementError) -> npt.NDArray[np.float64]:
+        """Products (e_u, e_z)_T of the errors of two displacements: (ncells,) [J].
+
+        Collective.  By (3) int_T (sigma*_u - sigma_u) : C^-1 (sigma*_z - sigma_z), by the element residual
+        r_u K^-1 r_z.  At degree 2 that of the two counts in a cell which has the larger product of norms.  So
+        (e_u, e_u)_T = xi_T^2, and |(e_u, e_z)_T| <= xi_T(u) xi_T(z).
+        """
+        if self._product is None:
+            more = self._elasticity.blank(), fem.Function(self._elasticity.nodal_space(6))
+            work = self._work(self._off(*self._arguments), self._off(*more))
+            self._product = self._compiled([work], [*self._arguments, *more])
+        result = self._product.vector(one.field, one.stress, other.field, other.stress)
+        if one.residual is not None:
+            recovered, residual = one.squares * other.squares
+            result = np.where(recovered >= residual, result, (one.residual * other.bubbles).sum(axis=1))
+        return result
+
+    def _off(self, field: DisplacementField, stress: fem.Function) -> ufl.core.expr.Expr:
+        """sigma* - sigma_h."""
+        recovered = ufl.as_matrix([[stress[component] for component in row] for row in TENSOR])
+        return recovered - self._elasticity.stress(field)
+
+    def _work(self, one: ufl.core.expr.Expr, other: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """One stress : C^-1 the other; of one with itself twice the energy density."""
+        first, second = self._elasticity.lame
+        traces = ufl.tr(one) * ufl.tr(other)
+        return (ufl.inner(one, other) - first / (3 * first + 2 * second) * traces) / (2 * second)
+
+    def _compiled(
+        self, densities: list[ufl.core.expr.Expr], arguments: Sequence[DisplacementField | fem.Function]
+    ) -> Integral:
+        """Integrals of densities over each cell."""
+        test = ufl.TestFunction(fem.functionspace(self._elasticity.mesh, ("DG", 0, (len(densities),))))
+        with self._stages("compile"):
+            form = ufl.inner(ufl.as_vector(densities), test) * self._elasticity.measure()
+            return Integral(self._comm, form, arguments)

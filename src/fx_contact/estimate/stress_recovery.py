@@ -1,0 +1,59 @@
+"""Stress recovery of O. C. Zienkiewicz, J. Z. Zhu (1987): a continuous stress sigma* from the sigma_h of the cells."""
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from fx_contact.estimate.shear_free import VOIGT, ShearFree
+from fx_contact.fem.displacement_field import DisplacementField, Integral
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.timing import Stages
+
+#: Position in `VOIGT` of each component of a symmetric tensor.
+TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
+#: Degree of the Gauss rule with 2 x 2 x 2 points, at which stresses of degree 2 are superconvergent.
+_SUPERCONVERGENT = 3
+
+
+def von_mises(stress: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Von Mises stress of stresses (..., 6) in the order of `VOIGT`: (...) [Pa].  Local."""
+    x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
+    return np.asarray(np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
+
+
+def six(tensor: ufl.core.expr.Expr) -> list[ufl.core.expr.Expr]:
+    """The components of a symmetric tensor in UFL, in the order of `VOIGT`.  Local."""
+    return [tensor[i, j] for i, j in VOIGT]
+
+
+class StressRecovery:
+    """The recovered stress sigma* of displacements on a mesh.
+
+    Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming nodes, integrated with 2 x 2 x 2 Gauss
+    points.  At degree 2 that is the mean, weighted by volume, of stresses extrapolated from these superconvergent
+    points to each node.  Bodies share no node, so that each is recovered by itself.
+
+    Args:
+        elasticity: Elasticity.
+        shear_free: ShearFree, where there is no shear stress by symmetry.
+        stages: Stages, for the times.
+    """
+
+    def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:
+        self._elasticity, self._shear_free = elasticity, shear_free
+        self._space = elasticity.nodal_space(6)
+        test, u = ufl.TestFunction(elasticity.nodal_space(7)), elasticity.argument
+        gauss = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": _SUPERCONVERGENT})
+        integrand = ufl.inner(ufl.as_vector([*six(elasticity.stress(u)), 1]), test)
+        with stages("compile"):
+            self._moments = Integral(elasticity.prolongation.comm, integrand * gauss, [u])
+
+    def stress(self, field: DisplacementField) -> fem.Function:
+        """sigma* of a displacement, six components a node (`VOIGT`) [Pa].  Collective."""
+        elasticity, result = self._elasticity, fem.Function(self._space, name="stress")
+        sums = elasticity.prolongation.restrict(elasticity.at_nodes(self._moments.vector(field)))
+        self._shear_free.remove_shear(sums)
+        nodal = elasticity.prolongation.prolong(sums[:, :6] / sums[:, 6:])
+        result.x.array[:] = elasticity.at_blocks(nodal)
+        return result
