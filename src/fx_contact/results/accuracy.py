@@ -1,4 +1,4 @@
-"""Errors against known solutions: displacements in norms, the figures of a contact against reference values."""
+"""Errors relative to known solutions: displacements in norms, contact figures against reference values."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,17 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from ufl.core.expr import Expr
 
-from fx_contact.adaptive.step import check_step
-from fx_contact.estimate.recovery import VOIGT
+from fx_contact.adaptive.step import Step, check_step
+from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.meeting import collective
+from fx_contact.results.reference_values import ContactReference
 
-#: Entries of a StepRecord that are compared with those of a reference.
+#: Entries of a StepRecord that are compared with a reference.
 FIGURES = ("force", "contact_radius", "max_pressure")
 
 
@@ -30,17 +34,14 @@ class FieldError:
 
 
 @collective("elasticity.prolongation.comm")
-def field_error(elasticity, exact):
+def field_error(elasticity: Elasticity, exact: Expr) -> FieldError:
     """Relative errors of `elasticity.u` against a known displacement.
 
     Collective.
 
     Args:
-        elasticity: Elasticity, its `u` set.
-        exact: UFL vector on its mesh [m].
-
-    Returns:
-        FieldError.
+        elasticity: with its `u` set.
+        exact: vector on its mesh [m].
     """
     mesh = elasticity.mesh
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": fine_quadrature(elasticity)})
@@ -57,29 +58,20 @@ def field_error(elasticity, exact):
     return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
 
 
-def fine_quadrature(elasticity):
-    """Degree of the Gauss rule for smooth functions that are no polynomials, 2p + 4.
-
-    Local.
-
-    Args:
-        elasticity: Elasticity.
-    """
+def fine_quadrature(elasticity: Elasticity) -> int:
+    """Degree 2p + 4 of the Gauss rule for smooth non-polynomial functions.  Local."""
     return elasticity.quadrature_degree + 3
 
 
-def energy_distance(step, values):
-    """The distance ||v - u|| / ||u|| of a displacement v from that of a step, in the energy norm.
+def energy_distance(step: Step, values: FloatArray) -> float:
+    """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
 
-    Collective on the step's communicator.  The difference of the two energies would be too small: between the nodes of
-    curved facets the bodies penetrate each other.
+    Collective on the step's communicator.  The difference of the energies would be too small, since the bodies
+    penetrate each other between the nodes of curved facets; `Elasticity.change_norm` measures v - u itself.
 
     Args:
-        step: Step, with the displacement u.
-        values: (n, (p+1)^3, 3) float64, v at the nodes of this rank's leaves [m].
-
-    Returns:
-        float [-]; the difference is measured by `Elasticity.change_norm`.
+        step: with the displacement u.
+        values: (n, (p+1)^3, 3), v at the nodes of this rank's leaves [m].
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -88,19 +80,19 @@ def energy_distance(step, values):
 
 
 @collective("step.forest.comm")
-def contact_errors(step, reference):
+def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
     """Relative errors of a contact against a reference.
 
     Collective on the step's communicator.
 
     Args:
-        step: Step of a scene of two half-spheres along z.
-        reference: ContactReference.
+        step: of a scene of two half-spheres along z.
+        reference: known values.
 
     Returns:
-        dict of float [-]: `force`, `contact_radius` (of round contact) and `max_pressure`, with sign.  Where the
-        reference has them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered
-        stress along the axis in the Euclidean norm over the reference's heights.
+        Errors with sign [-]: `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has
+        them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered stress along the
+        axis in the Euclidean norm over the reference's heights.
 
     Raises:
         SceneError: no step, or one without contact.
@@ -115,16 +107,16 @@ def contact_errors(step, reference):
     return {name: float(value) for name, value in result.items()}
 
 
-def _pressure_error(step, reference):
+def _pressure_error(step: Step, reference: ContactReference) -> float:
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     known = reference.pressure(np.linalg.norm((pairs.position - step.record.contact_centre)[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
-    return np.sqrt(sums[0] / sums[1])
+    return float(np.sqrt(sums[0] / sums[1]))
 
 
-def _axis_error(step, reference):
+def _axis_error(step: Step, reference: ContactReference) -> float:
     """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
     forest, elasticity, comm = step.forest, step.elasticity, step.forest.comm
     space = elasticity.prolongation.space
@@ -137,4 +129,4 @@ def _axis_error(step, reference):
     rows = rows[np.argsort(rows[:, 0])]
     height, known = reference.axis.T
     off = np.interp(height, rows[:, 0], rows[:, 1]) - known
-    return np.sqrt((off @ off) / (known @ known))
+    return float(np.sqrt((off @ off) / (known @ known)))
