@@ -33,17 +33,10 @@ def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tupl
 
 
 def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64Array, FloatArray]:
-    """Masters of the nodes of cells, and their weights.
+    """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l).
 
-    Local.
-
-    Args:
-        prolongation: of the nodes.
-        cells: (n, k), nodes of each cell as positions in the prolongation's space.
-
-    Returns:
-        (n, l) masters of each cell, positions in the prolongation's index map, and the weights C: (n, k, l).  Cells
-        with fewer than l masters repeat one of them with weight 0.
+    Local.  Masters are positions in the prolongation's index map, nodes in its space.  Cells with fewer than l masters
+    repeat one of them with weight 0.
     """
     rows = prolongation.matrix[cells.ravel()]
     width = rows.shape[1]

@@ -21,12 +21,8 @@ def _flags() -> list[str]:
 def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
     """Compile a form, or take it from FFCx's cache.
 
-    Collective on comm.  A run killed during compilation leaves a file in the cache for which FFCx waits in vain (10 s);
-    the error names it.
-
-    Args:
-        comm: the user's communicator, of the ranks of the form's mesh.
-        form: to be compiled.
+    Collective on comm, the user's communicator with the ranks of the form's mesh.  A run killed during compilation
+    leaves a file in the cache for which FFCx waits in vain (10 s); the error names it.
 
     Raises:
         CompilationError: the form cannot be compiled, cached or loaded on some rank.

@@ -31,11 +31,6 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
 
     Collective on forest.comm.  Hanging nodes have no conditions of their own.
 
-    Args:
-        scene: with the conditions.
-        forest: distributed leaves.
-        prolongation: of the forest.
-
     Raises:
         SceneError: a function fails or is not finite at a node, or two conditions prescribe different values at one
             node, or one across a symmetry plane.
@@ -97,18 +92,10 @@ def _span(matrices: FloatArray, free: BoolArray) -> FloatArray:
 def shared_forces(
     conditions: Sequence[Dirichlet | ObliquePlane], held: Sequence[IntArray], forces: FloatArray
 ) -> FloatArray:
-    """Minimum-norm distribution of reaction forces r over the conditions at each node.
+    """Minimum-norm distribution of reaction forces r (owned, 3) [N] over the conditions at each node: G^+ r.
 
     Local.  The force of a condition is H G^+ r with H its `across` and G the sum of H over the conditions of the node:
-    in the direction of an axis equal parts of r.
-
-    Args:
-        conditions: of the scene.
-        held: (k,) nodes of each, from `held_nodes`.
-        forces: (owned, 3), r [N].
-
-    Returns:
-        (owned, 3), G^+ r [N].
+    in the direction of an axis equal parts of r.  The nodes of each condition are `held`, from `held_nodes`.
     """
     count: FloatArray = np.zeros(forces.shape)
     tilted = np.zeros(len(forces), dtype=bool)
@@ -128,14 +115,9 @@ def shared_forces(
 def held_nodes(
     scene: Scene, prolongation: Prolongation, conditions: Sequence[Dirichlet | ObliquePlane] | None = None
 ) -> list[Int64Array]:
-    """Owned conforming nodes (k,) on which each condition acts.
+    """Owned conforming nodes (k,) on which each condition acts; all of `scene.conditions` by default.
 
     Collective on prolongation.comm.
-
-    Args:
-        scene: with the conditions.
-        prolongation: of a forest of its root mesh.
-        conditions: some of `scene.conditions`; None: all.
     """
     conditions = scene.conditions if conditions is None else conditions
     on = prolongation.zeros(len(conditions))

@@ -25,11 +25,9 @@ _CHUNK = 1 << 13
 
 @dataclass(frozen=True, eq=False)
 class LeafMesh:
-    """A dolfinx mesh whose cells are leaves.
+    """A dolfinx mesh whose cells are the leaves of this rank, without ghosts, with geometry of an order q.
 
     Attributes:
-        mesh: every rank's cells are its leaves, without ghosts.
-        order: geometry order q.
         leaf: (ncells,), this rank's leaf of each local cell.
     """
 
@@ -38,16 +36,9 @@ class LeafMesh:
     leaf: Int64Array
 
     def facets(self, forest: Forest, facets: IntArray) -> Int32Array:
-        """Exterior facets on given root facets, for dolfinx's integrals.
+        """Exterior facets (m, 2), (local cell, local facet), on root facets (k, 2), for dolfinx's integrals.
 
         Local.  Hanging facets, which dolfinx takes for exterior ones, are not among them.
-
-        Args:
-            forest: of the mesh.
-            facets: (k, 2), (root cell, local face).
-
-        Returns:
-            (m, 2), (local cell, local facet).
         """
         leaf, face = forest.boundary_faces(facets)
         cell = np.empty(len(self.leaf), dtype=np.int32)
@@ -56,7 +47,7 @@ class LeafMesh:
         return rows[np.lexsort(rows.T[::-1])]
 
     def positions(self, leaf: IntArray, local: IntArray, degree: int) -> FloatArray:
-        """Positions of nodes of leaves in the geometry of order q, over which the mesh is integrated.
+        """Positions (k, 3) [m] of nodes of leaves in the geometry of order q, over which the mesh is integrated.
 
         Local.
 
@@ -64,9 +55,6 @@ class LeafMesh:
             leaf: (k,), this rank's leaves.
             local: (k,), a node of each, in tensor order.
             degree: p of the nodes, i/p along each axis.
-
-        Returns:
-            (k, 3) [m].
         """
         cell = np.empty(len(self.leaf), dtype=np.int32)
         cell[self.leaf] = np.arange(len(cell))
@@ -78,13 +66,9 @@ class LeafMesh:
 
 
 def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:
-    """Make the dolfinx mesh of a forest, distributed as the forest.
+    """Make the dolfinx mesh of a forest, distributed alike, of an order up to the root mesh's, at which it is exact.
 
     Collective on forest.comm.
-
-    Args:
-        forest: distributed leaves.
-        order: geometry order q, at most that of the root mesh, at which the leaf maps are exact.
     """
     nodes, x = _geometry_nodes(forest, order)
     element = basix.ufl.element(
@@ -107,15 +91,8 @@ def sufficient_order(forest: Forest, tolerance: float) -> int:
 
     Collective on forest.comm.  The relative error of a map of order q falls like h^q: if it is small enough on an
     ancestor of leaves, it is so on them.  So the levels are visited from the root cells on, and only descendants of
-    cells with too large an error.
-
-    Args:
-        forest: distributed leaves.
-        tolerance: distance between the map of order q and the root map, relative to the shortest of the leaf's three
-            lengths (the thickness of a shell).
-
-    Returns:
-        1 to the order of the root mesh.
+    cells with too large an error.  The tolerance is for the distance between both maps, relative to the shortest of the
+    leaf's three lengths (the thickness of a shell).
     """
     order, left = 1, np.arange(len(forest))
     for level in range(MAX_LEVEL + 1):
@@ -155,18 +132,9 @@ def _deviation(exact: FloatArray, order: int) -> FloatArray:
 
 
 def leaf_positions(forest: Forest, leaves: IntArray | slice, order: int, level: int | None = None) -> FloatArray:
-    """Positions of the equispaced nodes of leaves, or of their ancestors, on the exact curved geometry.
+    """Positions (n, (p+1)^3, 3) [m] of the nodes of leaves (n,) on the exact curved geometry, in tensor order.
 
-    Local.
-
-    Args:
-        forest: distributed leaves.
-        leaves: (n,) of this rank's leaves.
-        order: p, of the nodes.
-        level: of the ancestors; None: the leaves themselves.
-
-    Returns:
-        (n, (p+1)^3, 3) [m], tensor order.
+    Local.  The nodes are equispaced, of order p; with a level, of the ancestors of the leaves at that level.
     """
     levels = forest.level[leaves]
     side = leaf_side(levels if level is None else np.full_like(levels, level))[:, None]

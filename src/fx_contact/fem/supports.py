@@ -27,7 +27,6 @@ class Supports:
             alike on all ranks.
 
     Attributes:
-        prescribed: as given.
         free: (n, 3), components that are not prescribed.
         oblique: whether the scene has oblique planes.
     """
@@ -46,14 +45,9 @@ class Supports:
         return np.nan_to_num(self.prescribed)
 
     def along_planes(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
-        """P of vectors: without the components normal to oblique planes; prescribed components remain.
+        """P of vectors (m, 3) at nodes: without components normal to oblique planes; prescribed ones remain.
 
-        Args:
-            vectors: (m, 3).
-            at: their nodes; all by default.
-
-        Returns:
-            (m, 3); the vectors themselves if there is no oblique plane.
+        If there is no oblique plane, the vectors themselves.
         """
         if not self.oblique:
             return vectors
@@ -71,15 +65,7 @@ class Supports:
         return self.along_planes(np.where(self.free, u, self.prescribed))
 
     def in_cells(self, matrices: FloatArray, nodes: IntArray) -> FloatArray:
-        """P_i^T K_ij P_j of cell matrices.
-
-        Args:
-            matrices: (n, k, k, 3, 3); changed in place.
-            nodes: (n, k), of the rows and columns.
-
-        Returns:
-            The changed matrices.
-        """
+        """P_i^T K_ij P_j of cell matrices (n, k, k, 3, 3) at nodes (n, k), in place."""
         if not self.oblique:
             return matrices
         place = self._place[nodes]
@@ -90,13 +76,9 @@ class Supports:
         return matrices
 
     def add_normal_part(self, mat: PETSc.Mat, diagonal: FloatArray) -> None:
-        """Add s N to the diagonal blocks of a matrix, s the mean tangential entry of the diagonal at the node.
+        """Add s N to the diagonal blocks of P K P, assembled, s the mean tangential entry of its diagonal (n, 3) [N/m].
 
         Collective on mat.comm, if there are oblique planes.
-
-        Args:
-            mat: P K P in blocks of 3, assembled.
-            diagonal: (n, 3), its diagonal [N/m].
         """
         if not self.oblique:
             return

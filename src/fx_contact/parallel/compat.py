@@ -20,14 +20,9 @@ _TAG = 1202
 
 
 def index_map(comm: MPI.Intracomm, owned: int, ghosts: Int64Array, owners: Int32Array) -> IndexMap:
-    """Make an IndexMap; since dolfinx 0.10 it takes a message tag.
+    """IndexMap with ghosts (n,), global numbers, and their owner ranks (n,); since 0.10 it takes a message tag.
 
     Collective on comm.
-
-    Args:
-        owned: number of owned indices.
-        ghosts: (n,), global numbers of the ghosts.
-        owners: (n,), ranks that own them.
     """
     given: dict[str, Any] = {"comm": comm, "local_size": owned, "ghosts": ghosts, "ghost_owners": owners}
     try:
@@ -37,10 +32,7 @@ def index_map(comm: MPI.Intracomm, owned: int, ghosts: Int64Array, owners: Int32
 
 
 def geometry_nodes(mesh: Mesh) -> Int32Array:
-    """Geometry nodes (ncells, nodes) of each local cell, local numbers.  Local.
-
-    After dolfinx 0.10 they are a list by cell type.
-    """
+    """Geometry nodes (ncells, nodes) of each local cell; after dolfinx 0.10 a list by cell type.  Local."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
@@ -52,7 +44,7 @@ def coordinate_element(mesh: Mesh) -> Any:
 
 
 def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbours: IntArray) -> Int32Array:
-    """Partition a distributed graph by PT-SCOTCH, or by the default partitioner of a dolfinx without it.
+    """Part (n,) of each vertex of a distributed graph, by PT-SCOTCH or else by dolfinx's default partitioner.
 
     Collective on comm.  Vertices and edges have no weights: no release takes them here so far.
 
@@ -60,9 +52,6 @@ def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbou
         parts: number of parts.
         offsets: (n + 1,), start of each vertex of this rank in `neighbours`.
         neighbours: (m,), global numbers; each edge is given from both of its ends.
-
-    Returns:
-        (n,), part of each vertex.
     """
     partition = getattr(graph, "partitioner_scotch", graph.partitioner)()
     adjacency = AdjacencyList_int64(neighbours.astype(np.int64), offsets.astype(np.int32))
@@ -71,16 +60,10 @@ def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbou
 
 
 def stay(rank: int, corners: int = 8) -> Callable[..., Any]:
-    """Partitioner for `dolfinx.mesh.create_mesh` that leaves every cell on its rank.
+    """Partitioner for `dolfinx.mesh.create_mesh` that leaves every cell, with so many corners, on its rank.
 
-    Local.  Otherwise dolfinx would compute a dual graph and move all geometry nodes.
-
-    Args:
-        rank: of the calling process.
-        corners: of a cell.
-
-    Returns:
-        Partitioner, which dolfinx 0.9 to 0.11 call with the cells, main with their dual graph.
+    Local.  Otherwise dolfinx would compute a dual graph and move all geometry nodes.  dolfinx 0.9 to 0.11 call the
+    partitioner with the cells, main with their dual graph.
     """
 
     def destination(_comm: MPI.Intracomm, _parts: int, first: Any, *others: Any) -> Any:

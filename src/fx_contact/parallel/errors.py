@@ -68,16 +68,7 @@ class CheckpointError(FxContactError):
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
-    """Context manager that turns an OSError while writing a file into an OutputError.
-
-    Local.
-
-    Args:
-        path: named in the error.
-
-    Raises:
-        OutputError: the file system refuses.
-    """
+    """Raises OutputError, which names a path, for an OSError in the block.  Local."""
     try:
         yield
     except OSError as error:

@@ -18,8 +18,6 @@ from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.meeting import meetings_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-#: Ranks that send or receive rows, ascending, and their numbers of rows.
-_Lengths = tuple[IntArray, IntArray]
 
 #: Largest number P of ranks with an exchange all to all and hashed homes.  If rows are sent three times, it takes
 #: log2 P + 3 (P - 1) messages per rank, and log2 P + 5 k between k partners.  The busiest of 64 ranks has k = 18 to 22,
@@ -35,12 +33,9 @@ def few(comm: MPI.Intracomm) -> bool:
 
 
 class Exchange:
-    """Sparse all-to-all of array rows, and its way back.
+    """Sparse all-to-all of array rows to destination ranks (n,), and its way back.
 
     Collective on comm.
-
-    Args:
-        destination: (n,), rank that each row goes to.
 
     Attributes:
         source: (m,), rank that each received row came from, ascending.
@@ -60,41 +55,19 @@ class Exchange:
         return ranks[ranks != self.comm.rank].astype(np.int32)
 
     def forward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Send rows to their destinations.
-
-        Collective on comm.
-
-        Args:
-            rows: (n, ...).
-
-        Returns:
-            (m, ...), ordered by source rank, then as sent.
-        """
-        return self._way.forward(np.asarray(rows)[self._order])
+        """Send rows (n, ...) to their destinations: (m, ...) by source rank, then as sent.  Collective on comm."""
+        return self._way.moved(np.asarray(rows)[self._order])
 
     def backward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Send an answer to each received row back to its source.
-
-        Collective on comm.
-
-        Args:
-            rows: (m, ...), in the order of the result of `forward`.
-
-        Returns:
-            (n, ...), in the order of the rows first sent.
-        """
-        answer = self._way.backward(np.asarray(rows))
+        """Send answers (m, ...) to the sources of the rows: (n, ...) in the order first sent.  Collective on comm."""
+        answer = self._way.moved(np.asarray(rows), back=True)
         result = np.empty_like(answer)
         result[self._order] = answer
         return result
 
 
 class _AllToAll:
-    """Exchange by collective calls of rows in the order of their destinations.
-
-    Attributes:
-        sources, received: (k,), ranks that send rows here, ascending, and their numbers of rows.
-    """
+    """Exchange by collective calls, of rows in the order of their destinations; attributes as in `_Partners`."""
 
     def __init__(self, comm: MPI.Intracomm, destination: Int64Array) -> None:
         self._comm = comm
@@ -107,17 +80,11 @@ class _AllToAll:
         """(l,), ranks that receive rows, ascending."""
         return np.flatnonzero(self._sent)
 
-    def forward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Rows as received."""
-        return self._moved(rows, self._sent, self.received)
-
-    def backward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Answers to them."""
-        return self._moved(rows, self.received, self._sent)
-
-    def _moved(self, rows: npt.NDArray[Scalar], sent: Int32Array, received: Int32Array) -> npt.NDArray[Scalar]:
+    def moved(self, rows: npt.NDArray[Scalar], back: bool = False) -> npt.NDArray[Scalar]:
+        """Received rows, or with `back` the answers to them."""
         if self._comm.size == 1:
             return rows
+        sent, received = (self.received, self._sent) if back else (self._sent, self.received)
         rows, result, datatype = _buffers(rows, received.sum())
         self._comm.Alltoallv([rows, sent, datatype], [result, received, datatype])
         datatype.Free()
@@ -125,10 +92,7 @@ class _AllToAll:
 
 
 class _Partners:
-    """Exchange from point to point between ranks that have rows for each other.
-
-    Args:
-        destination: (n,), ascending.
+    """Exchange from point to point between ranks that have rows for each other, in the order of their destinations.
 
     Attributes:
         sources, received: (k,), ranks that send rows here, ascending, and their numbers of rows.
@@ -137,21 +101,19 @@ class _Partners:
 
     def __init__(self, comm: MPI.Intracomm, destination: Int64Array) -> None:
         meetings = meetings_of(comm)
+        assert meetings is not None, "there is one on several ranks"
         if not meetings.own:
             meetings.duplicate()
         meetings.turns, self._link = meetings.turns + 1, meetings.link
         self.targets, self._sent = np.unique(destination, return_counts=True)
         self.sources, self.received = _announced(self._link, _LENGTHS[meetings.turns % 2], self.targets, self._sent)
 
-    def forward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Rows as received."""
-        return self._moved(rows, (self.targets, self._sent), (self.sources, self.received))
-
-    def backward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Answers to them."""
-        return self._moved(rows, (self.sources, self.received), (self.targets, self._sent))
-
-    def _moved(self, rows: npt.NDArray[Scalar], there: _Lengths, here: _Lengths) -> npt.NDArray[Scalar]:
+    def moved(self, rows: npt.NDArray[Scalar], back: bool = False) -> npt.NDArray[Scalar]:
+        """As `_AllToAll.moved`."""
+        there: tuple[IntArray, IntArray] = self.targets, self._sent
+        here: tuple[IntArray, IntArray] = self.sources, self.received
+        if back:
+            there, here = here, there
         rows, result, datatype = _buffers(rows, here[1].sum())
         own: list[npt.NDArray[Scalar]] = []
         requests: list[MPI.Request] = []

@@ -18,16 +18,7 @@ _MEMBERSHIP, _CGROUP = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 
 
 def check_leaves(comm: MPI.Intracomm, leaves: int) -> None:
-    """Check that the hosts have memory for the leaves of a forest.
-
-    Collective on comm.
-
-    Args:
-        leaves: number on this rank.
-
-    Raises:
-        SolveError: a host has too little.
-    """
+    """Raises SolveError if a host lacks memory for the leaves of a forest, given for this rank.  Collective on comm."""
     what = f"a forest of {comm.allreduce(leaves):,} leaves"
     check_memory(comm, what, _LEAF_BYTES * leaves, "refine less, ask for a larger tolerance, or use more hosts")
 
@@ -40,7 +31,7 @@ def give_back() -> None:
 
 
 def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> None:
-    """Check that the hosts have memory for the next allocations.
+    """Raises SolveError if a host lacks memory for the next allocations.
 
     Collective on comm.
 
@@ -48,9 +39,6 @@ def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> 
         what: purpose of the memory, for the message.
         needed: bytes that this rank is about to allocate.
         advice: end of the message.
-
-    Raises:
-        SolveError: a host has too little.
     """
     short = shortage(comm, needed)
     if short is not None:
@@ -59,15 +47,9 @@ def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> 
 
 
 def shortage(comm: MPI.Intracomm, needed: float) -> tuple[float, float] | None:
-    """Largest lack of memory of any host.
+    """Bytes needed and bytes free on the host with the largest lack of memory; None if all have enough.
 
-    Collective on comm.
-
-    Args:
-        needed: bytes that this rank is about to allocate.
-
-    Returns:
-        Bytes needed and bytes free on that host, the same on all ranks; None if all hosts have enough or do not report.
+    Collective on comm.  `needed` are the bytes that this rank is about to allocate.
     """
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
     needed, free = host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN)
@@ -83,13 +65,7 @@ def _size(count: float) -> str:
 
 
 def available() -> float:
-    """Free bytes of the host, or of the tightest control group (version 2) around this process.
-
-    Local.
-
-    Returns:
-        Infinite if the system does not report it.
-    """
+    """Free bytes of the host, or of the tightest control group (version 2); infinite if not reported.  Local."""
     limits: list[float] = [np.inf]
     try:
         limits.append(1024 * _table(_MEMINFO)["MemAvailable:"])

@@ -91,25 +91,18 @@ class Directory:
         self._distinct, self._slot = np.unique(self._exchange.forward(self.keys), return_inverse=True)
 
     def asked(self, queries: Int64Array) -> BoolArray:
-        """Mask (n,) of this rank's keys for which any rank queries.
-
-        Args:
-            queries: (m,) keys, repetition allowed.
-        """
+        """Mask (n,) of this rank's keys that are among the queries (m,) of any rank, repetition allowed."""
         slot, found, _ = self._visit(queries)
         asked = np.zeros(len(self._distinct), dtype=bool)
         asked[slot[found]] = True
         return self._exchange.backward(asked[self._slot])
 
     def share(self, rows: npt.NDArray[Scalar], given: BoolArray) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """Send registered values to all ranks that have the key.
+        """Registered values (n, ...), zero where there is none, and a mask (n,) of the keys that have one.
 
         Args:
             rows: (n, ...), values for this rank's keys; ranks that register one register the same.
             given: (n,), keys for which this rank registers a value.
-
-        Returns:
-            (n, ...) registered values, zero where there is none, and a mask (n,) of the keys that have one.
         """
         table, known = self._table(rows, given)
         return self._exchange.backward(table[self._slot]), self._exchange.backward(known[self._slot])
@@ -117,15 +110,7 @@ class Directory:
     def lookup(
         self, queries: Int64Array, rows: npt.NDArray[Scalar], given: BoolArray
     ) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """Registered values of any keys; only the queried ones are sent.
-
-        Args:
-            queries: (m,) keys, repetition allowed.
-            rows, given: as in `share`.
-
-        Returns:
-            (m, ...) registered values, zero where there is none, and a mask (m,) of the keys that have one.
-        """
+        """As `share`, for any keys (m,), repetition allowed; only values of queried keys are sent."""
         queries, back = np.unique(queries, return_inverse=True)
         slot, found, exchange = self._visit(queries)
         wanted = np.zeros(len(self._distinct), dtype=bool)

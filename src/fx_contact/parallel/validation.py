@@ -91,11 +91,7 @@ def check_same_comm(what: str, theirs: MPI.Comm, comm: MPI.Comm) -> None:
 
 
 def as_path(what: str, value: object, error: type[FxContactError] = SceneError) -> Path:
-    """The value as a path.
-
-    Raises:
-        SceneError, or the error given: it is no path.
-    """
+    """The value as a path.  Raises SceneError, or the error given, if it is none."""
     if not isinstance(value, (str, os.PathLike)) or not str(value):
         raise error(f"{what} must be a path, got {shown(value)}")
     return Path(value)
@@ -106,10 +102,9 @@ _FILES = (".bp", ".csv", ".h5", ".json", ".jsonl", ".npz", ".png", ".pvd", ".pvt
 
 
 def as_folder(what: str, value: object, error: type[FxContactError] = SceneError) -> Path:
-    """The value as the path of a folder, which need not exist.
+    """The path of a folder, which need not exist.
 
-    Raises:
-        SceneError, or the error given: it is no path, is an existing file, or has the suffix of a file.
+    Raises SceneError, or the error given, for an existing file, a name like one, or no path.
     """
     path = as_path(what, value, error)
     if path.suffix.lower() in _FILES or path.is_file():

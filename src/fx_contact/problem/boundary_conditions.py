@@ -63,11 +63,7 @@ class Dirichlet:
         return np.diag(self.held.astype(float))
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Displacement at points (n, 3) [m]: (n, 3) [m], NaN where the component is free.
-
-        Raises:
-            SceneError: a function does not give a finite number for each point.
-        """
+        """Displacement (n, 3) [m] at points (n, 3) [m], NaN where free; errors of `evaluated`."""
         result = np.full((len(points), 3), np.nan)
         for component, value in enumerate((self.x, self.y, self.z)):
             if value is not None:
@@ -79,22 +75,17 @@ class Dirichlet:
 def merged(
     before: FloatArray, condition: Dirichlet, values: FloatArray, same: float, position: Callable[[int], FloatArray]
 ) -> FloatArray:
-    """Displacements at points on which several conditions act.
-
-    Local.
+    """Displacements (n, 3) [m] at points on which several conditions act, NaN where free.  Local.
 
     Args:
-        before: (n, 3), prescribed by other conditions [m], NaN where free.
+        before: (n, 3), prescribed by other conditions [m].
         condition: a further one.
-        values: (n, 3), prescribed by it [m], NaN where free.
+        values: (n, 3), prescribed by it [m].
         same: tolerance for the difference of two values [m].
         position: maps the index of a point to its position (3,) [m].
 
-    Returns:
-        (n, 3) [m], NaN where free.
-
     Raises:
-        SceneError: another condition prescribes another value of a component.
+        SceneError: two conditions prescribe different values of a component.
     """
     clash = np.argwhere(np.abs(before - values) > same)
     if len(clash):
@@ -109,11 +100,7 @@ def merged(
 
 @dataclass(frozen=True)
 class SymmetryPlane:
-    """A plane surface in which the body is cut by symmetry: zero normal displacement, free tangential displacement.
-
-    Attributes:
-        surface: name of a plane surface of the root mesh; its normal is computed from its facets.
-    """
+    """Symmetry condition on a named plane surface: zero normal displacement, free tangential displacement."""
 
     surface: str
 
@@ -123,12 +110,9 @@ class SymmetryPlane:
         return self.surface
 
     def on(self, mesh: RootMesh) -> Dirichlet | ObliquePlane:
-        """The displacement condition on a mesh: Dirichlet for a plane across x, y or z.
+        """Displacement condition on a mesh: Dirichlet for a plane across x, y or z.
 
-        Local.
-
-        Raises:
-            SceneError: the surface is unknown or not plane.
+        Local.  Raises SceneError if the surface is unknown or not plane.
         """
         facets = mesh.surface(self.surface)
         points = mesh.facet_points(facets).reshape(-1, 3)
@@ -150,12 +134,7 @@ class SymmetryPlane:
 
 @dataclass(frozen=True)
 class ObliquePlane:
-    """Symmetry condition u . n = 0 on a plane that is not across an axis.
-
-    Attributes:
-        where: name of its surface.
-        normal: n, unit vector out of its first facet [-].
-    """
+    """Symmetry condition u . n = 0 on the surface `where`, with n its unit normal, not along an axis."""
 
     where: str
     normal: tuple[float, float, float]
@@ -166,17 +145,12 @@ class ObliquePlane:
         return np.outer(self.normal, self.normal).astype(np.float64)
 
     def check(self, values: FloatArray, largest: float, position: Callable[[int], FloatArray]) -> None:
-        """Check that displacements prescribed by other conditions are tangential to the plane.
-
-        Local.
+        """Raises SceneError unless displacements prescribed by other conditions are tangential to the plane.  Local.
 
         Args:
             values: (n, 3), at points of the plane [m], NaN where free.
             largest: largest prescribed displacement [m]; normal components up to `PLANE` times this count as zero.
             position: maps the index of a point to its position (3,) [m].
-
-        Raises:
-            SceneError: a normal component is not zero.
         """
         moved = np.nan_to_num(values) @ self.normal
         away = np.flatnonzero(np.abs(moved) > PLANE * largest)
@@ -216,11 +190,7 @@ class Traction:
         return f"the traction on {self.surface!r}"
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Force per area at points (n, 3) [m] with outward unit normals (n, 3): (n, 3) [Pa].
-
-        Raises:
-            SceneError: a function does not give three finite numbers for each point.
-        """
+        """Force per area (n, 3) [Pa] at points (n, 3) [m] with outward unit normals (n, 3); errors of `evaluated`."""
         return evaluated(self.what, self.value, points, 3)
 
 
@@ -278,26 +248,15 @@ class BodyForce:
         return f"the body force on {self.body!r}"
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Force per volume at points (n, 3) [m]: (n, 3) [N/m^3]; errors as in `Traction.at`."""
+        """Force per volume (n, 3) [N/m^3] at points (n, 3) [m]; errors of `evaluated`."""
         return evaluated(self.what, self.value, points, 3)
 
 
 def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
-    """Values of a condition or load at points.
+    """Values (n, components) of a condition or load at points (n, 3) [m].
 
-    Local.
-
-    Args:
-        what: kind and place, for messages.
-        value: of as many components.
-        points: (n, 3) [m].
-        components: 1 or 3.
-
-    Returns:
-        (n, components).
-
-    Raises:
-        SceneError: a function gives an array of another shape or type, or a number that is not finite.
+    Local.  Raises SceneError, which begins with `what`, if a function gives an array of another shape or type, or a
+    number that is not finite.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))

@@ -25,15 +25,12 @@ from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 @collective("comm")
 def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> RootMesh:
-    """Build a model with Gmsh on rank 0 and share its mesh.
+    """Root mesh, the same on all ranks, of a model built with Gmsh on rank 0.
 
     Collective on comm.
 
     Args:
         build: leaves a meshed current model; called on rank 0 only, with Gmsh initialised and silent.
-
-    Returns:
-        The same mesh on all ranks.
 
     Raises:
         GeometryError, SceneError: as `RootMesh`; cells that are not hexahedra, or an order above 6.
@@ -50,15 +47,9 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> Roo
 
 @collective("comm")
 def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
-    """Read a .msh file on rank 0 and share its mesh.
+    """Root mesh, the same on all ranks, from a .msh file with hexahedra and physical groups, read on rank 0.
 
     Collective on comm.
-
-    Args:
-        path: of a .msh file with hexahedra and physical groups.
-
-    Returns:
-        The same mesh on all ranks.
 
     Raises:
         SceneError: there is no such file, or Gmsh cannot read it.

@@ -132,14 +132,11 @@ def lengths(corners: FloatArray) -> FloatArray:
 
 
 def tensor_evaluate(functions: Sequence[FloatArray], nodal: FloatArray) -> FloatArray:
-    """Evaluate nodal tensor-product fields at the tensor product of points along each axis.
+    """Values (n, m_x m_y m_z, d) of nodal tensor-product fields at the tensor product of points along each axis.
 
     Args:
         functions: 1D functions (m_x, p+1), (m_y, p+1) and (m_z, p+1) at points along x, y and z.
         nodal: (n, (p+1)^3, d), in tensor order.
-
-    Returns:
-        (n, m_x m_y m_z, d), tensor order, x fastest.
     """
     n, _, d = nodal.shape
     fx, fy, fz = functions

@@ -29,11 +29,7 @@ _CODES = [code[::-1] for code in product((_LOW, _HIGH, _INSIDE), repeat=3)]
 
 
 class Lattice:
-    """Keys of the lattice points of a root mesh.  Local.
-
-    Raises:
-        GeometryError: too many root cells for the keys.
-    """
+    """Keys of the lattice points of a root mesh.  Local.  Raises GeometryError for too many root cells."""
 
     def __init__(self, mesh: RootMesh) -> None:
         ncells = len(mesh.cells)
@@ -71,14 +67,11 @@ class Lattice:
             self._swap[:, part] = corners[rows, origin ^ 2] < corners[rows, origin ^ 1]
 
     def keys(self, cell: IntArray, points: IntArray) -> Int64Array:
-        """Keys of lattice points.
+        """Keys (n, m) of lattice points, the same from every cell that shares the point.
 
         Args:
             cell: (n,), root cells.
             points: (n, m, 3), lattice coordinates in 0..SIDE within those cells.
-
-        Returns:
-            (n, m), the same from every cell that shares the point.
         """
         cell = np.asarray(cell)[:, None]
         part: Int64Array = np.zeros(points.shape[:2], dtype=np.int64)
@@ -97,23 +90,14 @@ class Lattice:
     def entities(self, prefer: BoolArray) -> Entities:
         """Root entities (vertices, edges, faces, cells), each as a part of one of the cells that have it.
 
-        Args:
-            prefer: (ncells, 27), parts to be chosen first; of several, that of the lowest cell.
+        Parts (ncells, 27) in the mask `prefer` are chosen first; of several, that of the lowest cell.
         """
         order = np.argsort(~prefer.ravel(), kind="stable")
         starts, first = np.unique(self._start.ravel()[order], return_index=True)
         return starts, *np.divmod(order[first], 27)
 
     def located(self, keys: Int64Array, entities: Entities) -> tuple[Int64Array, Int32Array]:
-        """Lattice points of keys, the inverse of `keys`.
-
-        Args:
-            keys: (n,).
-            entities: result of `entities`.
-
-        Returns:
-            (n,) entities, and (n, 3) lattice coordinates in the cells of these.
-        """
+        """Entities (n,) of keys (n,), and lattice coordinates (n, 3) in their cells: the inverse of `keys`."""
         starts, cells, parts = entities
         entity = np.searchsorted(starts, keys, side="right") - 1
         cell, part = cells[entity], parts[entity]

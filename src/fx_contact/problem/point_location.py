@@ -15,15 +15,9 @@ _STEPS = 30
 
 
 def root_cells_at(mesh: RootMesh, point: FloatArray) -> tuple[Int64Array, FloatArray]:
-    """Root cells that contain a point, their surfaces included.
+    """Root cells (k,) that contain a point (3,) [m], their surfaces included, and its reference coordinates (k, 3).
 
-    Local.
-
-    Args:
-        point: (3,), undeformed position [m].
-
-    Returns:
-        (k,) root cells, ascending, and (k, 3) reference coordinates in [0, 1] of the point in each.
+    Local.  The point is undeformed; cells are ascending.
     """
     nodal = mesh.points[mesh.cells]
     low, high = nodal.min(axis=1), nodal.max(axis=1)

@@ -65,16 +65,9 @@ class RigidMotions:
         return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
 
     def along(self, points: FloatArray, bodies: IntArray, direction: FloatArray) -> FloatArray:
-        """Components in a direction of the displacements at points, for each coefficient of each body.
+        """Components (n, 6 nbodies) [-] in a direction, (3,) or (n, 3), of the displacements for unit coefficients.
 
-        Local.
-
-        Args:
-            points, bodies: as in `modes`.
-            direction: (3,) or (n, 3) [-].
-
-        Returns:
-            (n, 6 nbodies) [-].
+        Local.  Other arguments as in `modes`.
         """
         result = np.zeros((len(points), len(self._mesh.bodies), 6))
         direction = np.broadcast_to(direction, points.shape)
@@ -93,11 +86,8 @@ class RigidMotions:
     def unresisted(self, resistance: FloatArray) -> list[str]:
         """Names of the bodies that move in a free motion without resistance.
 
-        Local.
-
-        Args:
-            resistance: (k, k), R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus that of
-                the second one at a point in contact.
+        Local.  The resistance (k, k) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus
+        that of the second one at a point in contact.
         """
         if not len(self.free):
             return []

@@ -127,23 +127,14 @@ class RootMesh:
         return np.bincount(self.faces.ravel())[self.faces]
 
     def surface(self, name: str) -> Int32Array:
-        """Facets (n, 2) of a named surface as (root cell, local face).
-
-        Raises:
-            SceneError: there is no such surface.
-        """
+        """Facets (n, 2) of a surface as (root cell, local face).  Raises SceneError if there is no such surface."""
         check_name("surface", name, self.surfaces, "the root mesh has")
         return self.surfaces[name]
 
     def facet_points(self, facets: IntArray, order: int | None = None) -> FloatArray:
-        """Lattice points of curved facets.
+        """Lattice points (n, (order+1)^2, 3) [m] of curved facets (n, 2), first tangent of the face fastest.
 
-        Args:
-            facets: (n, 2), (root cell, local face).
-            order: of the lattice; default the order of the mesh, whose lattice are its nodes.
-
-        Returns:
-            (n, (order+1)^2, 3) [m], first tangent of the face fastest.
+        The default lattice, of the order of the mesh, are its nodes.
         """
         order = order or self.order
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, order + 1))
@@ -158,16 +149,13 @@ class RootMesh:
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
-        """Positions of tensor lattices of points inside root cells.
+        """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.
 
         Local.
 
         Args:
             cells: (n,), root cells.
             coordinates: (n, 3, m), reference coordinates in [0, 1] along each axis.
-
-        Returns:
-            (n, m^3, 3) [m], tensor order, x fastest.
         """
         m = coordinates.shape[2]
         result = np.empty((len(cells), m**3, 3))

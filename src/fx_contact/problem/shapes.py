@@ -68,12 +68,12 @@ class Shape:
         return self.sides[name]
 
     def named(self, name: str, *sides: str, where: Predicate | None = None) -> Shape:
-        """The shape with one more side.
+        """The shape with one more side, the union of existing ones or the whole boundary.
 
         Args:
             name: of the new side.
-            sides: existing sides that it consists of; none: the whole boundary.
-            where: true at all nodes of the facets that belong to the side; None: everywhere.
+            sides: names of existing ones.
+            where: predicate that all nodes of its facets satisfy; None: any.
 
         Raises:
             SceneError: an unknown side.
@@ -88,11 +88,7 @@ class Shape:
         return replace(self, sides={**self.sides, name: rows})
 
     def placed(self, place: Placement) -> Shape:
-        """The shape with its nodes moved by a function of position.
-
-        Raises:
-            GeometryError: the function does not give positions.
-        """
+        """The shape with its nodes moved by a function.  Raises GeometryError unless it gives positions."""
         return replace(self, points=images("the place of a shape", place, self.points))
 
     def shifted(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Shape:
@@ -100,24 +96,15 @@ class Shape:
         return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
     def turned(self, axis: Axis, degrees: float) -> Shape:
-        """The shape turned about an axis through the origin.
-
-        Args:
-            axis: of the rotation.
-            degrees: angle, counter-clockwise seen from the tip of the axis.
+        """The shape turned about an axis, counter-clockwise seen from its tip.
 
         Raises:
-            SceneError: no axis, or no number.
-            GeometryError: an axis of length zero.
+            SceneError, GeometryError: as `rotation`.
         """
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
     def mirrored(self, axis: str) -> Shape:
-        """The shape mirrored at the plane through the origin across an axis "x", "y" or "z".
-
-        Raises:
-            SceneError: another axis.
-        """
+        """The shape mirrored across "x", "y" or "z" at the origin.  Raises SceneError for another axis."""
         check_name("axis", axis, AXES)
         nodes = hexahedron.grid_points(self.order) @ [-1, self.order + 1, (self.order + 1) ** 2] + self.order
         faces = np.arange(6)
@@ -135,13 +122,9 @@ class Shape:
 
 
 def join(*shapes: Shape) -> Shape:
-    """One shape made of several that touch, or of one whose ends meet.
+    """One shape made of several of one order that touch, or of one whose ends meet.
 
-    Args:
-        shapes: of one order.
-
-    Returns:
-        Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
+    Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
 
     Raises:
         GeometryError: different orders, or no shape at all.
@@ -234,16 +217,7 @@ def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int6
 
 
 def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
-    """Positions (n, 3) to which a user's function maps points (n, 3) [m].
-
-    Args:
-        what: name of the function, for the message.
-        place: the function.
-        points: its arguments.
-
-    Raises:
-        GeometryError: the function does not give finite positions.
-    """
+    """Images (n, 3) of points (n, 3).  Raises GeometryError, which begins with `what`, unless they are positions."""
     image = place(points.T.copy())
     result: FloatArray
     try:
@@ -270,7 +244,7 @@ def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
 
 
 def rotation(axis: Axis, degrees: float) -> FloatArray:
-    """Rotation matrix (3, 3) for `Shape.turned`, exact for right angles.
+    """Rotation matrix (3, 3), exact for right angles.
 
     Raises:
         SceneError: no axis.

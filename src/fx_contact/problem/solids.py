@@ -28,12 +28,9 @@ ORDER = MAX_ORDER
 
 
 def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], order: int = ORDER) -> Shape:
-    """A box along the axes, with the sides "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
+    """A box along the axes with two opposite corners and numbers of cells along x, y, z.
 
-    Args:
-        low, high: opposite corners.
-        cells: numbers along x, y, z.
-        order: of the cell maps, 1 to 6.
+    Its sides are "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
 
     Raises:
         SceneError: a corner or `cells` is not three numbers.
@@ -97,12 +94,10 @@ def cylinder(radius: float, length: float, cells: Sequence[int], order: int = OR
     Args:
         radius, length: of the cylinder.
         cells: numbers along the edges of the blocks in the cross section, half of the square's side, and along z.
-        order: of the cell maps, 1 to 6.
-        quarters: 1: x, y >= 0; 2: x >= 0; 4: the whole.
+        order, quarters: as in `ring`.
 
     Raises:
-        SceneError: an invalid length, number of cells or number of quarters.
-        GeometryError: an order out of range.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(radius=radius, length=length)
     if np.shape(cells) != (2,):
@@ -132,17 +127,16 @@ def cylinder(radius: float, length: float, cells: Sequence[int], order: int = OR
 def ball(radius: float, cells: int, order: int = ORDER, octants: int = 8) -> Shape:
     """A ball about the origin, with the sides "outside", "x = 0", "y = 0" and "z = 0".
 
-    Its mesh is an inner block, and one block towards each side.
+    Its mesh is an inner block, and one block towards each side, with `cells` along each edge in an octant.
 
     Args:
         radius: of the ball.
-        cells: number along each edge of the blocks of an octant.
+        cells: number along an edge.
         order: of the cell maps, 1 to 6.
         octants: 1: x, y, z >= 0; 2: x, z >= 0; 4: z >= 0; 8: the whole.
 
     Raises:
-        SceneError: an invalid length, number of cells or number of octants.
-        GeometryError: an order out of range.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(radius=radius)
 

@@ -25,19 +25,16 @@ def sweep_side(
 ) -> Shape:
     """Shape of the cells through which a side of another shape passes on a path, meshed like that side.
 
-    A shape that starts on a surface of its own faces the other one facet by facet:
+    Its sides are "start" and "end", and lateral ones with the names of the old sides that they adjoin.  A shape that
+    starts on a surface of its own faces the other one facet by facet:
 
         upper = sweep_side(lower, "top", lambda x, t: (x[0], x[1], (1 - t) * (0.1 + x[0] ** 2) + t), layers=4)
 
     Args:
-        shape: to start from.
-        side: name of one of its sides.
+        shape, side: to start from.
         path: function of positions (3, n) on the side and of a number t from 0 to 1 that gives positions on the way:
             three arrays (n,), or numbers.
         layers: number of cells along the path.
-
-    Returns:
-        Shape with the sides "start" and "end", and lateral ones with the names of the old sides that they adjoin.
 
     Raises:
         SceneError: an unknown side, or an invalid number of layers.
@@ -68,23 +65,16 @@ def sweep_side(
 
 
 def extrude(shape: Shape, side: str, vector: Sequence[float], layers: int) -> Shape:
-    """`sweep_side` along a vector, in the unit of the mesh.
-
-    Raises:
-        SceneError: an unknown side, an invalid vector or number of layers.
-    """
+    """`sweep_side` along a vector, in the unit of the mesh.  Raises SceneError for invalid arguments."""
     check_vector("the vector to extrude along", vector)
     return sweep_side(shape, side, lambda x, t: x + t * np.array(vector, np.float64)[:, None], layers)
 
 
 def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "z") -> Shape:
-    """`sweep_side` around an axis through the origin; after the full circle, 360 degrees, the ends are joined.
+    """`sweep_side` around an axis through the origin that the side does not meet.
 
-    Args:
-        shape, side: as in `sweep_side`; the side must not meet the axis.
-        degrees: angle, counter-clockwise seen from the tip of the axis.
-        layers: number of cells around the axis.
-        axis: of the rotation.
+    The angle is counter-clockwise seen from the tip of the axis.  After the full circle, 360 degrees, the ends are
+    joined.
 
     Raises:
         SceneError: an unknown side, an invalid number or axis.
@@ -104,9 +94,7 @@ def _rows(cell: IntArray, face: int | IntArray) -> Int32Array:
 def _bordering(shape: Shape, rows: IntArray, facets: Int64Array, layers: int) -> dict[str, Int32Array]:
     """Lateral sides of swept cells, by the names of the sides of the old shape that the swept side adjoins.
 
-    Args:
-        rows: (n, 2), the swept facets.
-        facets: (n, (p+1)^2), their nodes in the frames of the new cells.
+    `rows` (n, 2) are the swept facets, `facets` (n, (p+1)^2) their nodes in the frames of the new cells.
     """
 
     def edges(nodes: Int64Array) -> Int64Array:

@@ -22,12 +22,7 @@ FIGURES = ("force", "contact_radius", "max_pressure")
 
 @dataclass(frozen=True)
 class FieldError:
-    """Relative errors ||u_h - u|| / ||u|| of a displacement.
-
-    Attributes:
-        energy: in the energy norm [-].
-        l2: in the L2 norm [-].
-    """
+    """Relative errors ||u_h - u|| / ||u|| of a displacement, in the energy norm and in the L2 norm [-]."""
 
     energy: float
     l2: float
@@ -35,14 +30,7 @@ class FieldError:
 
 @collective("elasticity.prolongation.comm")
 def field_error(elasticity: Elasticity, exact: Expr) -> FieldError:
-    """Relative errors of `elasticity.u` against a known displacement.
-
-    Collective.
-
-    Args:
-        elasticity: with its `u` set.
-        exact: vector on its mesh [m].
-    """
+    """Relative errors of `elasticity.u` against a known displacement [m] on its mesh.  Collective."""
     mesh = elasticity.mesh
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": fine_quadrature(elasticity)})
     cellwise = fem.functionspace(mesh, ("DG", 0, (4,)))
@@ -66,12 +54,9 @@ def fine_quadrature(elasticity: Elasticity) -> int:
 def energy_distance(step: Step, values: FloatArray) -> float:
     """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
 
-    Collective on the step's communicator.  The difference of the energies would be too small, since the bodies
-    penetrate each other between the nodes of curved facets; `Elasticity.change_norm` measures v - u itself.
-
-    Args:
-        step: with the displacement u.
-        values: (n, (p+1)^3, 3), v at the nodes of this rank's leaves [m].
+    Collective on the step's communicator.  The values (n, (p+1)^3, 3) of v [m] are at the nodes of this rank's leaves.
+    The difference of the energies would be too small, since the bodies penetrate each other between the nodes of curved
+    facets; `Elasticity.change_norm` measures v - u itself.
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -81,18 +66,14 @@ def energy_distance(step: Step, values: FloatArray) -> float:
 
 @collective("step.forest.comm")
 def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
-    """Relative errors of a contact against a reference.
+    """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
 
     Collective on the step's communicator.
 
-    Args:
-        step: of a scene of two half-spheres along z.
-        reference: known values.
-
     Returns:
-        Errors with sign [-]: `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has
-        them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the recovered stress along the
-        axis in the Euclidean norm over the reference's heights.
+        `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has them also `pressure`, in
+        the L2 norm over the contact surface, and `axis_stress`, the recovered stress along the axis in the Euclidean
+        norm over the reference's heights.
 
     Raises:
         SceneError: no step, or one without contact.

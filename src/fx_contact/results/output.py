@@ -26,12 +26,11 @@ _TELLING, _SAME = ("cells", "dofs", "force", "estimate"), 1e-6
 
 
 class RecordWriter:
-    """Writer of `steps.jsonl`: a step record per line, on disk as soon as it is written.
+    """Writer of `steps.jsonl` in a folder, created if missing: a step record per line, on disk as soon as written.
 
     Collective on comm.
 
     Args:
-        folder: for the results; created if missing.
         finished: records of the steps before a restart.  With them the complete lines of the file are kept and missing
             ones added; without, the file starts empty.
 
@@ -40,8 +39,7 @@ class RecordWriter:
 
     Raises:
         SceneError: comm is no communicator.
-        OutputError: the folder cannot be created or written, or has records of other steps than those before the
-            restart.
+        OutputError: the folder cannot be created or written, or has records of other steps than `finished`.
     """
 
     @collective("comm")
@@ -60,10 +58,7 @@ class RecordWriter:
     def write(self, record: StepRecord) -> None:
         """Append a record, or replace the last one if it is of the same step.
 
-        Collective on comm.
-
-        Raises:
-            OutputError: the file cannot be written.
+        Collective on comm.  Raises OutputError if the file cannot be written.
         """
         with together(self._comm):
             if self._comm.rank == 0:
@@ -114,15 +109,11 @@ def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
 
 @collective("step.forest.comm")
 def write_fields(step: Step, folder: str | Path) -> None:
-    """Write a step's fields for ParaView, on curved cells.
+    """Write a step's fields for ParaView, on curved cells, replacing existing files.
 
     Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the recovered stress [Pa] (`point_fields`);
     `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both
     sides of the contact surfaces, if there are any (`contact_functions`).
-
-    Args:
-        step: with the fields.
-        folder: for the files, which replace existing ones.
 
     Raises:
         SceneError: no step.

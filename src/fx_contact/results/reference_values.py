@@ -16,7 +16,6 @@ class ContactReference:
     """Reference values for the contact of two equal half-spheres, pole to pole.
 
     Attributes:
-        name: of the problem.
         source: of the values.
         radius: of the spheres [m].
         displacement: approach of the flat faces [m].
@@ -41,16 +40,7 @@ class ContactReference:
     axis: FloatArray
 
     def check_problem(self, radius: float, displacement: float, material: Material) -> None:
-        """Check that these values are for a given problem.
-
-        Args:
-            radius: of the spheres [m].
-            displacement: approach of the flat faces [m].
-            material: of both.
-
-        Raises:
-            SceneError: another radius, displacement or material.
-        """
+        """Raises SceneError if these values are for another radius, approach of the flat faces or material."""
         known = self.radius, self.displacement, self.young, self.poisson
         given = radius, displacement, material.young, material.poisson
         if not np.allclose(given, known, rtol=1e-9, atol=0):

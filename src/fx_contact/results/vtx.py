@@ -19,30 +19,17 @@ _HEAD_BYTES = 2**15
 
 
 def function_on(mesh: Mesh, element: Any, name: str, values: npt.NDArray[Any]) -> fem.Function:
-    """A dolfinx Function with given values.
-
-    Collective.
-
-    Args:
-        mesh: of the function.
-        element: with k components.
-        name: of the function.
-        values: (ncells, nodes, k), at the nodes of each local cell in the order of the element.
-    """
+    """A dolfinx Function with values (ncells, nodes, components) at the nodes of each local cell.  Collective."""
     function = fem.Function(fem.functionspace(mesh, element), name=name)
     function.x.array.reshape(-1, values.shape[2])[function.function_space.dofmap.list] = values
     return function
 
 
 def write_vtx(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
-    """Write functions into one file, replacing an existing one.
+    """Write functions into one file, for ADIOS2 a folder, replacing an existing one.
 
-    Collective on comm.  On a full disk ADIOS2 ends the program or hangs, so the free space is checked first.
-
-    Args:
-        path: of the file, which for ADIOS2 is a folder.
-        functions: of one element, apart from the number of components.
-        time: of the values.
+    Collective on comm.  The functions have one element, apart from the number of components.  On a full disk ADIOS2
+    ends the program or hangs, so the free space is checked first.
 
     Raises:
         OutputError: the file cannot be written, or there is no space for it; then an existing one is kept.
@@ -60,16 +47,9 @@ def write_vtx(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], ti
 
 
 def write_vtu(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
-    """Write functions into VTK files, one per rank.
+    """Write functions into VTK files X_p0_000000.vtu, one per rank, and X.pvtu, which lists them.
 
-    Collective on comm.
-
-    Args:
-        path: X.pvtu, of the file that lists the others, X_p0_000000.vtu and so on, beside it.
-        functions, time: as in `write_vtx`.
-
-    Raises:
-        OutputError: the folder cannot be written.
+    Collective on comm.  Raises OutputError if the folder cannot be written.
     """
     with together(comm):
         if comm.rank == 0:

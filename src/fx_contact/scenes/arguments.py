@@ -19,16 +19,11 @@ def check_arguments(
     least_order: int = 1,
     even: bool = False,
 ) -> None:
-    """Check the arguments of a ready scene.
+    """Check the order and the cells of a root mesh, and named positive lengths and finite numbers.
 
     Local.
 
     Args:
-        order: of the root mesh.
-        coarse: number of root cells along a block.
-        lengths: name -> positive length [m].
-        numbers: name -> finite number.
-        symmetry: "quarter" or "full".
         least_order: 2 if straight cells would make another body.
         even: whether `coarse` must be even, for a vertex on the axis.
 

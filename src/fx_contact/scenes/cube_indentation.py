@@ -52,16 +52,9 @@ def indentation(
 
 
 def cube_on_block(order: int, coarse: int, symmetry: str, side: float, end: Placement | None = None) -> RootMesh:
-    """Root mesh of "cube" on a "block" three times as wide, with matching meshes on their contact surfaces.
+    """Root mesh of "cube" on a "block" three times as wide, with matching meshes; `end` moves the cube's nodes.
 
-    Local.
-
-    Args:
-        order: of the root mesh.
-        coarse: root cells along the cube's side, even.
-        symmetry: "quarter" or "full".
-        side: of the cube [m].
-        end: moves the cube's nodes, for another shape of its end; None: a plane one.
+    Local.  Other arguments as in `indentation`.
     """
     quarter = symmetry == "quarter"
     low, bodies = 0.0 if quarter else -1.0, {}

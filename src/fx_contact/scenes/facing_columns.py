@@ -18,9 +18,10 @@ def columns_mesh(
     end: str,
     place: Callable[[str, FloatArray], Sequence[npt.ArrayLike] | FloatArray],
 ) -> RootMesh:
-    """Two columns 0.5 x depth x 1 along z that meet in the plane z = 0, moved by a function.
+    """Root mesh of two columns 0.5 x depth x 1 along z that meet in the plane z = 0.
 
-    Local.
+    Local.  The bodies are "lower" and "upper", the surfaces "bottom", "top", "lower END", "upper END", "x = 0", "y = 0"
+    and "y = length".
 
     Args:
         order: of the cell maps.
@@ -28,10 +29,6 @@ def columns_mesh(
         depth: along y [-].
         end: name of the facing ends.
         place: maps the name of a body and points (3, n) [-] of it to their positions [m].
-
-    Returns:
-        Bodies "lower" and "upper", surfaces "bottom", "top", "lower END", "upper END", "x = 0", "y = 0" and
-        "y = length".
     """
     bodies = {
         name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, name))

@@ -14,16 +14,9 @@ ROUND_ENOUGH = 0.05
 
 
 def sagitta(distance2: FloatArray, curvature: float) -> FloatArray:
-    """Height of a sphere above its tangent plane, R - sqrt(R^2 - r^2), without cancellation.
+    """Height R - sqrt(R^2 - r^2) [m] of a sphere above its tangent plane, without cancellation.
 
-    Local.
-
-    Args:
-        distance2: (n,), r^2 [m^2].
-        curvature: 1/R [1/m], 0 for a plane, negative for a hollow sphere.
-
-    Returns:
-        (n,) [m], with the sign of the curvature.
+    Local.  Arguments are r^2 (n,) [m^2], and 1/R [1/m], 0 for a plane, negative for a hollow sphere.
     """
     return distance2 * curvature / (1 + np.sqrt(1 - distance2 * curvature**2))
 
@@ -31,22 +24,16 @@ def sagitta(distance2: FloatArray, curvature: float) -> FloatArray:
 def check_roundness(
     mesh: RootMesh, surface: str, centre: Sequence[float], radius: float, contact_radius: float, approach: float
 ) -> None:
-    """Check that a surface follows its sphere within twice the contact radius.
+    """Raises GeometryError if a surface deviates too much from its sphere within twice the contact radius.
 
     Local.  A polynomial surface deviates from the sphere by a small fraction of the radius, and cells meet at a small
     angle.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
     of order 1 is not checked: it stands for a polyhedron.
 
     Args:
-        mesh: with the surface.
         surface: name of the round surface, whose pole is a vertex.
-        centre: of the sphere [m].
-        radius: of the sphere [m].
-        contact_radius: expected by Hertz's theory [m].
-        approach: of the bodies [m].
-
-    Raises:
-        GeometryError: the surface deviates too much.
+        centre, radius: of the sphere [m].
+        contact_radius, approach: expected by Hertz's theory [m].
     """
     if mesh.order == 1 or not approach > 0:
         return
