@@ -42,7 +42,7 @@ class Exchange:
     """
 
     def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
-        ranks = np.asarray(destination, dtype=np.int64)
+        ranks = np.asarray(destination)
         self.comm, self._order = comm, np.argsort(ranks, kind="stable")
         self._way: _AllToAll | _Partners
         self._way = _AllToAll(comm, ranks) if few(comm) else _Partners(comm, ranks[self._order])
@@ -69,7 +69,7 @@ class Exchange:
 class _AllToAll:
     """Exchange by collective calls, of rows in the order of their destinations; attributes as in `_Partners`."""
 
-    def __init__(self, comm: MPI.Intracomm, destination: Int64Array) -> None:
+    def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
         self._comm = comm
         self._sent = np.bincount(destination, minlength=comm.size).astype(np.int32)
         self.sources, self.received = np.arange(comm.size, dtype=np.int32), np.empty_like(self._sent)
@@ -99,7 +99,7 @@ class _Partners:
         targets: (l,), ranks that receive rows, ascending.
     """
 
-    def __init__(self, comm: MPI.Intracomm, destination: Int64Array) -> None:
+    def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
         meetings = meetings_of(comm)
         assert meetings is not None, "there is one on several ranks"
         if not meetings.own:
@@ -132,7 +132,7 @@ class _Partners:
 
 
 def _announced(
-    link: MPI.Intracomm, tag: int, targets: Int64Array, lengths: Int64Array
+    link: MPI.Intracomm, tag: int, targets: IntArray, lengths: Int64Array
 ) -> tuple[Int32Array, Int64Array]:
     """Ranks that have rows for this one, ascending, and their numbers of rows; by the consensus of the module."""
     own, status = targets == link.rank, MPI.Status()

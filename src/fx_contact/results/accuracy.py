@@ -91,6 +91,7 @@ def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
 def _pressure_error(step: Step, reference: ContactReference) -> float:
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
+    assert pairs is not None, "checked by check_step"
     known = reference.pressure(np.linalg.norm((pairs.position - step.record.contact_centre)[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
