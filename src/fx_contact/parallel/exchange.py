@@ -28,7 +28,7 @@ _LENGTHS, _ROWS = (1206, 1207), 1208
 
 
 def few(comm: MPI.Intracomm) -> bool:
-    """Whether rows go all to all on this communicator.  Local."""
+    """True on so few ranks that rows go all to all.  Local."""
     return comm.size <= max(FEW_RANKS, 1)
 
 

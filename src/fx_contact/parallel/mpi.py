@@ -101,7 +101,7 @@ class Directory:
         """Registered values (n, ...), zero where there is none, and a mask (n,) of the keys that have one.
 
         Args:
-            rows: (n, ...), values for this rank's keys; ranks that register one register the same.
+            rows: (n, ...), values for this rank's keys; values registered by several ranks are equal.
             given: (n,), keys for which this rank registers a value.
         """
         table, known = self._table(rows, given)

@@ -34,7 +34,7 @@ class Dirichlet:
 
     Attributes:
         where: name of a surface, curve or vertex of the root mesh.
-        x, y, z: displacement [m] as a function of the undeformed position; None where the component is free.
+        x, y, z: displacement [m], constant or a function of the undeformed position; None where the component is free.
 
     Raises:
         SceneError: no component is given, or one is neither a finite number nor a function.
@@ -171,7 +171,7 @@ class Traction:
 
     Attributes:
         surface: name of a surface of the root mesh.
-        value: force per undeformed area in x, y, z [Pa], as a function of the undeformed position.
+        value: force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
     Raises:
         SceneError: value is neither three finite numbers nor a function.
@@ -200,7 +200,7 @@ class Pressure:
 
     Attributes:
         surface: name of a surface of the root mesh.
-        value: pressure [Pa], positive into the body, as a function of the undeformed position.
+        value: pressure [Pa], positive into the body, constant or a function of the undeformed position.
 
     Raises:
         SceneError: value is neither a finite number nor a function.
@@ -229,7 +229,8 @@ class BodyForce:
 
     Attributes:
         body: name of a body of the root mesh.
-        value: force per undeformed volume in x, y, z [N/m^3], as a function of the undeformed position.
+        value: force per undeformed volume in x, y, z [N/m^3], constant or a function of the undeformed
+            position.
 
     Raises:
         SceneError: value is neither three finite numbers nor a function.
