@@ -1,8 +1,7 @@
-"""Run a program so that an error on one rank ends all of them: mpirun -n 2 python3 -m fx_contact program.py.
+"""Runner that ends all ranks when one fails: mpirun -n 2 python3 -m fx_contact program.py.
 
-Without, the others would wait for a rank that ends before it imports this package, or while they are in calls of MPI of
-their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is shut down before, together
-with the others.
+Without it, the others would wait for a rank that ends before it imports this package, or while they are in MPI calls of
+their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is finalised before, which is collective.
 """
 
 import runpy
@@ -15,18 +14,18 @@ from mpi4py import MPI
 from fx_contact.parallel.meeting import calling, leave
 
 
-def main():
-    """Run the program that the command line names, with the arguments after it, as Python does.
+def main() -> None:
+    """Run the program named on the command line with its arguments, as Python does.
 
     Raises:
-        SystemExit: no program is named; or the program ends so itself, alike on all ranks.
+        SystemExit: no program is named; or the program exits, alike on all ranks.
     """
     del sys.argv[0]
     if not sys.argv:
         sys.exit("usage: python3 -m fx_contact PROGRAM.py [ARGUMENT...]")
     sys.path[0] = str(Path(sys.argv[0]).resolve().parent)
     with calling(MPI.COMM_WORLD, "python3 -m fx_contact"):
-        pass  # from now on all ranks count on each other
+        pass  # from now on the end of a rank is announced to the others
     try:
         runpy.run_path(sys.argv[0], run_name="__main__")
     except SystemExit as error:

@@ -1,45 +1,42 @@
-"""P^T K P from the dense matrices of cells, many at a time.
+"""P^T K P from dense cell matrices, many at a time.
 
-A cell's nodes that hang have masters, of which the cell's own nodes may be some.  With C the rows of P of the cell's
-nodes, in the columns of all their masters, the cell adds C^T K_T C to the matrix.  At degree 2 no master hangs itself
-and C is square.  The idea: P. Munch, K. Ljungkvist, M. Kronbichler, ISC High Performance 2022, LNCS 13289.
+With C the rows of P of a cell's nodes, restricted to the columns of their masters, the cell adds C^T K_T C to the
+matrix.  Masters may be nodes of the cell; at degree 2 no master hangs itself and C is square.  Source: P. Munch, K.
+Ljungkvist, M. Kronbichler, ISC High Performance 2022, LNCS 13289.
 """
 
 import numpy as np
 from dolfinx import fem
+from petsc4py import PETSc
+
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 
 
-def cell_matrices(form, rows, columns):
-    """The matrices of the cells that a form integrates over, its functions discontinuous, scalar or in blocks of 3.
+def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tuple[IntArray, FloatArray]:
+    """Cell matrices of a bilinear form with discontinuous functions, scalar or in blocks of 3.
 
     Collective on the mesh's communicator.
 
     Args:
-        form: dolfinx Form, bilinear.
-        rows, columns: (n, k) and (n, l) int32, the dofmaps of those cells.
+        form: over the cells of the dofmaps.
+        rows, columns: (n, k) and (n, l), dofmaps of the cells.
 
     Returns:
-        (n,) int64, the cells in the order of their rows, as positions in `rows`, and their matrices: (n, k, l, 3, 3)
-        float64, or (n, k, l) of scalars; the k and l nodes in the order of the element.
+        (n,) cells in the order of their rows, as positions in `rows`, and their matrices: (n, k, l, 3, 3), or (n, k, l)
+        of scalars; the k and l nodes in the order of the element.
     """
-    matrix = fem.create_matrix(form)
-    fem.assemble_matrix(matrix, form)
+    matrix = fem.assemble_matrix(form)
     blocks = () if set(matrix.block_size) == {1} else tuple(matrix.block_size)
-    return np.argsort(rows[:, 0]), matrix.data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
+    data = np.asarray(matrix.data, dtype=np.float64)
+    return np.argsort(rows[:, 0]), data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
 
 
-def cell_constraints(prolongation, cells):
-    """The masters of the nodes of cells, and their weights.
+def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64Array, FloatArray]:
+    """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l).
 
-    Local.
-
-    Args:
-        prolongation: Prolongation.
-        cells: (n, k) int, position in the prolongation's space of the nodes of each cell.
-
-    Returns:
-        (n, l) int64 masters of each cell, positions in the prolongation's index map, and the weights C:
-        (n, k, l) float64.  Cells with fewer than l masters have one of them twice, with weight 0.
+    Local.  Masters are positions in the prolongation's index map, nodes in its space.  Cells with fewer than l masters
+    repeat one of them with weight 0.
     """
     rows = prolongation.matrix[cells.ravel()]
     width = rows.shape[1]
@@ -56,18 +53,8 @@ def cell_constraints(prolongation, cells):
     return masters, weights
 
 
-def constrained(matrices, weights):
-    """C^T K_T C of symmetric matrices of cells.
-
-    Local.
-
-    Args:
-        matrices: (n, k, k, 3, 3) float64.
-        weights: (n, k, l) float64.
-
-    Returns:
-        (n, l, l, 3, 3) float64.
-    """
+def constrained(matrices: FloatArray, weights: FloatArray) -> FloatArray:
+    """C^T K_T C, (n, l, l, 3, 3), of symmetric cell matrices (n, k, k, 3, 3) and weights (n, k, l).  Local."""
     n, k, width = weights.shape
     transposed = weights.transpose(0, 2, 1)
     half = (transposed @ matrices.reshape(n, k, 9 * k)).reshape(n, width, k, 3, 3)
@@ -76,14 +63,8 @@ def constrained(matrices, weights):
     return (transposed @ half).reshape(n, width, width, 3, 3)
 
 
-def add_cells(mat, matrices, nodes):
-    """Add matrices of cells to one in blocks of 3.  Local.
-
-    Args:
-        mat: PETSc Mat in blocks of 3.
-        matrices: (n, k, k, 3, 3) float64.
-        nodes: (n, k) int32, global number of the node of each row and column.
-    """
+def add_cells(mat: PETSc.Mat, matrices: FloatArray, nodes: Int32Array) -> None:
+    """Add cell matrices (n, k, k, 3, 3) to a matrix in blocks of 3, at global nodes (n, k).  Local."""
     n, k = nodes.shape
     indptr = np.arange(0, n * k * k + 1, k, dtype=np.int32)
     columns = np.repeat(nodes, k, axis=0).ravel()

@@ -1,66 +1,75 @@
-"""Prescribed displacements and symmetry planes of a scene on the conforming unknowns of a forest."""
+"""Prescribed displacements and symmetry planes of a scene at the conforming nodes of a forest."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import Dirichlet, ObliquePlane, merged
 from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.scene import Scene
 
-#: Two conditions that prescribe one component agree where they differ by no more, relative to the largest of all:
-#: positions of vertices between the nodes of the root mesh are rounded.
+#: Largest difference of two conditions on one component, relative to the largest prescribed displacement: positions of
+#: vertices between the nodes of the root mesh are rounded.
 _SAME = 1e-9
-#: Squared sine of the angle between normals of planes up to which these are one plane: surfaces are plane to 1e-6 of
-#: their size (`problem.boundary_conditions.PLANE`), their facets, which may be much smaller, to less.
+#: Largest squared sine of the angle between normals of one plane.  Surfaces are plane to 1e-6 of their size
+#: (`problem.boundary_conditions.PLANE`), their facets, which may be much smaller, less exactly.
 SAME_PLANE = 1e-8
-#: What an axis that normals span may lack of its squared length: 1e-6 of the length, as planes across axes.
+#: Defect of the squared length of an axis projected onto the span of normals: 1e-6 of the length, as for planes.
 _ALONG_AXIS = 1e-12
 
 
-def find_supports(scene, forest, prolongation):
-    """What the displacement conditions of a scene hold at this rank's conforming nodes.
+def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> Supports:
+    """Displacement conditions of a scene at the owned conforming nodes.
 
-    Collective on forest.comm.  Hanging nodes have none of their own.
-
-    Args:
-        scene: Scene.
-        forest: Forest.
-        prolongation: Prolongation of the forest.
-
-    Returns:
-        Supports at the owned conforming nodes.
+    Collective on forest.comm.  Hanging nodes have no conditions of their own.
 
     Raises:
-        SceneError: a displacement that is a function fails or is not finite somewhere, or two conditions prescribe
-            different values at one vertex, or one across a symmetry plane.
+        SceneError: a function fails or is not finite at a node, or two conditions prescribe different values at one
+            node, or one across a symmetry plane.
     """
     conditions = [condition for condition in scene.conditions if isinstance(condition, Dirichlet)]
     with together(forest.comm):
-        said = [_said(condition, scene, prolongation) for condition in conditions]
-    largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in said), default=0.0)
+        local = [_prescribed(condition, scene, prolongation) for condition in conditions]
+    largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in local), default=0.0)
     largest = forest.comm.allreduce(largest, op=MPI.MAX)
     result = np.full((prolongation.owned, 3), np.nan)
-    for condition, (at, values) in zip(conditions, said):
-        # The owner of a node need not have a leaf face on the surface: ranks that have one tell it.
+    for condition, (at, values) in zip(conditions, local):
+        # The owner of a node need not have a leaf face on the surface: the value comes from ranks that have one.
         mean = prolongation.averaged(at, values)
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
+
+        def place(row: int, nodes: Int64Array = ours) -> FloatArray:
+            """Position of a node."""
+            return _position(prolongation, int(nodes[row]))
+
         with together(forest.comm):
-            result[ours] = merged(
-                result[ours], condition, mean[ours], _SAME * largest, lambda row: _position(prolongation, ours[row])
-            )
+            result[ours] = merged(result[ours], condition, mean[ours], _SAME * largest, place)
     if not scene.oblique_planes:
         return Supports(result)
     return Supports(*_with_planes(scene, prolongation, result, largest))
 
 
-def _with_planes(scene, prolongation, prescribed, largest):
-    """Arguments of Supports: what is prescribed, axes that planes hold among it, and P of what else they hold."""
-    across = np.zeros((len(prescribed), 3, 3))
+def _with_planes(
+    scene: Scene, prolongation: Prolongation, prescribed: FloatArray, largest: float
+) -> tuple[FloatArray, tuple[Int64Array, FloatArray]]:
+    """Arguments of Supports: prescribed components, those by planes across axes included, and P at oblique planes."""
+    across: FloatArray = np.zeros((len(prescribed), 3, 3))
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
+
+        def place(row: int, nodes: Int64Array = nodes) -> FloatArray:
+            """Position of a node."""
+            return _position(prolongation, int(nodes[row]))
+
         with together(prolongation.comm):
-            plane.check(prescribed[nodes], largest, lambda row: _position(prolongation, nodes[row]))
+            plane.check(prescribed[nodes], largest, place)
         across[nodes] += plane.across
     nodes = np.flatnonzero(across.any(axis=(1, 2)))
     free, across = np.isnan(prescribed[nodes]), across[nodes]
@@ -72,28 +81,24 @@ def _with_planes(scene, prolongation, prescribed, largest):
     return prescribed, (nodes[some], np.eye(3) - span[some])
 
 
-def _span(matrices, free):
-    """Projectors on the ranges of sums n n^T of normals, in free components (k, 3): (k, 3, 3)."""
+def _span(matrices: FloatArray, free: BoolArray) -> FloatArray:
+    """Projectors (k, 3, 3) on the ranges of sums n n^T of normals, restricted to free components (k, 3)."""
     both = free[:, :, None] & free[:, None]
     values, vectors = np.linalg.eigh(np.where(both, matrices, 0.0))
     vectors = vectors * (values > SAME_PLANE)[:, None]
     return np.where(both, vectors @ vectors.swapaxes(1, 2), 0.0)
 
 
-def shared_forces(conditions, held, forces):
-    """The least forces of conditions at nodes that add up to given ones: f of each is its `across` times the result.
+def shared_forces(
+    conditions: Sequence[Dirichlet | ObliquePlane], held: Sequence[IntArray], forces: FloatArray
+) -> FloatArray:
+    """Minimum-norm distribution of reaction forces r (owned, 3) [N] over the conditions at each node: G^+ r.
 
-    Local.  G = sum of H = `across` over the conditions of a node, f = H G^+ r; along an axis equal parts of r.
-
-    Args:
-        conditions: of the scene.
-        held: list of (k,) int, the nodes of each, as from `held_nodes`.
-        forces: (owned, 3) float64, r [N].
-
-    Returns:
-        (owned, 3) float64, G^+ r [N].
+    Local.  The force of a condition is H G^+ r with H its `across` and G the sum of H over the conditions of the node:
+    in the direction of an axis equal parts of r.  The nodes of each condition are `held`, from `held_nodes`.
     """
-    count, tilted = np.zeros(forces.shape), np.zeros(len(forces), dtype=bool)
+    count: FloatArray = np.zeros(forces.shape)
+    tilted = np.zeros(len(forces), dtype=bool)
     for nodes, condition in zip(held, conditions):
         count[nodes] += np.diag(condition.across)
         tilted[nodes] |= isinstance(condition, ObliquePlane)
@@ -107,18 +112,12 @@ def shared_forces(conditions, held, forces):
     return result
 
 
-def held_nodes(scene, prolongation, conditions=None):
-    """The nodes that each condition of a scene holds.
+def held_nodes(
+    scene: Scene, prolongation: Prolongation, conditions: Sequence[Dirichlet | ObliquePlane] | None = None
+) -> list[Int64Array]:
+    """Owned conforming nodes (k,) on which each condition acts; all of `scene.conditions` by default.
 
     Collective on prolongation.comm.
-
-    Args:
-        scene: Scene.
-        prolongation: Prolongation of a Space on a forest of its root mesh.
-        conditions: some of `scene.conditions`; None: all.
-
-    Returns:
-        list of (k,) int64, for each condition the conforming nodes that this rank owns of those it is on.
     """
     conditions = scene.conditions if conditions is None else conditions
     on = prolongation.zeros(len(conditions))
@@ -127,24 +126,24 @@ def held_nodes(scene, prolongation, conditions=None):
     return [np.flatnonzero(column) for column in prolongation.summed(on).T]
 
 
-def _said(condition, scene, prolongation):
-    """What a condition says of this rank's conforming nodes: (n,) their positions in the index map, (n, 3) [m]."""
+def _prescribed(condition: Dirichlet, scene: Scene, prolongation: Prolongation) -> tuple[IntArray, FloatArray]:
+    """This rank's conforming nodes on which a condition acts, as positions in the index map, and its values [m]."""
     here = _conforming_at(scene, prolongation, condition.where)
     return prolongation.conforming[here], condition.at(prolongation.space.positions(here))
 
 
-def _conforming_at(scene, prolongation, where):
-    """This rank's conforming nodes at a named place: (n,) positions in the Space."""
+def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> Int64Array:
+    """This rank's conforming nodes at a named place, as positions in the Space."""
     here = np.unique(_nodes_at(scene, prolongation.space, where))
     return here[~prolongation.hanging[here]]
 
 
-def _position(prolongation, node):
-    """Where an owned conforming node is: (3,) float64 [m]."""
+def _position(prolongation: Prolongation, node: int) -> FloatArray:
+    """Position (3,) [m] of an owned conforming node."""
     return prolongation.space.positions(np.flatnonzero(prolongation.conforming == node))[0]
 
 
-def _nodes_at(scene, space, name):
+def _nodes_at(scene: Scene, space: Space, name: str) -> IntArray:
     """This rank's nodes on a named surface or curve, or at a named vertex, of the root mesh."""
     forest, mesh = space.forest, space.forest.mesh
     if name in mesh.surfaces:
@@ -158,6 +157,6 @@ def _nodes_at(scene, space, name):
     return place[place >= 0]
 
 
-def nodes_on(space, facets):
-    """This rank's nodes of the leaf faces on facets (n, 2) of the root mesh: (m, (p+1)^2)."""
+def nodes_on(space: Space, facets: IntArray) -> IntArray:
+    """This rank's nodes (m, (p+1)^2) of the leaf faces on facets (n, 2) of the root mesh."""
     return space.on_faces(*space.forest.boundary_faces(facets))

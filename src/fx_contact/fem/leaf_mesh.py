@@ -1,7 +1,7 @@
-"""From forest leaves to a dolfinx mesh with geometry of order q, and back from its cells to the leaves.
+"""The dolfinx mesh of a forest with geometry of order q, and the map from its cells to the leaves.
 
-Geometry nodes are shared by entity of the leaf mesh: a fine vertex and the middle node of a coarse edge at the same
-place are different nodes, as dolfinx needs it on meshes with hanging nodes.
+Geometry nodes are shared by entity of the leaf mesh: the vertex of a fine leaf and the middle node of a coarse edge at
+the same place are two nodes, as dolfinx requires on meshes with hanging nodes.
 """
 
 from dataclasses import dataclass
@@ -9,43 +9,36 @@ from dataclasses import dataclass
 import basix.ufl
 import numpy as np
 from basix import CellType, LagrangeVariant
-from dolfinx.mesh import create_mesh
+from dolfinx.mesh import Mesh, create_mesh
 from mpi4py import MPI
 
+from fx_contact.forest.forest import Forest
 from fx_contact.parallel import compat
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_side
 
-#: Leaves whose positions are computed at once: few enough for the processor's cache.
+#: Leaves whose positions are computed at once, so that they fit into the processor's cache.
 _CHUNK = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
 class LeafMesh:
-    """A dolfinx mesh whose cells are leaves.
+    """A dolfinx mesh whose cells are the leaves of this rank, without ghosts, with geometry of an order q.
 
     Attributes:
-        mesh: dolfinx Mesh; every rank's cells are its leaves, none is a ghost.
-        order: geometry order q.
-        leaf: (ncells,) int64, this rank's leaf of each local cell.
+        leaf: (ncells,), this rank's leaf of each local cell.
     """
 
-    mesh: object
+    mesh: Mesh
     order: int
-    leaf: np.ndarray
+    leaf: Int64Array
 
-    def facets(self, forest, facets):
-        """Exterior facets that lie on given root facets, as dolfinx integrates over them.
+    def facets(self, forest: Forest, facets: IntArray) -> Int32Array:
+        """Exterior facets (m, 2), (local cell, local facet), on root facets (k, 2), for dolfinx's integrals.
 
         Local.  Hanging facets, which dolfinx takes for exterior ones, are not among them.
-
-        Args:
-            forest: the Forest of the mesh.
-            facets: (k, 2) int rows (root cell, local face).
-
-        Returns:
-            (m, 2) int32 rows (local cell, local facet).
         """
         leaf, face = forest.boundary_faces(facets)
         cell = np.empty(len(self.leaf), dtype=np.int32)
@@ -53,18 +46,15 @@ class LeafMesh:
         rows = np.stack([cell[leaf], face.astype(np.int32)], axis=1)
         return rows[np.lexsort(rows.T[::-1])]
 
-    def positions(self, leaf, local, degree):
-        """Where nodes of leaves are in the geometry of order q, over which the mesh is integrated.
+    def positions(self, leaf: IntArray, local: IntArray, degree: int) -> FloatArray:
+        """Positions (k, 3) [m] of nodes of leaves in the geometry of order q, over which the mesh is integrated.
 
         Local.
 
         Args:
-            leaf: (k,) int, this rank's leaves.
-            local: (k,) int, a node of each, in tensor order.
+            leaf: (k,), this rank's leaves.
+            local: (k,), a node of each, in tensor order.
             degree: p of the nodes, i/p along each axis.
-
-        Returns:
-            (k, 3) float64 [m].
         """
         cell = np.empty(len(self.leaf), dtype=np.int32)
         cell[self.leaf] = np.arange(len(cell))
@@ -75,17 +65,10 @@ class LeafMesh:
         )
 
 
-def create_leaf_mesh(forest, order):
-    """Make the dolfinx mesh of a forest.
+def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:
+    """Make the dolfinx mesh of a forest, distributed alike, of an order up to the root mesh's, at which it is exact.
 
     Collective on forest.comm.
-
-    Args:
-        forest: Forest, distributed as the mesh shall be.
-        order: geometry order q, at most that of the root mesh; with q equal to it the leaf maps are exact.
-
-    Returns:
-        LeafMesh.
     """
     nodes, x = _geometry_nodes(forest, order)
     element = basix.ufl.element(
@@ -103,20 +86,13 @@ def create_leaf_mesh(forest, order):
     return LeafMesh(mesh, order, leaf)
 
 
-def sufficient_order(forest, tolerance):
-    """The lowest geometry order that holds the root map on every leaf.
+def sufficient_order(forest: Forest, tolerance: float) -> int:
+    """The lowest geometry order that approximates the root map on every leaf.
 
-    Collective on forest.comm.  The deviation of a map of order q, relative to the shortest of the cell's three lengths,
-    falls like h^q: where it is small enough on an ancestor of leaves it is so on them.  So it is looked at level by
-    level, from the root cells on, only below ancestors on which it is too large.
-
-    Args:
-        forest: Forest.
-        tolerance: largest distance between the map of order q and that of the root cell, relative to the shortest of
-            the leaf's three lengths: the thickness of a shell.
-
-    Returns:
-        int, 1 to the order of the root mesh.
+    Collective on forest.comm.  The relative error of a map of order q falls like h^q: if it is small enough on an
+    ancestor of leaves, it is so on them.  So the levels are visited from the root cells on, and only descendants of
+    cells with too large an error.  The tolerance is for the distance between both maps, relative to the shortest of the
+    leaf's three lengths (the thickness of a shell).
     """
     order, left = 1, np.arange(len(forest))
     for level in range(MAX_LEVEL + 1):
@@ -143,10 +119,10 @@ def sufficient_order(forest, tolerance):
     return int(order)
 
 
-def _deviation(exact, order):
-    """Largest distance of maps from their interpolants of an order, relative to the shortest length of the image: (n,).
+def _deviation(exact: FloatArray, order: int) -> FloatArray:
+    """Distance (n,) of maps from their interpolants of an order, relative to the shortest length of the image.
 
-    Seen at the maps' own nodes, (n, (p+1)^3, 3): the difference has no more freedom than that.
+    Evaluated at the nodes (n, (p+1)^3, 3) of the maps, which determine the difference.
     """
     p = hexahedron.order_of(exact.shape[1])
     to_nodes = hexahedron.lagrange(p, np.linspace(0, 1, order + 1))
@@ -155,51 +131,40 @@ def _deviation(exact, order):
     return distance / hexahedron.lengths(exact[:, hexahedron.corner_nodes(p)]).min(axis=1)
 
 
-def leaf_positions(forest, leaves, order, level=None):
-    """Positions of the equispaced nodes of leaves, or of their ancestors, on the true curved geometry.
+def leaf_positions(forest: Forest, leaves: IntArray | slice, order: int, level: int | None = None) -> FloatArray:
+    """Positions (n, (p+1)^3, 3) [m] of the nodes of leaves (n,) on the exact curved geometry, in tensor order.
 
-    Local.
-
-    Args:
-        forest: Forest.
-        leaves: (n,) int, or what else picks n of the leaves.
-        order: of the nodes, p.
-        level: of the ancestors; None: the leaves themselves.
-
-    Returns:
-        (n, (p+1)^3, 3) float64 [m], tensor order.
+    Local.  The nodes are equispaced, of order p; with a level, of the ancestors of the leaves at that level.
     """
-    side = leaf_side(forest.level[leaves] if level is None else np.full(len(leaves), level))[:, None]
-    low, side = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
+    levels = forest.level[leaves]
+    side = leaf_side(levels if level is None else np.full_like(levels, level))[:, None]
+    low, width = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
     return forest.mesh.evaluate(
-        forest.cell[leaves], low[:, :, None] + side[:, :, None] * np.linspace(0, 1, order + 1)
+        forest.cell[leaves], low[:, :, None] + width[:, :, None] * np.linspace(0, 1, order + 1)
     )
 
 
-def _geometry_nodes(forest, order):
-    """Global nodes of each leaf in tensor order, (n, (q+1)^3) int64, and the positions of those this rank numbers.
+def _geometry_nodes(forest: Forest, order: int) -> tuple[Int64Array, FloatArray]:
+    """Global nodes (n, (q+1)^3) of each leaf in tensor order, and the positions of the nodes numbered by this rank.
 
-    Nodes are numbered rank by rank; on a rank those of vertices, then of edges, faces and cells.
+    Nodes are numbered rank by rank, on a rank vertices first, then edges, faces and cells.
     """
     comm, inner = forest.comm, order - 1
     vertex, owner = forest.vertices.directory.number()
-    kinds = [(vertex, owner, forest.vertices.cells, hexahedron.corner_nodes(order)[:, None], 0)]
+    corner = hexahedron.corner_nodes(order)[:, None]
+    # Of vertices, edges, faces and cells: number, owner, entities of each leaf, their nodes, and the order of these.
+    kinds: list[tuple[Int64Array, Int32Array, IntArray, Int64Array, Int64Array]]
+    kinds = [(vertex, owner, forest.vertices.cells, corner, np.zeros(1, dtype=np.int64))]
     if order > 1:
-        ends = vertex[forest.vertices.cells]
-        for entities, corners, inside in (
-            (forest.edges, hexahedron.EDGE_CORNERS, hexahedron.edge_inner_nodes(order)),
-            (forest.faces, hexahedron.FACE_CORNERS, hexahedron.face_inner_nodes(order)),
-        ):
-            place = (
-                _edge_places(ends[:, corners], inner)
-                if corners.shape[1] == 2
-                else (_face_places(ends[:, corners], inner))
-            )
-            kinds.append((*entities.directory.number(), entities.cells, inside, place))
-        cell = np.arange(len(forest))
-        inside = hexahedron.cell_inner_nodes(order)
+        ends, edges, faces = vertex[forest.vertices.cells], forest.edges, forest.faces
+        place = _edge_places(ends[:, hexahedron.EDGE_CORNERS], inner)
+        kinds.append((*edges.directory.number(), edges.cells, hexahedron.edge_inner_nodes(order), place))
+        place = _face_places(ends[:, hexahedron.FACE_CORNERS], inner)
+        kinds.append((*faces.directory.number(), faces.cells, hexahedron.face_inner_nodes(order), place))
+        cell = np.arange(len(forest), dtype=np.int64)
+        inside = hexahedron.cell_inner_nodes(order)[None]
         here = np.full(len(cell), comm.rank, dtype=np.int32)
-        kinds.append(((comm.exscan(len(cell)) or 0) + cell, here, cell[:, None], inside[None], np.arange(inner**3)))
+        kinds.append(((comm.exscan(len(cell)) or 0) + cell, here, cell[:, None], inside, np.arange(inner**3)))
 
     owned = [int((owner == comm.rank).sum()) for _, owner, *_ in kinds]
     count = np.array(comm.allgather(owned))
@@ -220,15 +185,15 @@ def _geometry_nodes(forest, order):
     return nodes, x
 
 
-def _edge_places(ends, inner):
-    """Where the inner nodes of each edge come, counted from its end of lower number: (n, 12, inner)."""
+def _edge_places(ends: Int64Array, inner: int) -> Int64Array:
+    """Order (n, 12, inner) of the inner nodes of each edge, from its end of lower number."""
     backward = ends[:, :, 1] < ends[:, :, 0]
     along = np.arange(inner)
     return np.where(backward[:, :, None], inner - 1 - along, along)
 
 
-def _face_places(corners, inner):
-    """Where the inner nodes of each face come, counted from its lowest corner towards the lower neighbour first."""
+def _face_places(corners: Int64Array, inner: int) -> Int64Array:
+    """Order (n, 6, inner^2) of the inner nodes of each face, from its lowest corner towards the lower neighbour."""
     origin = corners.argmin(axis=2)[:, :, None]
     v, u = np.divmod(np.arange(inner**2), inner)
     u = np.where(origin & 1, inner - 1 - u, u)
@@ -237,17 +202,8 @@ def _face_places(corners, inner):
     return np.where(swap, v + inner * u, u + inner * v)
 
 
-def basix_order(cell, order):
-    """Tensor index of each node of Basix's Lagrange element, read off its points.
-
-    Local.
-
-    Args:
-        cell: CellType of a quadrilateral or hexahedron.
-        order: of the element.
-
-    Returns:
-        ((order + 1)^d,) int64.
-    """
+def basix_order(cell: CellType, order: int) -> Int64Array:
+    """Tensor indices ((p + 1)^d,) of the nodes of Basix's Lagrange element of order p, from its points.  Local."""
     element = basix.create_element(basix.ElementFamily.P, cell, order, lagrange_variant=LagrangeVariant.equispaced)
-    return np.rint(element.points * order).astype(np.int64) @ (order + 1) ** np.arange(element.points.shape[1])
+    points = np.asarray(element.points)
+    return np.rint(points * order).astype(np.int64) @ (order + 1) ** np.arange(points.shape[1])

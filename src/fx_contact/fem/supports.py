@@ -1,54 +1,53 @@
-"""What displacement conditions leave free at conforming nodes, by an orthogonal projector at each of them.
+"""Displacement conditions at conforming nodes, as orthogonal projectors on the free displacements.
 
-At a node some components are prescribed, and on planes of symmetry that are oblique to the axes also N u = 0: N is the
-projector on the normals there, without prescribed components.  Components stay those along x, y and z.  With the
-projector P = I - N and s like the diagonal of K, the matrix is P K P + s N.
+At a node some components are prescribed; on symmetry planes oblique to the axes also N u = 0, with N the projector on
+the span of the normals there, without prescribed components.  Components remain those along x, y and z.  With the
+projector P = I - N and s similar to the diagonal of K, the matrix is P K P + s N.
 """
 
-import numpy as np
-from scipy.sparse import bsr_matrix, diags
+from __future__ import annotations
 
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import bsr_matrix, diags, spmatrix
+
+from fx_contact.fem.prolongation import Prolongation
 from fx_contact.linalg.matrix import add_blocks
+from fx_contact.parallel.arrays import FloatArray, IntArray
 
 
 class Supports:
-    """The displacement conditions at some nodes.
+    """Displacement conditions at some nodes.
 
-    Local, but for `ghosted` and `add_normal_part`.  Without oblique planes P is the identity, and costs nothing.
+    Local, except for `ghosted` and `add_normal_part`.  Without oblique planes P is the identity, at no cost.
 
     Args:
-        prescribed: (n, 3) float64, prescribed displacements [m], NaN where free.
-        oblique: (k,) int nodes on oblique planes, ascending, and P there, (k, 3, 3) float64; None where the scene has
-            no such plane, which is the same on all ranks.
+        prescribed: (n, 3), prescribed displacements [m], NaN where free.
+        oblique: (k,) nodes on oblique planes, ascending, and P there, (k, 3, 3); None if the scene has no such plane,
+            alike on all ranks.
 
     Attributes:
-        prescribed: as given.
-        free: (n, 3) bool, components that are not prescribed.
+        free: (n, 3), components that are not prescribed.
         oblique: whether the scene has oblique planes.
     """
 
-    def __init__(self, prescribed, oblique=None):
+    def __init__(self, prescribed: FloatArray, oblique: tuple[IntArray, FloatArray] | None = None) -> None:
         self.prescribed, self.free, self.oblique = prescribed, np.isnan(prescribed), oblique is not None
-        if self.oblique:
+        if oblique is not None:
             self._nodes, along = oblique
             self._along = np.concatenate([along, np.eye(3)[None]])  # of other nodes, place -1
             self._place = np.full(len(prescribed), -1)
             self._place[self._nodes] = np.arange(len(self._nodes))
 
     @property
-    def values(self):
-        """(n, 3) float64, prescribed displacements [m], 0 where free."""
+    def values(self) -> FloatArray:
+        """(n, 3), prescribed displacements [m], 0 where free."""
         return np.nan_to_num(self.prescribed)
 
-    def along_planes(self, vectors, at=slice(None)):
-        """P of vectors: without what is across oblique planes; prescribed components stay.
+    def along_planes(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
+        """P of vectors (m, 3) at nodes: without components normal to oblique planes; prescribed ones remain.
 
-        Args:
-            vectors: (m, 3) float64.
-            at: nodes of these; all by default.
-
-        Returns:
-            (m, 3) float64; the vectors themselves where there is no oblique plane.
+        If there is no oblique plane, the vectors themselves.
         """
         if not self.oblique:
             return vectors
@@ -57,24 +56,16 @@ class Supports:
         result[some] = np.einsum("nij,nj->ni", self._along[place[some]], vectors[some])
         return result
 
-    def free_part(self, vectors, at=slice(None)):
-        """What is free of vectors (m, 3), 0 in held directions: (m, 3) float64; arguments as of `along_planes`."""
+    def free_part(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
+        """Projection of vectors on the free displacements; arguments as in `along_planes`."""
         return self.along_planes(np.where(self.free[at], vectors, 0.0), at)
 
-    def admissible(self, u):
-        """The displacement (n, 3) [m] nearest to u, node by node, that meets the conditions."""
+    def admissible(self, u: FloatArray) -> FloatArray:
+        """Displacement (n, 3) [m] closest to u, node by node, that satisfies the conditions."""
         return self.along_planes(np.where(self.free, u, self.prescribed))
 
-    def in_cells(self, matrices, nodes):
-        """P_i^T K_ij P_j of the matrices of cells.
-
-        Args:
-            matrices: (n, k, k, 3, 3) float64; changed in place.
-            nodes: (n, k) int, of the rows and columns.
-
-        Returns:
-            matrices.
-        """
+    def in_cells(self, matrices: FloatArray, nodes: IntArray) -> FloatArray:
+        """P_i^T K_ij P_j of cell matrices (n, k, k, 3, 3) at nodes (n, k), in place."""
         if not self.oblique:
             return matrices
         place = self._place[nodes]
@@ -84,14 +75,10 @@ class Supports:
         matrices[cells] = half @ along[:, None]
         return matrices
 
-    def add_normal_part(self, mat, diagonal):
-        """Add s N to the diagonal blocks of a matrix, s the mean of K along the planes at the node.
+    def add_normal_part(self, mat: PETSc.Mat, diagonal: FloatArray) -> None:
+        """Add s N to the diagonal blocks of P K P, assembled, s the mean tangential entry of its diagonal (n, 3) [N/m].
 
-        Collective on mat.comm, where there are oblique planes.
-
-        Args:
-            mat: PETSc Mat in blocks of 3, P K P, assembled.
-            diagonal: (n, 3) float64, its diagonal [N/m].
+        Collective on mat.comm, if there are oblique planes.
         """
         if not self.oblique:
             return
@@ -104,12 +91,12 @@ class Supports:
             add_blocks(mat, bsr_matrix(blocks), (first + nodes).astype(np.int32))
         mat.assemble()
 
-    def in_frames(self):
-        """The same in orthonormal frames R along the planes: Supports with P R in the place of P.
+    def in_frames(self) -> Supports:
+        """The same supports in orthonormal frames R aligned with the planes, with P R in the place of P.
 
-        R takes the nearest axis to the normal, or to the line on which planes meet, by the smallest rotation.  Held
-        directions are then components, prescribed as 0.  Multigrid that takes components by themselves likes frames
-        better than projectors (`fem.coarse_level`).
+        R turns by the smallest rotation the axis nearest to the normal, or to the line in which planes meet, into that.
+        Normal directions become prescribed components with value 0.  Multigrid that smooths components separately works
+        better with frames than with projectors (`fem.coarse_level`).
         """
         if not self.oblique:
             return self
@@ -122,31 +109,31 @@ class Supports:
         both = unit + to
         rotation = np.eye(3) + 2 * to[:, :, None] * unit[:, None]
         rotation -= both[:, :, None] * both[:, None] / (1 + to[each, axis])[:, None, None]
-        held = (np.arange(3) == axis[:, None]) != line[:, None]
-        prescribed[self._nodes] = np.where(held, 0.0, prescribed[self._nodes])
-        return Supports(prescribed, (self._nodes, np.where(held[:, None], 0.0, along @ rotation)))
+        normal = (np.arange(3) == axis[:, None]) != line[:, None]
+        prescribed[self._nodes] = np.where(normal, 0.0, prescribed[self._nodes])
+        return Supports(prescribed, (self._nodes, np.where(normal[:, None], 0.0, along @ rotation)))
 
-    def projector(self):
-        """P on what is free: (3 n, 3 n) scipy sparse."""
+    def projector(self) -> spmatrix:
+        """Projector (3 n, 3 n) on the free displacements."""
         free = diags(self.free.ravel().astype(float))
         if not self.oblique:
             return free
         every, size = np.arange(len(self.free) + 1), 3 * len(self.free)
         return bsr_matrix((self._along[self._place], every[:-1], every), shape=(size, size)) @ free
 
-    def ghosted(self, prolongation):
-        """Those of owned conforming nodes and of the ghosts: Supports.  Collective on the prolongation's comm."""
+    def ghosted(self, prolongation: Prolongation) -> Supports:
+        """Supports of owned conforming nodes and of the ghosts.  Collective on prolongation.comm."""
         prescribed, along = prolongation.ghosted(self.prescribed), None
         if self.oblique:
             along = prolongation.ghosted(self._along[self._place].reshape(-1, 9)).reshape(-1, 3, 3)
         return _of_all(prescribed, along)
 
-    def at(self, nodes):
-        """Those of some nodes, in their order: Supports."""
+    def at(self, nodes: IntArray) -> Supports:
+        """Supports of some nodes, in their order."""
         return _of_all(self.prescribed[nodes], self._along[self._place[nodes]] if self.oblique else None)
 
 
-def _of_all(prescribed, along):
+def _of_all(prescribed: FloatArray, along: FloatArray | None) -> Supports:
     """Supports with P (n, 3, 3) of all nodes, or None."""
     if along is None:
         return Supports(prescribed)

@@ -1,4 +1,4 @@
-"""What every other room stands on: errors raised together, rows between ranks, checks of input, costs, memory."""
+"""Foundations: errors raised on all ranks, exchange of rows between ranks, checks of input, timings, memory."""
 
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory, together

@@ -1,72 +1,57 @@
-"""What differs between releases of dolfinx, by features, not by version numbers; run with 0.9 and 0.11.
+"""Differences between releases of dolfinx, detected by features, not by version numbers; run with 0.9 and 0.11.
 
 dolfinx main builds the dual graph before it calls the partitioner given to `create_mesh` (pull request 4403).
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from dolfinx import graph
 from dolfinx.common import IndexMap
 from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
 
-#: Tag of the messages in which ranks find their neighbours.
+from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
+
+#: Tag of the messages by which IndexMap finds the neighbours of a rank.
 _TAG = 1202
 
 
-def index_map(comm, owned, ghosts, owners):
-    """A dolfinx IndexMap; from 0.10 on it wants a tag for its messages.
+def index_map(comm: MPI.Intracomm, owned: int, ghosts: Int64Array, owners: Int32Array) -> IndexMap:
+    """IndexMap with ghosts (n,), global numbers, and their owner ranks (n,); since 0.10 it takes a message tag.
 
     Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        owned: number of this rank's own indices.
-        ghosts: (n,) int64, global numbers of those of other ranks.
-        owners: (n,) int32, the ranks that own them.
     """
-    given = {"comm": comm, "local_size": owned, "ghosts": ghosts, "ghost_owners": owners}
+    given: dict[str, Any] = {"comm": comm, "local_size": owned, "ghosts": ghosts, "ghost_owners": owners}
     try:
         return IndexMap(**given, tag=_TAG)
     except TypeError:
         return IndexMap(**given)
 
 
-def geometry_nodes(mesh):
-    """Geometry nodes of each local cell: (ncells, nodes) int32, local numbers; after 0.10 a list by cell type.
-
-    Local.
-
-    Args:
-        mesh: dolfinx Mesh of cells of one type.
-    """
+def geometry_nodes(mesh: Mesh) -> Int32Array:
+    """Geometry nodes (ncells, nodes) of each local cell; after dolfinx 0.10 a list by cell type.  Local."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
-def coordinate_element(mesh):
-    """The dolfinx CoordinateElement of a mesh; after 0.10 a list by cell type.
-
-    Local.
-
-    Args:
-        mesh: dolfinx Mesh of cells of one type.
-    """
+def coordinate_element(mesh: Mesh) -> Any:
+    """CoordinateElement of a mesh of one cell type; after dolfinx 0.10 a list by cell type.  Local."""
     geometry = mesh.geometry
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
 
 
-def partition_graph(comm, parts, offsets, neighbours):
-    """Partition a distributed graph by PT-SCOTCH, or by the default of a dolfinx that was built without it.
+def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbours: IntArray) -> Int32Array:
+    """Part (n,) of each vertex of a distributed graph, by PT-SCOTCH or else by dolfinx's default partitioner.
 
-    Collective on comm.  Vertices and edges count alike: no release so far takes weights here.
+    Collective on comm.  Vertices and edges have no weights: no release takes them here so far.
 
     Args:
-        comm: MPI communicator.
         parts: number of parts.
-        offsets: (n + 1,) int, start of each vertex of this rank in `neighbours`.
-        neighbours: (m,) int64, global numbers of the neighbours, each edge from both its ends.
-
-    Returns:
-        (n,) int32 part of each vertex.
+        offsets: (n + 1,), start of each vertex of this rank in `neighbours`.
+        neighbours: (m,), global numbers; each edge is given from both of its ends.
     """
     partition = getattr(graph, "partitioner_scotch", graph.partitioner)()
     adjacency = AdjacencyList_int64(neighbours.astype(np.int64), offsets.astype(np.int32))
@@ -74,21 +59,15 @@ def partition_graph(comm, parts, offsets, neighbours):
     return destination.array[destination.offsets[:-1]]
 
 
-def stay(rank, corners=8):
-    """The partitioner to give `dolfinx.mesh.create_mesh` that leaves every cell where it is.
+def stay(rank: int, corners: int = 8) -> Callable[..., Any]:
+    """Partitioner for `dolfinx.mesh.create_mesh` that leaves every cell, with so many corners, on its rank.
 
-    Local.  dolfinx would move all geometry nodes of a leaf, and compute a dual graph first.
-
-    Args:
-        rank: of the calling process.
-        corners: of a cell.
-
-    Returns:
-        A function for `create_mesh`: dolfinx 0.9 to 0.11 call it with the cells, main with their dual graph.
+    Local.  Otherwise dolfinx would compute a dual graph and move all geometry nodes.  dolfinx 0.9 to 0.11 call the
+    partitioner with the cells, main with their dual graph.
     """
 
-    def destination(_comm, _parts, first, *others):
-        """Every cell on the rank that gave it."""
+    def destination(_comm: MPI.Intracomm, _parts: int, first: Any, *others: Any) -> Any:
+        """Destination ranks of the cells."""
         count = first.num_nodes if hasattr(first, "num_nodes") else sum(map(len, others[0])) // corners
         return AdjacencyList_int32(np.full((count, 1), rank, dtype=np.int32))
 

@@ -1,30 +1,37 @@
-"""Typed errors: each says what is wrong, where, and what to do about it.
+"""Typed errors: each message says what is wrong, where, and what to do.
 
-Every error of this package derives from `FxContactError` and is raised on all ranks of a communicator
-(see `fx_contact.parallel.mpi.together`), so that a caller may catch it without risking a hang.
+All derive from `FxContactError` and are raised on all ranks of a communicator (`parallel.mpi.together`), so that a
+caller can catch them without risking a hang.
 """
 
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fx_contact.parallel.arrays import FloatArray
 
 
 class FxContactError(Exception):
-    """Base of all errors raised by fx_contact.
+    """Base class of all errors of fx_contact.
 
-    Attributes, set where a run fails after it has begun (else None), so that nothing is lost:
+    Attributes, set where a run fails after its first step (else None):
         record: StepRecord of the last step that was solved.
-        forest: Forest of that step, or the one after it where that was being solved.
-        displacement: (owned, 3) float64, the last step's displacement on that forest's conforming vertices [m].
+        forest: Forest of that step, or of the next one if that one failed.
+        displacement: (owned, 3), displacement of the last step at the conforming vertices of that forest [m].
     """
 
-    record = forest = displacement = None
+    record: Any = None
+    forest: Any = None
+    displacement: FloatArray | None = None
 
 
 class SceneError(FxContactError):
-    """The description of the problem is wrong: a material, a tag, a boundary condition, an option."""
+    """Invalid problem description: a material, a name, a boundary condition, an option."""
 
 
 class GeometryError(FxContactError):
-    """The root mesh is unusable: inverted, non-hexahedral or non-conforming cells, too high an order."""
+    """Invalid root mesh: inverted, non-hexahedral or non-conforming cells, or an order that is too high."""
 
 
 class PairingError(FxContactError):
@@ -40,19 +47,19 @@ class SolveError(FxContactError):
 
 
 class ValidityError(FxContactError):
-    """The solution is outside of what linear elasticity is valid for, or nothing loads the scene."""
+    """The solution is outside the range of linear elasticity, or the scene has no load."""
 
 
 class CompilationError(FxContactError):
-    """The kernels of the finite elements cannot be compiled: no compiler, or no folder to keep them in."""
+    """The finite element kernels cannot be compiled: no compiler, or no writable cache folder."""
 
 
 class CallError(FxContactError):
-    """Ranks do not make the same call, or one of them has ended its program."""
+    """Ranks make different calls, or one of them has ended its program."""
 
 
 class OutputError(FxContactError):
-    """Results cannot be written where the user asked for."""
+    """Results cannot be written to the given place."""
 
 
 class CheckpointError(FxContactError):
@@ -60,17 +67,8 @@ class CheckpointError(FxContactError):
 
 
 @contextmanager
-def writing(path):
-    """A block that writes a file.
-
-    Local.
-
-    Args:
-        path: of the file, for the error.
-
-    Raises:
-        OutputError: the system does not let it.
-    """
+def writing(path: str | Path) -> Iterator[None]:
+    """Raises OutputError, which names a path, for an OSError in the block.  Local."""
     try:
         yield
     except OSError as error:

@@ -1,121 +1,90 @@
-"""Rows of arrays exchanged between ranks, each of which knows where its rows go, and not what will come.
+"""Exchange of array rows between ranks that know the destinations of their rows, but not the rows they will receive.
 
-On few ranks all tell all how many rows will come, and rows go all to all.  On more ranks that is what grows with their
-number; there a rank talks to its partners alone.  Who they are is found by a nonblocking consensus (T. Hoefler, C.
-Siebert, A. Lumsdaine, PPoPP 2010): lengths go by synchronous sends; a rank whose own have arrived enters a barrier, and
-takes what comes until all have entered it.  One may then be an exchange ahead of another, so that two tags take turns.
+On few ranks the lengths and the rows are sent all to all, at a cost that grows with the number of ranks.  On more ranks
+a rank communicates only with its partners, found by a nonblocking consensus (T. Hoefler, C. Siebert, A. Lumsdaine,
+PPoPP 2010): lengths go by synchronous sends; a rank whose sends have completed enters a barrier, and receives until all
+ranks have entered it.  One rank may then be an exchange ahead of another, so two tags alternate.
 
-Messages from point to point go over the communicator of the meetings, where no receive of the user's gets them.
+Point-to-point messages go over the communicator of the meetings, where no receive of the user can match them.
 """
 
+from typing import TypeVar
+
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
+from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.meeting import meetings_of
 
-#: Most ranks P of an exchange all to all, whose keys are hashed.  With rows sent three times it takes a rank
-#: log2 P + 3 (P - 1) messages, between k partners log2 P + 5 k.  The busiest of 64 ranks has k = 18 to 22, so that both
-#: are alike at about 32 (studies/partition; by its exchanges.py 36 against 50 ms there, 89 against 51 on 64).
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+#: Largest number P of ranks with an exchange all to all and hashed homes.  If rows are sent three times, it takes
+#: log2 P + 3 (P - 1) messages per rank, and log2 P + 5 k between k partners.  The busiest of 64 ranks has k = 18 to 22,
+#: so both are equal at about 32 (studies/partition: 36 against 50 ms on 32 ranks, 89 against 51 ms on 64).
 FEW_RANKS = 32
-#: Tags of lengths, by turns, and of rows.
+#: Tags of lengths, alternating, and of rows.
 _LENGTHS, _ROWS = (1206, 1207), 1208
 
 
-def few(comm):
-    """bool: whether a communicator has so few ranks that rows go all to all.  Local."""
+def few(comm: MPI.Intracomm) -> bool:
+    """True on so few ranks that rows go all to all.  Local."""
     return comm.size <= max(FEW_RANKS, 1)
 
 
 class Exchange:
-    """A sparse all-to-all of array rows, and its way back.
+    """Sparse all-to-all of array rows to destination ranks (n,), and its way back.
 
     Collective on comm.
 
-    Args:
-        comm: MPI communicator.
-        destination: (n,) int, the rank that each row goes to.
-
     Attributes:
-        source: (m,) int32, the rank that each received row came from, ascending.
+        source: (m,), rank that each received row came from, ascending.
     """
 
-    def __init__(self, comm, destination):
-        destination = np.asarray(destination)
-        self.comm, self._order = comm, np.argsort(destination, kind="stable")
-        self._way = _AllToAll(comm, destination) if few(comm) else _Partners(comm, destination[self._order])
+    def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
+        ranks = np.asarray(destination)
+        self.comm, self._order = comm, np.argsort(ranks, kind="stable")
+        self._way: _AllToAll | _Partners
+        self._way = _AllToAll(comm, ranks) if few(comm) else _Partners(comm, ranks[self._order])
         self.source = np.repeat(self._way.sources, self._way.received)
 
     @property
-    def partners(self):
-        """(k,) int32, the other ranks to which rows go or from which they come, ascending.  Local."""
+    def partners(self) -> Int32Array:
+        """(k,), the other ranks that send rows here or receive rows from here, ascending.  Local."""
         ranks = np.union1d(self._way.targets, self.source)
         return ranks[ranks != self.comm.rank].astype(np.int32)
 
-    def forward(self, rows):
-        """Send rows to their destinations.
+    def forward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+        """Send rows (n, ...) to their destinations: (m, ...) by source rank, then as sent.  Collective on comm."""
+        return self._way.moved(np.asarray(rows)[self._order])
 
-        Collective on comm.
-
-        Args:
-            rows: (n, ...) array of any dtype.
-
-        Returns:
-            (m, ...) array, ordered by source rank, then as sent.
-        """
-        return self._way.forward(np.asarray(rows)[self._order])
-
-    def backward(self, rows):
-        """Send an answer to each received row back to where the row came from.
-
-        Collective on comm.
-
-        Args:
-            rows: (m, ...) array in the order of `forward`'s result.
-
-        Returns:
-            (n, ...) array in the order of the rows first sent.
-        """
-        answer = self._way.backward(np.asarray(rows))
+    def backward(self, rows: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+        """Send answers (m, ...) to the sources of the rows: (n, ...) in the order first sent.  Collective on comm."""
+        answer = self._way.moved(np.asarray(rows), back=True)
         result = np.empty_like(answer)
         result[self._order] = answer
         return result
 
 
 class _AllToAll:
-    """Rows in the order of their destinations, by collective calls.
+    """Exchange by collective calls, of rows in the order of their destinations; attributes as in `_Partners`."""
 
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        destination: (n,) int, in any order.
-
-    Attributes:
-        sources, received: (k,) int32, ranks from which rows come, ascending, and how many.
-    """
-
-    def __init__(self, comm, destination):
+    def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
         self._comm = comm
         self._sent = np.bincount(destination, minlength=comm.size).astype(np.int32)
         self.sources, self.received = np.arange(comm.size, dtype=np.int32), np.empty_like(self._sent)
         comm.Alltoall(self._sent, self.received)
 
     @property
-    def targets(self):
-        """(l,) int64, ranks to which rows go, ascending.  Local."""
+    def targets(self) -> Int64Array:
+        """(l,), ranks that receive rows, ascending."""
         return np.flatnonzero(self._sent)
 
-    def forward(self, rows):
-        """Rows as received.  Collective on comm."""
-        return self._moved(rows, self._sent, self.received)
-
-    def backward(self, rows):
-        """Answers to them.  Collective on comm."""
-        return self._moved(rows, self.received, self._sent)
-
-    def _moved(self, rows, sent, received):
+    def moved(self, rows: npt.NDArray[Scalar], back: bool = False) -> npt.NDArray[Scalar]:
+        """Received rows, or with `back` the answers to them."""
         if self._comm.size == 1:
             return rows
+        sent, received = (self.received, self._sent) if back else (self._sent, self.received)
         rows, result, datatype = _buffers(rows, received.sum())
         self._comm.Alltoallv([rows, sent, datatype], [result, received, datatype])
         datatype.Free()
@@ -123,39 +92,32 @@ class _AllToAll:
 
 
 class _Partners:
-    """The same from point to point, between ranks that have rows for each other.
-
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        destination: (n,) int, ascending.
+    """Exchange from point to point between ranks that have rows for each other, in the order of their destinations.
 
     Attributes:
-        sources, received: (k,) int32 and (k,) int64, ranks from which rows come, ascending, and how many.
-        targets: (l,) int64, ranks to which rows go, ascending.
+        sources, received: (k,), ranks that send rows here, ascending, and their numbers of rows.
+        targets: (l,), ranks that receive rows, ascending.
     """
 
-    def __init__(self, comm, destination):
+    def __init__(self, comm: MPI.Intracomm, destination: IntArray) -> None:
         meetings = meetings_of(comm)
+        assert meetings is not None, "there is one on several ranks"
         meetings.turns, self._link = meetings.turns + 1, meetings.link
         self.targets, self._sent = np.unique(destination, return_counts=True)
         self.sources, self.received = _announced(self._link, _LENGTHS[meetings.turns % 2], self.targets, self._sent)
 
-    def forward(self, rows):
-        """Rows as received.  Collective on comm."""
-        return self._moved(rows, (self.targets, self._sent), (self.sources, self.received))
-
-    def backward(self, rows):
-        """Answers to them.  Collective on comm."""
-        return self._moved(rows, (self.sources, self.received), (self.targets, self._sent))
-
-    def _moved(self, rows, there, here):
+    def moved(self, rows: npt.NDArray[Scalar], back: bool = False) -> npt.NDArray[Scalar]:
+        """As `_AllToAll.moved`."""
+        there: tuple[IntArray, IntArray] = self.targets, self._sent
+        here: tuple[IntArray, IntArray] = self.sources, self.received
+        if back:
+            there, here = here, there
         rows, result, datatype = _buffers(rows, here[1].sum())
-        own, requests = [], []
+        own: list[npt.NDArray[Scalar]] = []
+        requests: list[MPI.Request] = []
         for array, (ranks, lengths), post in ((result, here, self._link.Irecv), (rows, there, self._link.Isend)):
             ends = np.cumsum(lengths)
-            for rank, start, end in zip(ranks.tolist(), (ends - lengths).tolist(), ends.tolist()):
+            for rank, start, end in zip(map(int, ranks), map(int, ends - lengths), map(int, ends)):
                 if rank == self._link.rank:
                     own.append(array[start:end])
                 else:
@@ -167,18 +129,15 @@ class _Partners:
         return result
 
 
-def _announced(link, tag, targets, lengths):
-    """The ranks that have rows for this one: (k,) int32 ascending, and (k,) int64 how many.  Collective on link.
-
-    Args:
-        link: communicator.
-        tag: of the messages.
-        targets, lengths: (l,) int64, the ranks for which this one has rows, and how many.
-    """
-    own, status, barrier = targets == link.rank, MPI.Status(), None
-    found = dict(zip(targets[own].tolist(), lengths[own].tolist()))
+def _announced(
+    link: MPI.Intracomm, tag: int, targets: IntArray, lengths: Int64Array
+) -> tuple[Int32Array, Int64Array]:
+    """Ranks that have rows for this one, ascending, and their numbers of rows; by the consensus of the module."""
+    own, status = targets == link.rank, MPI.Status()
+    barrier: MPI.Request | None = None
+    found = dict(zip(map(int, targets[own]), map(int, lengths[own])))
     requests = [
-        link.Issend(lengths[i : i + 1], rank, tag) for i, rank in enumerate(targets.tolist()) if rank != link.rank
+        link.Issend(lengths[i : i + 1], rank, tag) for i, rank in enumerate(map(int, targets)) if rank != link.rank
     ]
     while True:
         message = link.Improbe(MPI.ANY_SOURCE, tag, status)
@@ -191,12 +150,12 @@ def _announced(link, tag, targets, lengths):
                 barrier = link.Ibarrier()
         elif barrier.Test():
             break
-    ranks = np.array(sorted(found), dtype=np.int32)
-    return ranks, np.array([found[rank] for rank in ranks.tolist()], dtype=np.int64)
+    ranks = sorted(found)
+    return np.array(ranks, dtype=np.int32), np.array([found[rank] for rank in ranks], dtype=np.int64)
 
 
-def _buffers(rows, count):
-    """Rows to send, room for so many to receive, and the MPI datatype of one, to be freed."""
+def _buffers(rows: npt.NDArray[Scalar], count: int) -> tuple[npt.NDArray[Scalar], npt.NDArray[Scalar], MPI.Datatype]:
+    """Rows to send, a buffer for `count` received ones, and the MPI datatype of a row, to be freed."""
     rows = np.ascontiguousarray(rows)
     result = np.empty((count, *rows.shape[1:]), rows.dtype)
     width = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64))

@@ -1,4 +1,4 @@
-"""How much memory the hosts have left: large allocations are refused before the system kills the run."""
+"""Memory of the hosts: large allocations are refused before the operating system kills the run."""
 
 import ctypes
 from pathlib import Path
@@ -8,105 +8,80 @@ from mpi4py import MPI
 
 from fx_contact.parallel.errors import SolveError
 
-#: Bytes that a leaf of a forest takes while it is made and its nodes of degree 2 are numbered, as measured with 262,144
-#: leaves of Hertz; of degree 1 they are 2,200, but a leaf's part of the matrix then takes as much as this.
+#: Peak bytes per leaf while a forest is made and its nodes of degree 2 are numbered, measured with 262,144 leaves of
+#: Hertz.  At degree 1 it is 2,200, but a leaf's part of the matrix then needs as much as this.
 _LEAF_BYTES = 8100
 
 _MEMINFO = Path("/proc/meminfo")
-#: The control group of this process (version 2: the line "0::PATH"), and where control groups are mounted.
+#: Control group of this process (version 2: the line "0::PATH"), and the mount point of control groups.
 _MEMBERSHIP, _CGROUP = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 
 
-def check_leaves(comm, leaves):
-    """See that there is memory for the leaves of a forest.
-
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        leaves: how many this rank will have.
-
-    Raises:
-        SolveError: a host lacks it.
-    """
+def check_leaves(comm: MPI.Intracomm, leaves: int) -> None:
+    """Raises SolveError if a host lacks memory for the leaves of a forest, given for this rank.  Collective on comm."""
     what = f"a forest of {comm.allreduce(leaves):,} leaves"
     check_memory(comm, what, _LEAF_BYTES * leaves, "refine less, ask for a larger tolerance, or use more hosts")
 
 
-def give_back():
-    """Give freed memory back to the system, which glibc keeps: up to 2.5 kB an unknown of the step before.  Local."""
+def give_back() -> None:
+    """Return freed memory to the system, up to 2.5 kB per unknown of the last step, which glibc retains.  Local."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
     if trim is not None:
         trim(0)
 
 
-def check_memory(comm, what, needed, advice):
-    """See that there is memory for what comes next.
+def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> None:
+    """Raises SolveError if a host lacks memory for the next allocations.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        what: needs it, for the message.
-        needed: bytes that this rank will take.
-        advice: what to do where it is not there.
-
-    Raises:
-        SolveError: a host lacks it.
+        what: purpose of the memory, for the message.
+        needed: bytes that this rank is about to allocate.
+        advice: end of the message.
     """
     short = shortage(comm, needed)
     if short is not None:
-        needed, free = map(_size, short)
-        raise SolveError(f"{what} needs {needed} on a host that has {free} left; {advice}")
+        wanted, free = map(_size, short)
+        raise SolveError(f"{what} needs {wanted} on a host that has {free} left; {advice}")
 
 
-def shortage(comm, needed):
-    """The host that lacks most of the memory that is about to be taken.
+def shortage(comm: MPI.Intracomm, needed: float) -> tuple[float, float] | None:
+    """Bytes needed and bytes free on the host with the largest lack of memory; None if all have enough.
 
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        needed: bytes that this rank will take.
-
-    Returns:
-        (bytes needed, bytes free) of that host, the same on all ranks; None if all have enough, or do not tell.
+    Collective on comm.  `needed` are the bytes that this rank is about to allocate.
     """
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
     needed, free = host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN)
     host.Free()
-    lacking, *worst = max(comm.allgather((needed - free, needed, free)))
-    return tuple(worst) if lacking > 0 else None
+    lacking, needed, free = max(comm.allgather((needed - free, needed, free)))
+    return (needed, free) if lacking > 0 else None
 
 
-def _size(count):
-    """Bytes in the largest unit of which there is one at least: str.  Local."""
+def _size(count: float) -> str:
+    """Bytes in the largest unit that gives at least 1."""
     unit, name = next((entry for entry in ((1e9, "GB"), (1e6, "MB")) if count >= entry[0]), (1e3, "kB"))
     return f"{count / unit:.1f} {name}"
 
 
-def available():
-    """Bytes that the host can still give, or the tightest control group (version 2) around this process.  Local.
-
-    Returns:
-        int or float, infinite where the system does not tell.
-    """
-    limits = [np.inf]
+def available() -> float:
+    """Free bytes of the host, or of the tightest control group (version 2); infinite if not reported.  Local."""
+    limits: list[float] = [np.inf]
     try:
         limits.append(1024 * _table(_MEMINFO)["MemAvailable:"])
         own = Path(dict(line.split(":", 1) for line in _MEMBERSHIP.read_text().splitlines())["0"].lstrip(":/"))
     except (OSError, KeyError):
         own = Path()
-    for group in (own, *own.parents):  # a batch system sets the limit of a job, of which each rank may be a group
+    for group in (own, *own.parents):  # a batch system limits the job, and each rank may be a group in it
         group = _CGROUP / group
         try:
             used = int((group / "memory.current").read_text()) - _table(group / "memory.stat")["inactive_file"]
             limits.append(int((group / "memory.max").read_text()) - used)
-        except (OSError, KeyError, ValueError):  # not there, or "max"
+        except (OSError, KeyError, ValueError):  # no such file, or "max"
             pass
     return max(min(limits), 0)
 
 
-def _table(path):
-    """A file of lines with a name and a number: dict of int.  Local."""
+def _table(path: Path) -> dict[str, int]:
+    """Lines of a name and a number."""
     return {name: int(number) for name, number, *_ in map(str.split, path.read_text().splitlines())}

@@ -1,17 +1,18 @@
-"""Errors raised on all ranks together, and what all ranks know of a key (rendezvous).
+"""Errors raised on all ranks, and a distributed directory of values by key (rendezvous).
 
-A lattice point is named by an int64 key that every rank computes alike.  What ranks know of a key is brought together
-on its *home*, a rank that follows from the key: one exchange there, one back.  Homes are near the leaves that have the
-keys (`forest.homes`), or given by a hash.  No rank holds more than its share of the keys.
+A lattice point is named by an int64 key that every rank computes alike.  Values for a key meet on its *home*, a rank
+computed from the key: one exchange there, one back.  Homes are near the leaves that have the keys (`forest.homes`), or
+given by a hash.  No rank stores more than its share of the keys.
 
 Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  A collective of Python objects
-makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed; Python frees those of
-dolfinx at any time, also while it handles an exception, and the removal may then hang.
+makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed.  Python frees the
+communicators of dolfinx at any time, also while it handles an exception, and the removal may then hang.
 """
 
 import pickle
 import time
 import traceback
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
@@ -19,30 +20,30 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from fx_contact.parallel.exchange import Exchange
+from fx_contact.parallel.arrays import BoolArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.exchange import Exchange, Scalar
 
 #: 2^64 over the golden ratio, odd: multiples of it lie evenly (D. E. Knuth, The Art of Computer Programming 3, 6.4).
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 @contextmanager
-def together(comm, timeout=None):
-    """Run a block of local code; if it raises on any rank, raise that error on every rank.
+def together(comm: MPI.Intracomm, timeout: float | None = None) -> Iterator[None]:
+    """Run a block of local code; an error on any rank is raised on every rank.
 
     Collective on comm.  The block must not communicate, unless there is a timeout.
 
     Args:
-        comm: MPI communicator.
-        timeout: of a block that communicates [s].  The other ranks may wait for the failed one inside the block, where
-            nothing reaches them: if they do not come out in time, it prints its error and aborts them all.
+        timeout: for a block that communicates [s].  The other ranks may wait for the failed one inside the block.  If
+            they do not leave it in time, the failed rank prints its error and aborts all ranks.
 
     Raises:
         Exception: the error of the lowest rank on which the block failed.
     """
-    error = None
+    error: BaseException | None = None
     try:
         yield
-    except (Exception, SystemExit) as caught:  # an exit of one rank alone would leave the others waiting
+    except (Exception, SystemExit) as caught:  # the exit of one rank alone would leave the others waiting
         error = caught
     lowest = np.empty(1, dtype=np.int64)
     request = comm.Iallreduce(np.array([comm.size if error is None else comm.rank]), lowest, MPI.MIN)
@@ -58,8 +59,8 @@ def together(comm, timeout=None):
         raise shared if error is None else error
 
 
-def _sendable(error):
-    """The error, or one that says the same if it cannot be pickled.  Local."""
+def _sendable(error: BaseException | None) -> BaseException | None:
+    """The error, or a RuntimeError with its message if it cannot be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
         return error
@@ -67,7 +68,7 @@ def _sendable(error):
         return RuntimeError(f"{type(error).__name__}: {error}")
 
 
-def hashed(keys: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int32]:
+def hashed(keys: Int64Array, size: int) -> Int32Array:
     """A rank below `size` for each non-negative key, by Fibonacci hashing: neighbouring keys spread evenly.  Local."""
     bits = keys.astype(np.uint64)
     mixed = (bits ^ bits >> np.uint64(32)) * _GOLDEN
@@ -75,61 +76,45 @@ def hashed(keys: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int32]:
 
 
 class Directory:
-    """What all ranks together know of a set of keys.
+    """Distributed directory: values registered by several ranks for each of a set of keys.
 
     Collective on comm, as are all its methods.
 
     Args:
-        comm: MPI communicator.
-        keys: (n,) int64 non-negative, without repetition on this rank; several ranks may register the same key.
-        home: function of (m,) int64 keys that gives their home ranks, (m,) int32, the same on all ranks; default by a
-            hash.
+        keys: (n,) non-negative, without repetition on this rank; several ranks may register the same key.
+        home: maps (m,) keys to their home ranks (m,), alike on all ranks; by default a hash.
     """
 
-    def __init__(self, comm, keys, home=None):
+    def __init__(
+        self, comm: MPI.Intracomm, keys: Int64Array, home: Callable[[Int64Array], Int32Array] | None = None
+    ) -> None:
         self.comm, self._home = comm, home or partial(hashed, size=comm.size)
         self.keys = np.asarray(keys, dtype=np.int64)
         self._at = self._home(self.keys)
         self._exchange = Exchange(comm, self._at)
         self._distinct, self._slot = np.unique(self._exchange.forward(self.keys), return_inverse=True)
 
-    def asked(self, queries):
-        """Which of this rank's registered keys any rank asks for.
-
-        Args:
-            queries: (m,) int64 keys, repetition allowed.
-
-        Returns:
-            (n,) bool.
-        """
+    def asked(self, queries: Int64Array) -> BoolArray:
+        """Mask (n,) of this rank's keys that are among the queries (m,) of any rank, repetition allowed."""
         slot, found, _ = self._visit(queries)
         asked = np.zeros(len(self._distinct), dtype=bool)
         asked[slot[found]] = True
         return self._exchange.backward(asked[self._slot])
 
-    def share(self, rows, given):
-        """Let the ranks that know something of a key tell all ranks that registered it.
+    def share(self, rows: npt.NDArray[Scalar], given: BoolArray) -> tuple[npt.NDArray[Scalar], BoolArray]:
+        """Registered values (n, ...), zero where there is none, and a mask (n,) of the keys that have one.
 
         Args:
-            rows: (n, ...) what this rank says of each of its keys; ranks that say something say the same.
-            given: (n,) bool, where this rank says something.
-
-        Returns:
-            (n, ...) rows as told by those who know, zero where nobody does, and (n,) bool whether somebody did.
+            rows: (n, ...), values for this rank's keys; values registered by several ranks are equal.
+            given: (n,), keys for which this rank registers a value.
         """
         table, known = self._table(rows, given)
         return self._exchange.backward(table[self._slot]), self._exchange.backward(known[self._slot])
 
-    def lookup(self, queries, rows, given):
-        """Ask for what the registering ranks know of any key; only what is asked for travels.
-
-        Args:
-            queries: (m,) int64 keys, repetition allowed.
-            rows, given: as in `share`.
-
-        Returns:
-            (m, ...) rows, zero where nobody knows, and (m,) bool whether somebody does.
-        """
+    def lookup(
+        self, queries: Int64Array, rows: npt.NDArray[Scalar], given: BoolArray
+    ) -> tuple[npt.NDArray[Scalar], BoolArray]:
+        """As `share`, for any keys (m,), repetition allowed; only values of queried keys are sent."""
         queries, back = np.unique(queries, return_inverse=True)
         slot, found, exchange = self._visit(queries)
         wanted = np.zeros(len(self._distinct), dtype=bool)
@@ -140,57 +125,51 @@ class Directory:
         answer[found] = table[slot[found]]
         return exchange.backward(answer)[back], exchange.backward(found)[back]
 
-    def lowest(self, values):
-        """The lowest value that any rank gives to each key.
-
-        Args:
-            values: (n,) int64.
-
-        Returns:
-            (n,) int64.
-        """
+    def lowest(self, values: Int64Array) -> Int64Array:
+        """Minimum (n,) over ranks of the values (n,) for each key."""
         values = self._exchange.forward(values)
         lowest = np.full(len(self._distinct), np.iinfo(np.int64).max)
         np.minimum.at(lowest, self._slot, values)
         return self._exchange.backward(lowest[self._slot])
 
-    def number(self, active=None, claim=None, ballot=None):
+    def number(
+        self, active: BoolArray | None = None, claim: IntArray | None = None, ballot: Int64Array | None = None
+    ) -> tuple[Int64Array, Int32Array]:
         """Give each key one owner among the ranks that registered it, and number the keys owner by owner.
 
-        Owners are drawn among the ranks with the highest claim by `ballot`, so that shared keys spread evenly, and
-        two keys with the same claimants and the same ballot get the same owner.
+        The owner is drawn by `ballot` among the ranks with the highest claim.  Shared keys thus spread evenly, and two
+        keys with the same claimants and the same ballot have the same owner.
 
         Args:
-            active: (n,) bool, the keys to number (the same on all ranks that registered a key); default all.
-            claim: (n,) int, larger wins the ownership; default equal.
-            ballot: (n,) int64 non-negative, of the winning claimants; default the key itself.
+            active: (n,), keys to be numbered, alike on all ranks that registered a key; default all.
+            claim: (n,), the highest one wins; default equal.
+            ballot: (n,) non-negative; default the key itself.
 
         Returns:
-            (n,) int64 global numbers, contiguous by owner and on each owner in the order of its keys (-1 where
-            not active), and (n,) int32 owners.
+            (n,) global numbers, contiguous by owner in the order of its keys, -1 where not active, and (n,) owners.
         """
         n = len(self.keys)
         active = np.ones(n, dtype=bool) if active is None else active
-        claim = np.zeros(n, dtype=np.int8) if claim is None else np.asarray(claim, dtype=np.int8)
-        ballot = self.keys if ballot is None else ballot
-        claim, ballot = self._exchange.forward(claim), self._exchange.forward(ballot)
-        order = np.lexsort((self._exchange.source, -claim, self._slot))
-        slot, claim, ballot = self._slot[order], claim[order], ballot[order]
+        claims = self._exchange.forward(np.zeros(n, dtype=np.int8) if claim is None else claim.astype(np.int8))
+        ballots = self._exchange.forward(self.keys if ballot is None else ballot)
+        order = np.lexsort((self._exchange.source, -claims, self._slot))
+        slot, claims, ballots = self._slot[order], claims[order], ballots[order]
         first = np.searchsorted(slot, np.arange(len(self._distinct)))
-        winners = np.bincount(slot, weights=claim == claim[first][slot], minlength=len(first)).astype(np.int64)
-        drawn = first + hashed(ballot[first], 2**31 - 1) % np.maximum(winners, 1)
+        winners = np.bincount(slot, weights=claims == claims[first][slot], minlength=len(first)).astype(np.int64)
+        drawn = first + hashed(ballots[first], 2**31 - 1) % np.maximum(winners, 1)
         owner = self._exchange.backward(self._exchange.source[order[drawn]][self._slot].astype(np.int32))
 
         own = active & (owner == self.comm.rank)
         offset = self.comm.exscan(int(own.sum())) or 0
-        numbers = np.full(n, -1, dtype=np.int64)
+        numbers: Int64Array = np.full(n, -1, dtype=np.int64)
         numbers[own] = offset + np.arange(own.sum())
         if self.comm.size > 1:
             shared, known = self.share(numbers, own)
             numbers = np.where(known, shared, -1)
         return numbers, owner
 
-    def _visit(self, queries):
+    def _visit(self, queries: Int64Array) -> tuple[Int64Array, BoolArray, Exchange]:
+        """Slots of queried keys at home, a mask of the known ones, and the exchange that brought them."""
         queries = np.asarray(queries, dtype=np.int64)
         exchange = Exchange(self.comm, self._home(queries))
         arrived = exchange.forward(queries)
@@ -199,12 +178,12 @@ class Directory:
         found = self._distinct[slot] == arrived if len(self._distinct) else np.zeros(len(arrived), dtype=bool)
         return slot, found, exchange
 
-    def _table(self, rows, given):
-        """What is known of each key at home; only the rows that say something are sent there."""
-        speaking = np.flatnonzero(given)
-        exchange = Exchange(self.comm, self._at[speaking])
-        slot = np.searchsorted(self._distinct, exchange.forward(self.keys[speaking]))
-        rows = exchange.forward(np.asarray(rows)[speaking])
+    def _table(self, rows: npt.NDArray[Scalar], given: BoolArray) -> tuple[npt.NDArray[Scalar], BoolArray]:
+        """Registered values at home, and a mask of the keys that have one; only these are sent."""
+        sent = np.flatnonzero(given)
+        exchange = Exchange(self.comm, self._at[sent])
+        slot = np.searchsorted(self._distinct, exchange.forward(self.keys[sent]))
+        rows = exchange.forward(np.asarray(rows)[sent])
         table = np.zeros((len(self._distinct), *rows.shape[1:]), rows.dtype)
         known = np.zeros(len(self._distinct), dtype=bool)
         table[slot], known[slot] = rows, True

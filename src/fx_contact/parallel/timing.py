@@ -1,39 +1,57 @@
-"""What each stage of an adaptive step costs: wall and CPU seconds, memory; PETSc's `-log_view` has the same stages."""
+"""Costs of each stage of an adaptive step: wall and CPU seconds, memory; PETSc's `-log_view` has the same stages."""
 
 import resource
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-#: Stages of an adaptive step, as they stand in the records; `other` is what none of them explains.
+from fx_contact.parallel.arrays import FloatArray
+
+#: Stages of an adaptive step, as the records name them; `other` is the remainder.
 STAGES = tuple("compile partition mesh hanging assemble system setup solve estimate refine output other".split())
 _STATM = Path("/proc/self/statm")
 
 
-class Stages:
-    """Costs by stage; a stage inside another is taken out of the outer one.  Local but for `costs`.
+class Costs(TypedDict):
+    """Entries of a step record.
 
-    In PETSc's log, as `-log_view` shows it, they are the stages "fx mesh", "fx assemble" and so on.
-
-    Use: `with stages("mesh"): ...`.
-
-    Args:
-        watch: function of a stage's name, called when the stage begins and when work goes back to it; or None.
+    Attributes:
+        seconds: wall time by stage and in total, maximum over ranks.
+        cpu_seconds: CPU time by stage and in total, sum over ranks.
+        memory_bytes: resident memory at the end of each stage, sum over ranks; 0 for a stage not entered.
+        peak_memory_bytes: sum over ranks since the program began.
     """
 
-    def __init__(self, watch=None):
+    seconds: dict[str, float]
+    cpu_seconds: dict[str, float]
+    memory_bytes: dict[str, int]
+    peak_memory_bytes: int
+
+
+class Stages:
+    """Costs by stage, exclusive of inner stages.  Local except for `costs`.
+
+    Use: `with stages("mesh"): ...`.  In PETSc's log the stages are called "fx mesh", "fx assemble" and so on.
+
+    Args:
+        watch: called with the name of a stage when it begins and when an inner stage ends.
+    """
+
+    def __init__(self, watch: Callable[[str], None] | None = None) -> None:
         self._watch, self._logged, self._open = watch, _log_stages(), ["other"]
         self._spent = {name: np.zeros(2) for name in STAGES}
         self._memory = dict.fromkeys(STAGES, 0)
         self._start = self._since = _clocks()
 
     @contextmanager
-    def __call__(self, name):
+    def __call__(self, name: str) -> Iterator[None]:
         self._charge()
         self._logged[name].push()
         self._open.append(name)
@@ -47,64 +65,56 @@ class Stages:
             self._open.pop()
             self._tell()
 
-    def _charge(self):
-        """The time since the last change of stage is that of the innermost stage, of "other" outside of all."""
+    def _charge(self) -> None:
+        """Add the time since the last change of stage to the innermost stage."""
         now = _clocks()
         self._spent[self._open[-1]] += now - self._since
         self._since = now
 
-    def _tell(self):
-        """Tell who watches of the innermost stage."""
+    def _tell(self) -> None:
+        """Report the innermost stage to `watch`."""
         if self._watch and len(self._open) > 1:
             self._watch(self._open[-1])
 
-    def costs(self, comm):
-        """The costs so far, as they stand in the records.
+    def costs(self, comm: MPI.Intracomm) -> Costs:
+        """Costs so far.
 
         Collective on comm.
-
-        Args:
-            comm: MPI communicator.
-
-        Returns:
-            dict of `seconds` (by stage and `total`, wall, largest of the ranks), `cpu_seconds` (by stage and `total`,
-            sum of the ranks), `memory_bytes` (by stage, resident at its end on all ranks together; 0 for a stage that
-            was not entered) and `peak_memory_bytes` (of all ranks together, since the program began).
         """
         self._charge()
         wall, cpu = np.array([*self._spent.values(), self._since - self._start]).T.copy()
         comm.Allreduce(MPI.IN_PLACE, wall, op=MPI.MAX)
         comm.Allreduce(MPI.IN_PLACE, cpu, op=MPI.SUM)
-        memory = [*(self._memory | {"other": _resident()}).values()]
-        memory = np.array([*memory, max(_peak(), *memory)])  # the system's own peak lags a little
+        resident = [*(self._memory | {"other": _resident()}).values()]
+        memory = np.array([*resident, max(_peak(), *resident)])  # the system's own peak lags a little
         comm.Allreduce(MPI.IN_PLACE, memory, op=MPI.SUM)
         names = [*STAGES, "total"]
         return {
-            "seconds": dict(zip(names, wall.tolist())),
-            "cpu_seconds": dict(zip(names, cpu.tolist())),
-            "memory_bytes": dict(zip(STAGES, memory.tolist())),
+            "seconds": dict(zip(names, map(float, wall))),
+            "cpu_seconds": dict(zip(names, map(float, cpu))),
+            "memory_bytes": dict(zip(STAGES, map(int, memory))),
             "peak_memory_bytes": int(memory[-1]),
         }
 
 
 @cache
-def _log_stages():
-    """The stages in PETSc's log, all of them made at once, so that they are the same on every rank."""
+def _log_stages() -> dict[str, PETSc.Log.Stage]:
+    """Stages of PETSc's log, made all at once, so that they are the same on every rank."""
     return {name: PETSc.Log.Stage(f"fx {name}") for name in STAGES if name != "other"}
 
 
-def _clocks():
+def _clocks() -> FloatArray:
     """Wall and CPU seconds of this process."""
     return np.array([time.perf_counter(), time.process_time()])
 
 
-def _resident():
-    """Resident memory of this process [bytes]; where the system does not tell, the largest so far."""
+def _resident() -> int:
+    """Resident memory of this process [bytes]; its maximum so far if the system does not report it."""
     if _STATM.exists():
         return int(_STATM.read_text().split()[1]) * resource.getpagesize()
     return _peak()
 
 
-def _peak():
-    """Largest resident memory of this process so far [bytes]."""
+def _peak() -> int:
+    """Maximum of the resident memory of this process so far [bytes]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,24 +1,24 @@
-"""Versions of the libraries that results depend on."""
+"""Versions of the libraries on which results depend."""
 
 import ctypes
 
-import dolfinx
 import numpy as np
+from dolfinx.cpp import __version__ as dolfinx_version
 from petsc4py import PETSc
 
 
-def library_versions():
-    """Versions of the libraries that the numbers depend on: dict of str.  Local."""
+def library_versions() -> dict[str, str | None]:
+    """Name -> version of the numerical libraries; None if a library does not report it.  Local."""
     return {
-        "dolfinx": dolfinx.__version__,
+        "dolfinx": dolfinx_version,
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
         "hypre": _hypre_version(),
         "numpy": np.__version__,
     }
 
 
-def _hypre_version():
-    """Release of the hypre that PETSc has loaded, asked from the library itself; None where it does not tell."""
+def _hypre_version() -> str | None:
+    """Release of the hypre library that PETSc has loaded."""
     ask = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_VersionNumber", None)
     numbers = [ctypes.c_int() for _ in range(4)]
     if ask is None or ask(*map(ctypes.byref, numbers)):

@@ -1,4 +1,4 @@
-"""What is to be solved: root mesh, own shapes, lattice keys, facing facets, materials, conditions, contact pairs."""
+"""Problem description: root mesh, shapes, lattice keys, facet pairing, materials, conditions, contact pairs."""
 
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import Contact, ContactPair

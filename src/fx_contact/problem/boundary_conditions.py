@@ -1,15 +1,29 @@
-"""Conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
+"""Boundary conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
-Values are numbers, or functions of position as in dolfinx: of an array (3, n) of points.  Numbers are checked when the
-condition is made, functions where they are evaluated.  All is local.
+Values are numbers, or functions of position as in dolfinx, of an array (3, n) of points.  Numbers are checked when the
+condition is made, functions when they are evaluated.  All is local.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_number, check_vector, shown
+
+if TYPE_CHECKING:
+    from fx_contact.problem.root_mesh import RootMesh
+
+#: A number, or a function of positions (3, n) [m] that gives (n,).
+ScalarValue: TypeAlias = float | Callable[[FloatArray], npt.ArrayLike]
+#: Three numbers, or a function of positions (3, n) [m] that gives (3, n).
+VectorValue: TypeAlias = Sequence[float] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
 
 COMPONENTS = "xyz"
 
@@ -20,19 +34,18 @@ class Dirichlet:
 
     Attributes:
         where: name of a surface, curve or vertex of the root mesh.
-        x, y, z: displacement [m], None where the component is free: a number, or a function of the undeformed positions
-            (3, n) float64 [m] that gives (n,) float64.
+        x, y, z: displacement [m], constant or a function of the undeformed position; None where the component is free.
 
     Raises:
         SceneError: no component is given, or one is neither a finite number nor a function.
     """
 
     where: str
-    x: object = None
-    y: object = None
-    z: object = None
+    x: ScalarValue | None = None
+    y: ScalarValue | None = None
+    z: ScalarValue | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not self.held.any():
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
         for component, value in zip(COMPONENTS, (self.x, self.y, self.z)):
@@ -40,27 +53,17 @@ class Dirichlet:
                 check_number(f"the displacement {component} on {self.where!r}", value)
 
     @property
-    def held(self):
-        """(3,) bool, which components are prescribed."""
+    def held(self) -> BoolArray:
+        """(3,), the prescribed components."""
         return np.array([value is not None for value in (self.x, self.y, self.z)])
 
     @property
-    def across(self):
-        """(3, 3) float64, the projector on what is held [-]."""
+    def across(self) -> FloatArray:
+        """(3, 3), projector on the prescribed components [-]."""
         return np.diag(self.held.astype(float))
 
-    def at(self, points):
-        """Displacement at points.
-
-        Args:
-            points: (n, 3) float64 [m].
-
-        Returns:
-            (n, 3) float64 [m], NaN where the component is free.
-
-        Raises:
-            SceneError: a function that does not give a finite number for each point.
-        """
+    def at(self, points: FloatArray) -> FloatArray:
+        """Displacement (n, 3) [m] at points (n, 3) [m], NaN where free; errors of `evaluated`."""
         result = np.full((len(points), 3), np.nan)
         for component, value in enumerate((self.x, self.y, self.z)):
             if value is not None:
@@ -69,27 +72,24 @@ class Dirichlet:
         return result
 
 
-def merged(before, condition, values, same, position):
-    """Displacements that several conditions prescribe at some points.
-
-    Local.
+def merged(
+    before: FloatArray, condition: Dirichlet, values: FloatArray, same: float, position: Callable[[int], FloatArray]
+) -> FloatArray:
+    """Displacements (n, 3) [m] at points on which several conditions act, NaN where free.  Local.
 
     Args:
-        before: (n, 3) float64, what others prescribe there [m], NaN where free.
-        condition: Dirichlet, one more.
-        values: (n, 3) float64, what it prescribes [m], NaN where free.
-        same: largest difference of two conditions on one component [m].
-        position: function of the number of a point that gives where it is (3,) [m].
-
-    Returns:
-        (n, 3) float64 [m], NaN where free.
+        before: (n, 3), prescribed by other conditions [m].
+        condition: a further one.
+        values: (n, 3), prescribed by it [m].
+        same: tolerance for the difference of two values [m].
+        position: maps the index of a point to its position (3,) [m].
 
     Raises:
-        SceneError: another condition prescribes another value of a component.
+        SceneError: two conditions prescribe different values of a component.
     """
     clash = np.argwhere(np.abs(before - values) > same)
     if len(clash):
-        point, component = clash[0]
+        point, component = clash[0].tolist()
         raise SceneError(
             f"component {COMPONENTS[component]} on {condition.where!r} is prescribed as {values[point, component]} "
             f"where another condition says {before[point, component]}, at {position(point)}: let them agree, or "
@@ -100,32 +100,19 @@ def merged(before, condition, values, same, position):
 
 @dataclass(frozen=True)
 class SymmetryPlane:
-    """A plane surface in which the body is cut by symmetry: no displacement across it, free along it.
-
-    Attributes:
-        surface: name of a surface of the root mesh, in one plane, whose normal is found from its facets.
-    """
+    """Symmetry condition on a named plane surface: zero normal displacement, free tangential displacement."""
 
     surface: str
 
     @property
-    def where(self):
-        """The surface, by the name that it has in other conditions."""
+    def where(self) -> str:
+        """The surface, under the name that other conditions use."""
         return self.surface
 
-    def on(self, mesh):
-        """The same as a displacement condition.
+    def on(self, mesh: RootMesh) -> Dirichlet | ObliquePlane:
+        """Displacement condition on a mesh: Dirichlet for a plane across x, y or z.
 
-        Local.
-
-        Args:
-            mesh: RootMesh.
-
-        Returns:
-            Dirichlet across x, y or z, else ObliquePlane.
-
-        Raises:
-            SceneError: an unknown surface, or one that is not plane.
+        Local.  Raises SceneError if the surface is unknown or not plane.
         """
         facets = mesh.surface(self.surface)
         points = mesh.facet_points(facets).reshape(-1, 3)
@@ -147,45 +134,34 @@ class SymmetryPlane:
 
 @dataclass(frozen=True)
 class ObliquePlane:
-    """What a symmetry plane holds that is not across an axis: u . n = 0.
-
-    Attributes:
-        where: name of its surface.
-        normal: n, unit vector out of its first facet [-].
-    """
+    """Symmetry condition u . n = 0 on the surface `where`, with n its unit normal, not along an axis."""
 
     where: str
     normal: tuple[float, float, float]
 
     @property
-    def across(self):
-        """(3, 3) float64, n n^T [-]."""
-        return np.outer(self.normal, self.normal)
+    def across(self) -> FloatArray:
+        """(3, 3), n n^T [-]."""
+        return np.outer(self.normal, self.normal).astype(np.float64)
 
-    def check(self, values, largest, position):
-        """See that what others prescribe at points of the plane is along it.
-
-        Local.
+    def check(self, values: FloatArray, largest: float, position: Callable[[int], FloatArray]) -> None:
+        """Raises SceneError unless displacements prescribed by other conditions are tangential to the plane.  Local.
 
         Args:
-            values: (n, 3) float64 [m], NaN where free.
-            largest: largest prescribed displacement [m]; across the plane `PLANE` of it counts as none, for the plane
-                is no better known.
-            position: function of the number of a point that gives where it is (3,) [m].
-
-        Raises:
-            SceneError: it is not.
+            values: (n, 3), at points of the plane [m], NaN where free.
+            largest: largest prescribed displacement [m]; normal components up to `PLANE` times this count as zero.
+            position: maps the index of a point to its position (3,) [m].
         """
         moved = np.nan_to_num(values) @ self.normal
         away = np.flatnonzero(np.abs(moved) > PLANE * largest)
         if len(away):
             raise SceneError(
                 f"the symmetry plane {self.where!r} holds the displacement across it, and another condition prescribes "
-                f"{moved[away[0]]:.3g} there, at {position(away[0])}: prescribe none across it, or leave one out"
+                f"{moved[away[0]]:.3g} there, at {position(int(away[0]))}: prescribe none across it, or leave one out"
             )
 
 
-#: Largest distance from a plane, relative to the surface's size: rounding of the mesh generator.
+#: Largest distance from a plane, relative to the size of the surface: rounding by the mesh generator.
 PLANE = 1e-6
 
 
@@ -195,38 +171,26 @@ class Traction:
 
     Attributes:
         surface: name of a surface of the root mesh.
-        value: force per undeformed area in x, y, z [Pa]: three numbers, or a function of the undeformed positions
-            (3, n) float64 [m] that gives (3, n) float64.
+        value: force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
     Raises:
         SceneError: value is neither three finite numbers nor a function.
     """
 
     surface: str
-    value: object
+    value: VectorValue
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not callable(self.value):
             check_vector(self.what, self.value)
 
     @property
-    def what(self):
-        """What it is and where, for messages."""
+    def what(self) -> str:
+        """Kind and place, for messages."""
         return f"the traction on {self.surface!r}"
 
-    def at(self, points, normals):
-        """Force per area.
-
-        Args:
-            points: (n, 3) float64 [m].
-            normals: (n, 3) float64, outward unit normals there.
-
-        Returns:
-            (n, 3) float64 [Pa].
-
-        Raises:
-            SceneError: a function that does not give three finite numbers for each point.
-        """
+    def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Force per area (n, 3) [Pa] at points (n, 3) [m] with outward unit normals (n, 3); errors of `evaluated`."""
         return evaluated(self.what, self.value, points, 3)
 
 
@@ -236,76 +200,64 @@ class Pressure:
 
     Attributes:
         surface: name of a surface of the root mesh.
-        value: pressure [Pa], positive into the body: a number, or a function of the undeformed positions (3, n) float64
-            [m] that gives (n,) float64.
+        value: pressure [Pa], positive into the body, constant or a function of the undeformed position.
 
     Raises:
         SceneError: value is neither a finite number nor a function.
     """
 
     surface: str
-    value: object
+    value: ScalarValue
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not callable(self.value):
             check_number(self.what, self.value)
 
     @property
-    def what(self):
-        """What it is and where, for messages."""
+    def what(self) -> str:
+        """Kind and place, for messages."""
         return f"the pressure on {self.surface!r}"
 
-    def at(self, points, normals):
-        """Force per area, (n, 3) float64 [Pa]: arguments and errors as of `Traction.at`."""
+    def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Force per area (n, 3) [Pa], as `Traction.at`."""
         return -evaluated(self.what, self.value, points, 1) * normals
 
 
 @dataclass(frozen=True)
 class BodyForce:
-    """A force on the volume of a body, as its weight.
+    """A force on the volume of a body, such as its weight.
 
     Attributes:
         body: name of a body of the root mesh.
-        value: force per undeformed volume in x, y, z [N/m^3]: three numbers, or a function of the undeformed positions
-            (3, n) float64 [m] that gives (3, n) float64.
+        value: force per undeformed volume in x, y, z [N/m^3], constant or a function of the undeformed
+            position.
 
     Raises:
         SceneError: value is neither three finite numbers nor a function.
     """
 
     body: str
-    value: object
+    value: VectorValue
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not callable(self.value):
             check_vector(self.what, self.value)
 
     @property
-    def what(self):
-        """What it is and where, for messages."""
+    def what(self) -> str:
+        """Kind and place, for messages."""
         return f"the body force on {self.body!r}"
 
-    def at(self, points):
-        """Force per volume at points (n, 3) float64 [m]: (n, 3) float64 [N/m^3]; errors as `Traction.at`."""
+    def at(self, points: FloatArray) -> FloatArray:
+        """Force per volume (n, 3) [N/m^3] at points (n, 3) [m]; errors of `evaluated`."""
         return evaluated(self.what, self.value, points, 3)
 
 
-def evaluated(what, value, points, components):
-    """A number, vector or function of position at points.
+def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
+    """Values (n, components) of a condition or load at points (n, 3) [m].
 
-    Local.
-
-    Args:
-        what: it is, for messages.
-        value: number, vector, or function of (3, n) float64 [m] that gives (n,) for one component, (3, n) for three.
-        points: (n, 3) float64 [m].
-        components: 1 or 3.
-
-    Returns:
-        (n, components) float64.
-
-    Raises:
-        SceneError: a function that gives something else, or a number that is not finite.
+    Local.  Raises SceneError, which begins with `what`, if a function gives an array of another shape or type, or a
+    number that is not finite.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))

@@ -1,13 +1,16 @@
-"""A dolfinx mesh of hexahedra, gathered on all ranks as the arrays of a root mesh."""
+"""Root mesh arrays from a dolfinx mesh of hexahedra, gathered on all ranks."""
 
+from collections.abc import Mapping
 from numbers import Integral
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import basix
 import numpy as np
 from dolfinx.mesh import CellType, Mesh, MeshTags
+from mpi4py import MPI
 
 from fx_contact.parallel import compat
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_same_comm, shown
@@ -18,37 +21,38 @@ from fx_contact.problem.root_mesh_checks import MAX_ORDER
 class _Rows(NamedTuple):
     """Cells: number, body, (p+1)^3 nodes and their positions [m]; tagged facets: tag, number of the cell, local face.
 
-    Numbers of cells and nodes are those of the mesh's input, which do not depend on the ranks.
+    Numbers of cells and nodes are those of the input of the mesh, which do not depend on the number of ranks.
     """
 
-    number: np.ndarray
-    body: np.ndarray
-    nodes: np.ndarray
-    x: np.ndarray
-    tag: np.ndarray
-    cell: np.ndarray
-    face: np.ndarray
+    number: Int64Array
+    body: Int32Array
+    nodes: Int64Array
+    x: FloatArray
+    tag: Int32Array
+    cell: Int64Array
+    face: Int64Array
 
 
-def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
-    """What RootMesh is made from, the same on all ranks.
+def gathered_parts(
+    comm: MPI.Intracomm,
+    mesh: Mesh,
+    cell_tags: MeshTags | None,
+    facet_tags: MeshTags,
+    bodies: Mapping[int, str],
+    surfaces: Mapping[int, str],
+) -> dict[str, Any]:
+    """Arguments of RootMesh, alike on all ranks.
 
-    Collective on comm.
-
-    Args:
-        comm, mesh, cell_tags, facet_tags, bodies, surfaces: as `RootMesh.from_dolfinx` has them.
-
-    Returns:
-        dict of points, cells, bodies, body and surfaces.
+    Collective on comm.  Arguments as in `RootMesh.from_dolfinx`.
 
     Raises:
         GeometryError, SceneError: as there.
     """
     with together(comm):
         _check_mesh(mesh, comm)
-        for name, tags in (("bodies", bodies), ("surfaces", surfaces)):
-            if not isinstance(tags, dict) or not all(isinstance(tag, Integral) for tag in tags):
-                raise SceneError(f"{name} must be a dict of tag -> name, such as {{7: 'block'}}, got {shown(tags)}")
+        for name, names in (("bodies", bodies), ("surfaces", surfaces)):
+            if not isinstance(names, dict) or not all(isinstance(tag, Integral) for tag in names):
+                raise SceneError(f"{name} must be a dict of tag -> name, such as {{7: 'block'}}, got {shown(names)}")
         for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
             if tags is None and name == "cell_tags" and len(bodies) == 1:
                 continue
@@ -66,22 +70,21 @@ def gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces):
     every = _Rows(*(np.concatenate(part) for part in zip(*comm.allgather(mine))))
     order = np.argsort(every.number)
     nodes, x = every.nodes[order], every.x[order]
-    names, cells = np.unique(nodes, return_inverse=True)
-    points = np.empty((len(names), 3))
+    used, cells = np.unique(nodes, return_inverse=True)
+    points = np.empty((len(used), 3))
     points[cells.ravel()] = x.reshape(-1, 3)
     rows = np.stack([np.searchsorted(every.number[order], every.cell), every.face], axis=1).astype(np.int32)
-    tags = {name: [tag for tag, other in surfaces.items() if other == name] for name in surfaces.values()}
+    tags_of = {name: [tag for tag, other in surfaces.items() if other == name] for name in surfaces.values()}
     return {
         "points": points,
         "cells": cells.reshape(nodes.shape),
         "bodies": tuple(bodies.values()),
         "body": every.body[order],
-        "surfaces": {name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in tags.items()},
+        "surfaces": {name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in tags_of.items()},
     }
 
 
-def _check_mesh(mesh, comm):
-    """Raises an error unless a mesh can be a root mesh.  Local."""
+def _check_mesh(mesh: Mesh, comm: MPI.Intracomm) -> None:
     if not isinstance(mesh, Mesh):
         raise SceneError(f"a Mesh of dolfinx is needed, got {shown(mesh)}")
     check_same_comm("the mesh", mesh.comm, comm)
@@ -94,12 +97,19 @@ def _check_mesh(mesh, comm):
         )
 
 
-def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
-    """_Rows of this rank's cells and tagged facets.  Local."""
+def _rows(
+    mesh: Mesh,
+    cell_tags: MeshTags | None,
+    facet_tags: MeshTags,
+    bodies: Mapping[int, str],
+    surfaces: Mapping[int, str],
+) -> _Rows:
+    """Rows of this rank's cells and tagged facets."""
     owned, numbers = mesh.topology.index_map(3).size_local, mesh.topology.original_cell_index
-    body = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
-    for index, tag in enumerate(bodies if cell_tags is not None else ()):
-        body[cell_tags.indices[cell_tags.values == tag]] = index
+    body: Int32Array = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
+    if cell_tags is not None:
+        for index, tag in enumerate(bodies):
+            body[cell_tags.indices[cell_tags.values == tag]] = index
     body = body[:owned]
     if (body < 0).any():
         raise SceneError(
@@ -120,20 +130,12 @@ def _rows(mesh, cell_tags, facet_tags, bodies, surfaces):
     )
 
 
-def _tensor_order(cmap):
-    """How to have the nodes of dolfinx's cells in tensor order, and equispaced.
-
-    Args:
-        cmap: dolfinx CoordinateElement of order q.
-
-    Returns:
-        ((q+1)^3,) int, the position of each node among dolfinx's, and ((q+1)^3, (q+1)^3) float64, positions of
-        equispaced nodes from those of these nodes.
-    """
+def _tensor_order(cmap: Any) -> tuple[IntArray, FloatArray]:
+    """Position ((q+1)^3,) of each tensor-order node in dolfinx's order, and the matrix that makes nodes equispaced."""
     variant = basix.LagrangeVariant(cmap.variant)
     element = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, cmap.degree, variant)
-    order = np.lexsort(np.round(element.points, 9).T)  # z slowest
+    order = np.lexsort(np.round(np.asarray(element.points), 9).T)  # z slowest
     if variant == basix.LagrangeVariant.equispaced or cmap.degree < 3:
         return order, np.eye(len(order))
     equispaced = hexahedron.grid_points(cmap.degree) / cmap.degree
-    return order, element.tabulate(0, equispaced)[0, :, :, 0][:, order]
+    return order, np.asarray(element.tabulate(0, equispaced))[0, :, :, 0][:, order]

@@ -1,22 +1,20 @@
-"""Fingerprint of a scene, to compare it between ranks, and with that of a checkpoint."""
+"""Fingerprint of a scene, for comparison between ranks and with a checkpoint."""
 
 import hashlib
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from fx_contact.problem.boundary_conditions import ObliquePlane, Traction, evaluated
+from fx_contact.problem.boundary_conditions import ObliquePlane, ScalarValue, Traction, VectorValue, evaluated
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.scene import Scene
 
 
-def scene_parts(scene):
-    """The parts of a scene as JSON can hold them; the root mesh and functions of position by digests.
+def scene_parts(scene: Scene) -> dict[str, Any]:
+    """Parts of a scene for JSON, with digests of the root mesh and of functions of position.
 
-    Local.  The digest of a function is of its values on its place, not of its code.
-
-    Args:
-        scene: Scene.
-
-    Returns:
-        dict.
+    Local.  The digest of a function is of its values, not of its code.
     """
     return {
         "root mesh": mesh_digest(scene.mesh),
@@ -39,16 +37,10 @@ def scene_parts(scene):
     }
 
 
-def mesh_digest(mesh):
-    """A digest of a root mesh.
+def mesh_digest(mesh: RootMesh) -> str:
+    """Digest of a root mesh.
 
-    Local.  Positions are rounded to 1e-9 of the mesh's size, since Gmsh rounds otherwise on another machine.
-
-    Args:
-        mesh: RootMesh.
-
-    Returns:
-        str.
+    Local.  Positions are rounded to 1e-9 of the mesh's size, since Gmsh rounds differently on other machines.
     """
     size = np.ptp(mesh.points, axis=0).max()
     digest = hashlib.sha256(repr([mesh.bodies, float(f"{size:.9g}")]).encode())
@@ -61,8 +53,8 @@ def mesh_digest(mesh):
     return digest.hexdigest()[:16]
 
 
-def _given(scene, name, value, components):
-    """A prescribed value as JSON can hold it: numbers, or the digest of a function's values on its place."""
+def _given(scene: Scene, name: str, value: ScalarValue | VectorValue | None, components: int) -> Any:
+    """A prescribed value for JSON: numbers, or the digest of a function's values at the samples of its place."""
     if not callable(value):
         return None if value is None else _floats(np.atleast_1d(value))
     values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
@@ -72,5 +64,5 @@ def _given(scene, name, value, components):
     return f"function {digest.hexdigest()[:16]}"
 
 
-def _floats(values):
-    return [None if value is None else float(value) for value in values]
+def _floats(values: Iterable[float]) -> list[float]:
+    return [float(value) for value in values]

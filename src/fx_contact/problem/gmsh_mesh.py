@@ -1,14 +1,19 @@
 """Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
 
 Physical groups give the names: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
-order of Gmsh's nodes follows from the local coordinates that Gmsh reports.
+order of Gmsh's nodes is computed from the local coordinates that Gmsh reports.
 """
 
 import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from fx_contact.parallel.agreement import shared_path
+from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
@@ -19,72 +24,60 @@ from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 
 @collective("comm")
-def root_mesh_from_gmsh(comm, build):
-    """Build a model with Gmsh on rank 0 and share its mesh.
+def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> RootMesh:
+    """Root mesh, the same on all ranks, of a model built with Gmsh on rank 0.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        build: function of no argument, called on rank 0 with Gmsh initialised and silent; it leaves a meshed current
-            model.  Other ranks may give None.
-
-    Returns:
-        RootMesh, the same on all ranks.
+        build: leaves a meshed current model; called on rank 0 only, with Gmsh initialised and silent.
 
     Raises:
-        GeometryError, SceneError: as `RootMesh`; or cells that are not hexahedra, an order above 6.
-        GeometryError: Gmsh refuses what the function asks it for.
-        Exception: what else the function raises on rank 0, on all ranks.
+        GeometryError, SceneError: as `RootMesh`; cells that are not hexahedra, or an order above 6.
+        GeometryError: a call of Gmsh by the function fails.
+        Exception: any other error of the function on rank 0, on all ranks.
     """
     check_comm(comm)
     with together(comm):
-        parts = _with_gmsh(build) if comm.rank == 0 else None
+        parts = _with_gmsh(build) if comm.rank == 0 else {}
     parts = comm.bcast(parts, root=0)
     with together(comm):
         return RootMesh(**parts)
 
 
 @collective("comm")
-def root_mesh_from_file(comm, path):
-    """Read a .msh file on rank 0 and share its mesh.
+def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
+    """Root mesh, the same on all ranks, from a .msh file with hexahedra and physical groups, read on rank 0.
 
     Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        path: of a .msh file, with hexahedra and physical groups.
-
-    Returns:
-        RootMesh, the same on all ranks.
 
     Raises:
         SceneError: there is no such file, or Gmsh cannot read it.
         GeometryError: as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
-    path = shared_path(comm, "a mesh file", path)
+    source = shared_path(comm, "a mesh file", path)
 
-    def read():
-        """The file becomes Gmsh's current model.  Raises SceneError where it cannot."""
+    def read() -> None:
+        """Make the file Gmsh's current model; SceneError if that fails."""
         import gmsh
 
         try:
-            with path.open("rb") as file:
+            with source.open("rb") as file:
                 if file.read(1) != b"$":  # Gmsh would run it as a script
-                    raise SceneError(f"{str(path)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat")
+                    raise SceneError(f"{str(source)!r} is no mesh file of Gmsh: it does not begin with $MeshFormat")
         except OSError as error:
             raise SceneError(f"cannot read the mesh file: {error}") from None
         try:
-            gmsh.open(str(path))
-        except Exception as error:  # gmsh raises nothing more special
-            raise SceneError(f"Gmsh cannot read {str(path)!r}: {error}; is it whole? write it again") from None
+            gmsh.open(str(source))
+        except Exception as error:  # Gmsh has no error type of its own
+            raise SceneError(f"Gmsh cannot read {str(source)!r}: {error}; is it whole? write it again") from None
 
     return root_mesh_from_gmsh(comm, read)
 
 
-def _with_gmsh(build):
-    """Arguments of RootMesh from the model that a function builds.  Local."""
+def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
+    """Arguments of RootMesh from the model that a function builds."""
     import gmsh
 
     ours = not gmsh.isInitialized()
@@ -99,8 +92,8 @@ def _with_gmsh(build):
             gmsh.finalize()
 
 
-def _built(build, gmsh):
-    """Call the user's function; GeometryError for an error that comes from Gmsh, which has no type of its own."""
+def _built(build: Callable[[], object], gmsh: Any) -> None:
+    """Call the user's function; errors of Gmsh, which have no type of their own, become GeometryErrors."""
     try:
         build()
     except Exception as error:
@@ -110,7 +103,7 @@ def _built(build, gmsh):
         raise GeometryError(f"Gmsh cannot build the model: {error}") from error
 
 
-def _read_model(model):
+def _read_model(model: Any) -> dict[str, Any]:
     """Arguments of RootMesh from the current Gmsh model."""
     element_type, order, tensor_order = _hexahedron(model)
     bodies = _bodies(model)
@@ -136,7 +129,7 @@ def _read_model(model):
     }
 
 
-def _bodies(model):
+def _bodies(model: Any) -> dict[str, IntArray]:
     """Name -> volumes of each body; SceneError unless every volume is in one."""
     bodies = _groups(model, 3)
     nameless = {tag for _, tag in model.getEntities(3)}.difference(*bodies.values())
@@ -148,7 +141,7 @@ def _bodies(model):
     return bodies
 
 
-def _hexahedron(model):
+def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
     """Gmsh's type of the volume elements, their order, and Gmsh's number of each of their nodes in tensor order."""
     types = model.mesh.getElementTypes(3)
     properties = [model.mesh.getElementProperties(kind) for kind in types]
@@ -164,7 +157,7 @@ def _hexahedron(model):
     return element_type, order, np.lexsort(steps.T)
 
 
-def _groups(model, dimension):
+def _groups(model: Any, dimension: int) -> dict[str, IntArray]:
     """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number."""
     return {
         model.getPhysicalName(dimension, tag) or str(tag): model.getEntitiesForPhysicalGroup(dimension, tag)
@@ -172,15 +165,15 @@ def _groups(model, dimension):
     }
 
 
-def _facing(model, dimension, family, corners, local):
+def _facing(
+    model: Any, dimension: int, family: tuple[str, int], corners: Int64Array, local: IntArray
+) -> dict[str, IntArray]:
     """Name -> rows (cell, local face or edge) of the physical groups of a dimension, 2 or 1.
 
     Args:
-        model: Gmsh model.
-        dimension: of the groups.
         family: Gmsh's name for their elements, and the order.
-        corners: (ncells, 8) int64, Gmsh's nodes at the cell corners.
-        local: (k, m) int, corners of the local faces or edges.
+        corners: (ncells, 8), Gmsh's nodes at the cell corners.
+        local: (k, m), corners of the local faces or edges.
     """
     (k, m), order = local.shape, family[1]
     element_type = model.mesh.getElementType(*family)
@@ -201,7 +194,7 @@ def _facing(model, dimension, family, corners, local):
     return groups
 
 
-def _vertices(model, used):
+def _vertices(model: Any, used: Int64Array) -> dict[str, IntArray]:
     """Name -> nodes of the physical points."""
     vertices = {}
     for name, entities in _groups(model, 0).items():

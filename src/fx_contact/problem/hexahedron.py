@@ -1,20 +1,24 @@
-"""The reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
+"""Reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
 
 Corners, edges and faces are numbered as in dolfinx (Basix); corners and nodes of higher order are in tensor order, x
-fastest.  The Lagrange functions are not Basix's, for they must be exact at the nodes: cells that share a node have it
-at the same place to the last bit.  All functions here are local.
+fastest.  The Lagrange functions are not Basix's, since they must be exact at the nodes: cells that share a node must
+place it identically to the last bit.  All functions here are local.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 
 import basix
 import numpy as np
+import numpy.typing as npt
+
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 
 _, _edges, _faces, _ = basix.topology(basix.CellType.hexahedron)
 
 #: Coordinates of the corners: corner v is at (v & 1, v >> 1 & 1, v >> 2 & 1).
-CORNERS = basix.geometry(basix.CellType.hexahedron).astype(np.int64)
+CORNERS: Int64Array = np.asarray(basix.geometry(basix.CellType.hexahedron)).astype(np.int64)
 
 #: Local faces: normal axis, side (0 low, 1 high), the four corners, first tangent fastest.
 FACE_CORNERS = np.array(_faces)
@@ -41,82 +45,59 @@ FACE_EDGES = np.array(
 EDGE_FACES = np.array([np.flatnonzero((FACE_EDGES == edge).any(axis=1)) for edge in range(12)])
 
 
-def grid_points(order):
-    """Integer coordinates of the tensor-order nodes of a cell.
-
-    Args:
-        order: polynomial order p.
-
-    Returns:
-        ((p+1)^3, 3) int64 in 0..p.
-    """
+def grid_points(order: int) -> Int64Array:
+    """Integer coordinates in 0..p of the nodes of a cell of order p, in tensor order: ((p+1)^3, 3)."""
     return np.array([ijk[::-1] for ijk in product(range(order + 1), repeat=3)], dtype=np.int64)
 
 
-def order_of(count):
-    """The order p of a cell that has (p+1)^3 nodes: int."""
+def order_of(count: int) -> int:
+    """Order p of a cell that has (p+1)^3 nodes."""
     return round(count ** (1 / 3)) - 1
 
 
-def corner_nodes(order):
-    """Tensor index of the eight corners among the nodes of a cell of the given order: (8,) int64."""
+def corner_nodes(order: int) -> Int64Array:
+    """Tensor indices of the eight corners among the nodes of a cell: (8,)."""
     n = order + 1
     return CORNERS @ (order * np.array([1, n, n * n]))
 
 
-def face_nodes(order):
-    """Tensor indices of the nodes of the six faces, first tangent fastest: (6, (p+1)^2) int64."""
+def face_nodes(order: int) -> Int64Array:
+    """Tensor indices of the nodes of the six faces, first tangent fastest: (6, (p+1)^2)."""
     nodes = grid_points(order)
     return np.array([np.flatnonzero(nodes[:, a] == order * s) for a, s in zip(FACE_AXIS, FACE_SIDE)])
 
 
-def edge_nodes(order):
-    """Tensor indices of the nodes of the 12 edges, from the low end: (12, p+1) int64."""
+def edge_nodes(order: int) -> Int64Array:
+    """Tensor indices of the nodes of the 12 edges, from the low end: (12, p+1)."""
     n = order + 1
     return corner_nodes(order)[EDGE_CORNERS[:, :1]] + np.arange(n) * np.array([1, n, n * n])[EDGE_AXIS][:, None]
 
 
-def edge_inner_nodes(order):
-    """Tensor indices of the nodes inside the 12 edges, from the low end: (12, p-1) int64."""
+def edge_inner_nodes(order: int) -> Int64Array:
+    """Tensor indices of the nodes inside the 12 edges, from the low end: (12, p-1)."""
     return edge_nodes(order)[:, 1:-1]
 
 
-def face_inner_nodes(order):
-    """Tensor indices of the nodes inside the 6 faces, first tangent fastest: (6, (p-1)^2) int64."""
+def face_inner_nodes(order: int) -> Int64Array:
+    """Tensor indices of the nodes inside the six faces, first tangent fastest: (6, (p-1)^2)."""
     return face_nodes(order).reshape(6, order + 1, order + 1)[:, 1:-1, 1:-1].reshape(6, -1)
 
 
-def cell_inner_nodes(order):
-    """Tensor indices of the nodes inside the cell: ((p-1)^3,) int64."""
+def cell_inner_nodes(order: int) -> Int64Array:
+    """Tensor indices of the nodes inside the cell: ((p-1)^3,)."""
     nodes = grid_points(order)
     return np.flatnonzero(((nodes > 0) & (nodes < order)).all(axis=1))
 
 
-def subcells(order, dimension=3):
-    """Tensor indices of the corners of the equal parts between the nodes of a cell or a face.
-
-    Args:
-        order: of the nodes, p.
-        dimension: 3 of a cell, 2 of a face.
-
-    Returns:
-        (p^dimension, 2^dimension) int64, corners in tensor order.
-    """
+def subcells(order: int, dimension: int = 3) -> Int64Array:
+    """Tensor indices of the corners of the p^d equal parts of a cell (d = 3) or face (d = 2): (p^d, 2^d)."""
     steps = (order + 1) ** np.arange(dimension)[::-1]
     low, corners = (steps @ np.indices((count,) * dimension).reshape(dimension, -1) for count in (order, 2))
     return low[:, None] + corners
 
 
-def lagrange(order, x):
-    """Lagrange functions of equispaced nodes on [0, 1].
-
-    Args:
-        order: polynomial order p.
-        x: (...) float64.
-
-    Returns:
-        (..., p+1) float64; exact at the nodes.
-    """
+def lagrange(order: int, x: npt.ArrayLike) -> FloatArray:
+    """Lagrange functions of equispaced nodes on [0, 1] at points (...): (..., p+1), exact at the nodes."""
     nodes = np.arange(order + 1)
     factors = np.asarray(x)[..., None] * order - nodes
     values = np.ones((*np.shape(x), order + 1))
@@ -127,47 +108,35 @@ def lagrange(order, x):
     return values
 
 
-def lagrange_derivative(order, x):
-    """First derivatives of `lagrange`: (..., p+1) float64."""
+def lagrange_derivative(order: int, x: npt.ArrayLike) -> FloatArray:
+    """First derivatives of `lagrange`: (..., p+1)."""
     monomials = np.linalg.inv(np.vander(np.linspace(0, 1, order + 1), increasing=True))
     powers = np.arange(1, order + 1)
     return (np.asarray(x)[..., None] ** (powers - 1) * powers) @ monomials[1:]
 
 
 @cache
-def child_interpolation(order):
-    """Nodal values of each child of a cell from those of the cell: (8, (p+1)^3, (p+1)^3) float64, exact."""
+def child_interpolation(order: int) -> FloatArray:
+    """Matrices from the nodal values of a cell to those of each child: (8, (p+1)^3, (p+1)^3), exact."""
     steps = np.arange(order + 1) / order
     low, high = (lagrange(order, (side + steps) / 2) for side in (0, 1))
     axes = [[high if corner[axis] else low for axis in range(3)] for corner in CORNERS]
     return np.array([np.kron(z, np.kron(y, x)) for x, y, z in axes])
 
 
-def lengths(corners):
-    """Mean lengths of the edges along each axis of cells.
-
-    Local.
-
-    Args:
-        corners: (n, 8, 3) float64, in the order of `CORNERS` [m].
-
-    Returns:
-        (n, 3) float64 [m].
-    """
+def lengths(corners: FloatArray) -> FloatArray:
+    """Mean edge lengths (n, 3) [m] along each axis of cells with corners (n, 8, 3) [m]."""
     ends = corners[:, EDGE_CORNERS]
     edges = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     return np.stack([edges[:, EDGE_AXIS == axis].mean(axis=1) for axis in range(3)], axis=1)
 
 
-def tensor_evaluate(functions, nodal):
-    """Evaluate nodal tensor-product fields at the tensor product of points along each axis.
+def tensor_evaluate(functions: Sequence[FloatArray], nodal: FloatArray) -> FloatArray:
+    """Values (n, m_x m_y m_z, d) of nodal tensor-product fields at the tensor product of points along each axis.
 
     Args:
-        functions: three (m, p+1) float64 arrays, 1D functions at m points along x, y and z.
-        nodal: (n, (p+1)^3, d) float64, nodal values in tensor order.
-
-    Returns:
-        (n, m_x m_y m_z, d) float64, tensor order, x fastest.
+        functions: 1D functions (m_x, p+1), (m_y, p+1) and (m_z, p+1) at points along x, y and z.
+        nodal: (n, (p+1)^3, d), in tensor order.
     """
     n, _, d = nodal.shape
     fx, fy, fz = functions

@@ -1,44 +1,41 @@
 """Canonical keys of lattice points: the same on every rank, without communication.
 
-Each root cell carries an integer lattice with 2^15 intervals a side: twice as fine as the finest leaves, so that
-midpoints of leaf edges and faces are lattice points too.  A lattice point is named by the root entity (vertex, edge,
-face or cell) in whose interior it lies and by its integer coordinates in that entity's canonical frame, which starts
-at the entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.
-All functions here are local.
+Each root cell has an integer lattice with 2^15 intervals a side, twice as fine as the finest leaves, so that midpoints
+of leaf edges and faces are lattice points too.  The key of a lattice point combines the root entity (vertex, edge, face
+or cell) whose interior contains it with its integer coordinates in the entity's canonical frame, which starts at the
+entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.  All
+functions here are local.
 """
 
 from itertools import product
 
 import numpy as np
 
+from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh import RootMesh
 
+#: Of each root entity, ascending: first key (int64), a cell that has it, and its part of that cell.
+Entities = tuple[Int64Array, Int64Array, Int64Array]
 MAX_LEVEL = 14
 BITS = MAX_LEVEL + 1
+#: Intervals of the lattice along a root edge; a leaf of level l has the side `SIDE >> l`.
 SIDE = 1 << BITS
-"""Intervals of the lattice along a root edge; a leaf of level l has the side `SIDE >> l`."""
 
 _LOW, _HIGH, _INSIDE = 0, 1, 2
+#: The 27 parts of a closed cell, x fastest: at the low end, at the high end, or inside along each axis.
 _CODES = [code[::-1] for code in product((_LOW, _HIGH, _INSIDE), repeat=3)]
-"""The 27 parts of a closed cell, x fastest: along each axis at the low end, at the high end, or between."""
 
 
 class Lattice:
-    """Keys of the lattice points of a root mesh.  Local.
+    """Keys of the lattice points of a root mesh.  Local.  Raises GeometryError for too many root cells."""
 
-    Args:
-        mesh: RootMesh.
-
-    Raises:
-        GeometryError: too many root cells for the keys.
-    """
-
-    def __init__(self, mesh):
+    def __init__(self, mesh: RootMesh) -> None:
         ncells = len(mesh.cells)
         _, vertices = np.unique(mesh.corners, return_inverse=True)
         vertices = vertices.reshape(ncells, 8)
-        # Of each part of each cell: its first key, unused low bits of a key, and its frame against the cell's axes.
+        # Of each part of each cell: its first key, unused low bits of a key, and its frame relative to the cell's axes.
         self._start = np.zeros((ncells, 27), dtype=np.int64)
         self._unused = np.array([BITS * (3 - code.count(_INSIDE)) for code in _CODES])
         self._flip = np.zeros((ncells, 27, 3), dtype=bool)
@@ -60,7 +57,7 @@ class Lattice:
                 if dimension in (1, 2):
                     self._orient(part, dimension, corners[:, slot])
 
-    def _orient(self, part, dimension, corners):
+    def _orient(self, part: int, dimension: int, corners: IntArray) -> None:
         """Canonical frame of an edge or face: from the lowest root vertex, the lower of its neighbours first."""
         origin = corners.argmin(axis=1)
         for axis in range(dimension):
@@ -69,18 +66,15 @@ class Lattice:
             rows = np.arange(len(corners))
             self._swap[:, part] = corners[rows, origin ^ 2] < corners[rows, origin ^ 1]
 
-    def keys(self, cell, points):
-        """Keys of lattice points.
+    def keys(self, cell: IntArray, points: IntArray) -> Int64Array:
+        """Keys (n, m) of lattice points, the same from every cell that shares the point.
 
         Args:
-            cell: (n,) int, root cells.
-            points: (n, m, 3) int, lattice coordinates in 0..SIDE within those cells.
-
-        Returns:
-            (n, m) int64 keys, the same from every cell that shares the point.
+            cell: (n,), root cells.
+            points: (n, m, 3), lattice coordinates in 0..SIDE within those cells.
         """
         cell = np.asarray(cell)[:, None]
-        part = np.zeros(points.shape[:2], dtype=np.int64)
+        part: Int64Array = np.zeros(points.shape[:2], dtype=np.int64)
         for axis in range(3):
             x = points[:, :, axis]
             part += 3**axis * np.where(x == 0, _LOW, np.where(x == SIDE, _HIGH, _INSIDE))
@@ -93,29 +87,17 @@ class Lattice:
         inside = ((first << BITS | second) << BITS | local[:, :, 2]) >> self._unused[part]
         return self._start[cell, part] + inside
 
-    def entities(self, prefer):
-        """The root entities (vertices, edges, faces, cells), each as a part of one of the cells that have it.
+    def entities(self, prefer: BoolArray) -> Entities:
+        """Root entities (vertices, edges, faces, cells), each as a part of one of the cells that have it.
 
-        Args:
-            prefer: (ncells, 27) bool, parts that come first; of several that of the lowest cell.
-
-        Returns:
-            (e,) int64 first keys, ascending, (e,) int64 cells, and (e,) int64 parts, by which `located` goes.
+        Parts (ncells, 27) in the mask `prefer` are chosen first; of several, that of the lowest cell.
         """
         order = np.argsort(~prefer.ravel(), kind="stable")
         starts, first = np.unique(self._start.ravel()[order], return_index=True)
         return starts, *np.divmod(order[first], 27)
 
-    def located(self, keys, entities):
-        """The points that keys name: the inverse of `keys`.
-
-        Args:
-            keys: (n,) int64.
-            entities: as `entities` gives them.
-
-        Returns:
-            (n,) int64 entities, and (n, 3) int32 lattice coordinates in the cells of these.
-        """
+    def located(self, keys: Int64Array, entities: Entities) -> tuple[Int64Array, Int32Array]:
+        """Entities (n,) of keys (n,), and lattice coordinates (n, 3) in their cells: the inverse of `keys`."""
         starts, cells, parts = entities
         entity = np.searchsorted(starts, keys, side="right") - 1
         cell, part = cells[entity], parts[entity]
@@ -125,73 +107,57 @@ class Lattice:
         local = np.stack([np.where(swap, second, first), np.where(swap, first, second), third], axis=1)
         local += self._flip[cell, part] * (SIDE - 2 * local)
         points = np.append(SIDE * (np.array(_CODES) == _HIGH), np.zeros((27, 1), dtype=int), axis=1)
-        points = points.astype(np.int32)[part]  # the fourth column takes what the part has no axis for
+        points = points.astype(np.int32)[part]  # the fourth column receives coordinates without an axis of the part
         np.put_along_axis(points, self._axes[part], local.astype(np.int32), axis=1)
         return entity, points[:, :3]
 
 
-def part_faces():
-    """(27, 6) bool: which parts of a closed cell lie on which of its faces."""
+def part_faces() -> BoolArray:
+    """(27, 6), parts of a closed cell that lie on each of its faces."""
     codes = np.array(_CODES)
     return codes[:, hexahedron.FACE_AXIS] == np.where(hexahedron.FACE_SIDE == 1, _HIGH, _LOW)
 
 
-def _numbered(rows):
-    """Number of each row (n, 2^k) of int below 2^31 among the different ones, in lexicographic order: (n,) int64."""
+def _numbered(rows: IntArray) -> Int64Array:
+    """Number (n,) of each row (n, 2^k) of int below 2^31 among the different ones, in lexicographic order."""
     while rows.shape[1] > 1:
         pairs = rows[:, ::2] << 32 | rows[:, 1::2]
         rows = np.stack([np.unique(pair, return_inverse=True)[1] for pair in pairs.T], axis=1)
     return np.unique(rows[:, 0], return_inverse=True)[1]
 
 
-def _part_corners(code):
+def _part_corners(code: tuple[int, ...]) -> list[int]:
     """Corners of a part of the cell, its first inside axis fastest."""
-    free = [(0, 1) if c == _INSIDE else (c,) for c in code]
+    free = [[0, 1] if c == _INSIDE else [c] for c in code]
     return [x + 2 * y + 4 * z for z, y, x in product(*free[::-1])]
 
 
-def leaf_side(level):
-    """Sides of leaves in lattice units, of their levels (n,) int: (n,) int32."""
+def leaf_side(level: IntArray) -> Int32Array:
+    """Sides (n,) in lattice units of leaves of levels (n,)."""
     return (SIDE >> level.astype(np.int32)).astype(np.int32)
 
 
-def leaf_corners(anchor, level):
-    """Lattice coordinates of the corners of leaves.
-
-    Args:
-        anchor: (n, 3) int32, low corner.
-        level: (n,) int8.
-
-    Returns:
-        (n, 8, 3) int32, tensor order.
-    """
+def leaf_corners(anchor: Int32Array, level: Int8Array) -> Int32Array:
+    """Lattice coordinates (n, 8, 3) of the corners, in tensor order, of leaves with low corner `anchor` (n, 3)."""
     return anchor[:, None] + leaf_side(level)[:, None, None] * hexahedron.CORNERS.astype(np.int32)
 
 
-def edge_midpoints(corners):
-    """Lattice coordinates of the midpoints of the 12 edges, from the corners: (n, 8, 3) int32 to (n, 12, 3)."""
+def edge_midpoints(corners: Int32Array) -> Int32Array:
+    """Lattice coordinates (n, 12, 3) of the midpoints of the edges, from those of the corners (n, 8, 3)."""
     return corners[:, hexahedron.EDGE_CORNERS].sum(axis=2) // 2
 
 
-def face_centres(corners):
-    """Lattice coordinates of the centres of the 6 faces, from the corners: (n, 8, 3) int32 to (n, 6, 3)."""
+def face_centres(corners: Int32Array) -> Int32Array:
+    """Lattice coordinates (n, 6, 3) of the centres of the faces, from those of the corners (n, 8, 3)."""
     return corners[:, hexahedron.FACE_CORNERS[:, [0, 3]]].sum(axis=2) // 2
 
 
-def root_faces(anchor, level):
-    """Which faces of leaves lie on faces of their root cells.
-
-    Args:
-        anchor: (n, 3) int32, low corner.
-        level: (n,) int8.
-
-    Returns:
-        (n, 6) bool.
-    """
+def root_faces(anchor: Int32Array, level: Int8Array) -> BoolArray:
+    """Mask (n, 6) of the faces of leaves that lie on faces of their root cells; arguments as in `leaf_corners`."""
     ends = np.stack([anchor == 0, anchor + leaf_side(level)[:, None] == SIDE], axis=1)
     return ends[:, hexahedron.FACE_SIDE, hexahedron.FACE_AXIS]
 
 
-def root_edges(anchor, level):
-    """Which edges of leaves lie on edges of their root cells: (n, 12) bool; arguments as for `root_faces`."""
-    return root_faces(anchor, level)[:, hexahedron.EDGE_FACES].all(axis=2)
+def root_edges(anchor: Int32Array, level: Int8Array) -> BoolArray:
+    """Mask (n, 12) of the edges of leaves that lie on edges of their root cells."""
+    return np.all(root_faces(anchor, level)[:, hexahedron.EDGE_FACES], axis=2)

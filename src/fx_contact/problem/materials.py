@@ -1,4 +1,4 @@
-"""Materials of bodies: linear, elastic, isotropic."""
+"""Material laws: linear, elastic, isotropic."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from fx_contact.parallel.validation import check_number
 
 @dataclass(frozen=True)
 class Material:
-    """An isotropic linear elastic material.
+    """Isotropic linear elastic material.
 
     Attributes:
         young: Young's modulus E [Pa], positive.
@@ -21,13 +21,13 @@ class Material:
     young: float
     poisson: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "young", check_number("Young's modulus", self.young, positive=True))
         object.__setattr__(self, "poisson", check_number("Poisson's ratio", self.poisson))
         if not -1 < self.poisson < 0.5:
             raise SceneError(f"Poisson's ratio must lie between -1 and 0.5 (excluded), got {self.poisson}")
 
     @property
-    def plane_strain_modulus(self):
+    def plane_strain_modulus(self) -> float:
         """E/(1 - nu^2) [Pa]."""
         return self.young / (1 - self.poisson**2)

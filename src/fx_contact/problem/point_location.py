@@ -1,35 +1,31 @@
-"""Where points are in the root mesh: root cells and reference coordinates, found by Newton's method."""
+"""Location of points in the root mesh: root cells and reference coordinates, by Newton's method."""
 
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh import RootMesh
 
-#: Distance from a root cell, relative to its size, up to which a point is in it: rounding of the mesh generator.
+#: Distance from a root cell, relative to its size, up to which a point belongs to it: rounding by the mesh generator.
 _NEAR = 1e-6
-#: By how much more than the box around its nodes a curved cell may take up, relative to the box [-].
+#: Margin around the bounding box of a cell's nodes that contains the curved cell, relative to the box [-].
 _MARGIN = 0.5
-#: Most steps of Newton's method; from the middle of a cell it takes 4 to 7.
+#: Newton steps; 4 to 7 are needed from the middle of a cell.
 _STEPS = 30
 
 
-def root_cells_at(mesh, point):
-    """The root cells that have a point, on their surface too.
+def root_cells_at(mesh: RootMesh, point: FloatArray) -> tuple[Int64Array, FloatArray]:
+    """Root cells (k,) that contain a point (3,) [m], their surfaces included, and its reference coordinates (k, 3).
 
-    Local.
-
-    Args:
-        mesh: RootMesh.
-        point: (3,) float64, undeformed position [m].
-
-    Returns:
-        (k,) int64 root cells, ascending, and (k, 3) float64 reference coordinates in [0, 1] of the point in each.
+    Local.  The point is undeformed; cells are ascending.
     """
     nodal = mesh.points[mesh.cells]
     low, high = nodal.min(axis=1), nodal.max(axis=1)
     size = np.linalg.norm(high - low, axis=1)
     margin = _MARGIN * (high - low) + _NEAR * size[:, None]
     cells = np.flatnonzero(((low - margin <= point) & (point <= high + margin)).all(axis=1))
-    nodal, size, at = nodal[cells], size[cells], np.full((len(cells), 3), 0.5)
+    nodal, size = nodal[cells], size[cells]
+    at: FloatArray = np.full((len(cells), 3), 0.5)
     for _ in range(_STEPS):
         values, slopes = _map(mesh.order, nodal, at)
         at = np.clip(at + np.linalg.solve(slopes, (point - values)[:, :, None])[:, :, 0], 0.0, 1.0)
@@ -37,7 +33,7 @@ def root_cells_at(mesh, point):
     return cells[here], at[here]
 
 
-def _map(order, nodal, at):
+def _map(order: int, nodal: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (k, 3) of reference coordinates (k, 3) in cells with nodes (k, (p+1)^3, 3), and Jacobians (k, 3, 3)."""
     value, slope = hexahedron.lagrange(order, at), hexahedron.lagrange_derivative(order, at)
     columns = []

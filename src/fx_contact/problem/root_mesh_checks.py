@@ -1,11 +1,13 @@
-"""What a RootMesh must be: arrays of the right shapes, cells that are not inverted and fit together, names that exist.
+"""Validation of a RootMesh: array shapes, orientation of the cells, conformity, names.  Local."""
 
-Local.
-"""
+from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -14,14 +16,19 @@ from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_label
 from fx_contact.problem import hexahedron
 
+if TYPE_CHECKING:
+    from fx_contact.problem.root_mesh import RootMesh
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 #: Highest order of cell maps.
 MAX_ORDER = 6
-#: Sizes below it, and above its inverse, have volumes or inertias that are no double precision numbers [m].
+#: Smallest size, and inverse of the largest one, whose volumes and inertias are double precision numbers [m].
 SMALLEST = 1e-60
 
 
-def check_mesh(mesh):
-    """See that a RootMesh, its arrays taken, is one that can be refined.
+def check_mesh(mesh: RootMesh) -> None:
+    """Check that a RootMesh, its arrays taken, can be refined.
 
     Raises:
         GeometryError, SceneError: as `RootMesh`.
@@ -32,13 +39,11 @@ def check_mesh(mesh):
     _check_tags(mesh)
 
 
-def take_arrays(mesh):
-    """Turn what was given to a RootMesh into the arrays, tuples and dicts that its attributes are, frozen.
-
-    What was given stays as it is: it is copied where it could be changed from elsewhere.
+def take_arrays(mesh: RootMesh) -> None:
+    """Convert the arguments of a RootMesh to frozen arrays, tuples and dicts; arrays are copied if they are writeable.
 
     Raises:
-        GeometryError: it cannot be turned into them.
+        GeometryError: an argument cannot be converted.
     """
     try:
         taken = {
@@ -59,26 +64,26 @@ def take_arrays(mesh):
         object.__setattr__(mesh, name, value)
 
 
-def _frozen(array):
-    """An array that nobody can write to: the same if it is one, else a copy."""
+def _frozen(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+    """A read-only array: the same if it is one already, else a copy."""
     if array.flags.writeable or array.base is not None:
         array = array.copy()
         array.setflags(write=False)
     return array
 
 
-def _integers(value, dtype):
-    """A frozen array of whole numbers; TypeError if it is of others."""
+def _integers(value: Any, dtype: type[np.integer[Any]]) -> npt.NDArray[Any]:
+    """A frozen array of whole numbers; TypeError for other numbers."""
     array = np.asarray(value)
     return _frozen(array.astype(dtype, casting="same_kind" if array.size else "unsafe", copy=False))
 
 
-def _named(groups, dtype):
+def _named(groups: Mapping[str, Any], dtype: type[np.integer[Any]]) -> Mapping[str, npt.NDArray[Any]]:
     """A frozen dict of arrays of whole numbers."""
     return MappingProxyType({name: _integers(rows, dtype) for name, rows in dict(groups).items()})
 
 
-def _check_shapes(mesh):
+def _check_shapes(mesh: RootMesh) -> None:
     if mesh.points.ndim != 2 or mesh.points.shape[1] != 3:
         raise GeometryError(f"points must be a (npoints, 3) array, got shape {mesh.points.shape}")
     if not np.isfinite(mesh.points).all():
@@ -99,12 +104,12 @@ def _check_shapes(mesh):
         raise GeometryError(f"the root mesh is {size:.3g} large, its volumes are no numbers: check the units")
 
 
-def _check_jacobian(mesh):
-    """The determinant of the cell map at a lattice finer than the nodes; its smallest value must be positive."""
+def _check_jacobian(mesh: RootMesh) -> None:
+    """The determinant of the cell map must be positive on a lattice finer than the nodes."""
     x = np.linspace(0, 1, 2 * mesh.order + 1)
     value, slope = hexahedron.lagrange(mesh.order, x), hexahedron.lagrange_derivative(mesh.order, x)
     smallest = np.empty(len(mesh.cells))
-    step = 1 + 50_000 // len(x) ** 3  # cells at once: few enough for the processor's cache
+    step = 1 + 50_000 // len(x) ** 3  # cells at once, so that they fit into the processor's cache
     for start in range(0, len(mesh.cells), step):
         nodal = mesh.points[mesh.cells[start : start + step]]
         columns = [
@@ -112,7 +117,7 @@ def _check_jacobian(mesh):
         ]
         determinant = np.linalg.det(np.stack(columns, axis=-1))
         smallest[start : start + step] = determinant.min(axis=1) / np.maximum(np.abs(determinant).max(axis=1), 1e-300)
-    if smallest.min() <= 1e-8:  # the square root of rounding: a degenerate corner, exactly 0, has less
+    if smallest.min() <= 1e-8:  # square root of the rounding unit; a degenerate corner is exactly 0 without rounding
         cell = int(smallest.argmin())
         raise GeometryError(
             f"root cell {cell} of {len(mesh.cells)} is inverted or degenerate: the smallest Jacobian determinant is "
@@ -121,7 +126,7 @@ def _check_jacobian(mesh):
         )
 
 
-def _check_conforming(mesh):
+def _check_conforming(mesh: RootMesh) -> None:
     _, kind, count = np.unique(np.sort(mesh.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
     twice = np.flatnonzero(count[kind.ravel()] > 1)
     if len(twice):
@@ -142,8 +147,8 @@ def _check_conforming(mesh):
         _check_no_crack(mesh, name, exterior[mesh.body[exterior[:, 0]] == index])
 
 
-def _check_no_crack(mesh, name, facets):
-    """No corner of a body's boundary may lie on a facet of the same body that does not have it as a node."""
+def _check_no_crack(mesh: RootMesh, name: str, facets: npt.NDArray[np.int64]) -> None:
+    """No corner of a body's boundary may lie on a facet of the same body without being one of its nodes."""
     if not len(facets):
         return
     own = mesh.corners[facets[:, :1], hexahedron.FACE_CORNERS[facets[:, 1]]]
@@ -164,7 +169,7 @@ def _check_no_crack(mesh, name, facets):
         )
 
 
-def _check_tags(mesh):
+def _check_tags(mesh: RootMesh) -> None:
     _check_bodies(mesh)
     names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
     for name in (*mesh.bodies, *names):
@@ -189,7 +194,7 @@ def _check_tags(mesh):
             raise SceneError(f"vertex {name!r} is not a corner of root cells")
 
 
-def _check_bodies(mesh):
+def _check_bodies(mesh: RootMesh) -> None:
     numbers = np.unique(mesh.body)
     if len(set(mesh.bodies)) < len(mesh.bodies) or not np.array_equal(numbers, np.arange(len(mesh.bodies))):
         raise SceneError(

@@ -1,75 +1,83 @@
-"""Shapes: curved hexahedra with named sides, placed, joined and swept until they are the bodies of a RootMesh.
+"""Shapes: curved hexahedra with named sides, placed, joined and swept into the bodies of a RootMesh.
 
-Simple shapes are made in `problem.solids`, others by `problem.swept_shapes` from a side of these.  Functions of
-position take an array (3, n) of points, as those of conditions do.  All functions here are local: every rank makes the
-same.
+`problem.solids` makes simple shapes, `problem.swept_shapes` others from their sides.  Functions of position take an
+array (3, n) of points, as those of conditions do.  All functions here are local: every rank makes the same shapes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.validation import check_name, check_number, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 
+#: A function of positions (3, n) that gives new positions: three arrays (n,), or numbers.
+Placement: TypeAlias = Callable[[FloatArray], Sequence[npt.ArrayLike] | FloatArray]
+#: A function of positions (3, n) that gives a truth value (n,) for each.
+Predicate: TypeAlias = Callable[[FloatArray], BoolArray | np.bool_]
+#: "x", "y" or "z", or the direction of an axis through the origin.
+Axis: TypeAlias = str | Sequence[float] | FloatArray
+
 AXES = ("x", "y", "z")
-#: Nodes of shapes that are joined are one if they are closer than this, over the extent of all.
+#: Distance within which nodes of joined shapes are merged, relative to the extent of all.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Hexahedra of one order; it is checked when it becomes a body of a RootMesh (`root_mesh_from_shapes`).
+    """Hexahedra of one order with named sides; validated by `root_mesh_from_shapes`.
 
     Attributes:
-        points: (npoints, 3) float64, node positions, in the unit of the mesh.
-        cells: (ncells, (p+1)^3) int64, nodes of each cell in tensor order, x fastest, equispaced in the reference cell.
-        sides: name -> (n, 2) int32 rows (cell, local face) on the boundary.
+        points: (npoints, 3), node positions, in the unit of the mesh.
+        cells: (ncells, (p+1)^3), nodes of each cell in tensor order, x fastest, equispaced in the reference cell.
+        sides: name -> (n, 2), facets (cell, local face) on the boundary.
     """
 
-    points: np.ndarray
-    cells: np.ndarray
-    sides: dict[str, np.ndarray] = field(default_factory=dict)
+    points: FloatArray
+    cells: Int64Array
+    sides: dict[str, Int32Array] = field(default_factory=dict)
 
     @cached_property
-    def order(self):
+    def order(self) -> int:
         """Polynomial order p of the cell maps."""
         return hexahedron.order_of(self.cells.shape[1])
 
     @cached_property
-    def boundary(self):
-        """(n, 2) int32 rows (cell, local face) of all facets of the boundary."""
+    def boundary(self) -> Int32Array:
+        """(n, 2), all facets (cell, local face) of the boundary."""
         corners = self.cells[:, hexahedron.corner_nodes(self.order)][:, hexahedron.FACE_CORNERS]
         number = np.unique(np.sort(corners, axis=2).reshape(-1, 4), axis=0, return_inverse=True)[1].ravel()
         alone = np.bincount(number)[number] == 1
         return np.argwhere(alone.reshape(-1, 6)).astype(np.int32)
 
-    def side(self, name):
-        """(n, 2) int32 rows (cell, local face) of a side.  Raises SceneError where there is none of that name."""
+    def side(self, name: str) -> Int32Array:
+        """(n, 2), facets (cell, local face) of a side.  Raises SceneError if there is no side of that name."""
         check_name("side", name, self.sides, "the shape has")
         return self.sides[name]
 
-    def named(self, name, *sides, where=None):
-        """The shape with one more side.
+    def named(self, name: str, *sides: str, where: Predicate | None = None) -> Shape:
+        """The shape with one more side, the union of existing ones or the whole boundary.
 
         Args:
             name: of the new side.
-            sides: names of those that it is made of; none: the whole boundary.
-            where: function of positions (3, n) that gives (n,) bool; a facet belongs to the side if all its nodes do.
-                None: everywhere.
-
-        Returns:
-            Shape.
+            sides: names of existing ones.
+            where: predicate that all nodes of its facets satisfy; None: any.
 
         Raises:
             SceneError: an unknown side.
-            GeometryError: no facet is there, or the function gives something else.
+            GeometryError: no facet is there, or the function does not give truth values.
         """
         rows = np.unique(np.concatenate([self.side(side) for side in sides]), axis=0) if sides else self.boundary
         if where is not None:
@@ -79,52 +87,24 @@ class Shape:
             raise GeometryError(f"side {name!r} has no facet: none has all its nodes in the place that is asked for")
         return replace(self, sides={**self.sides, name: rows})
 
-    def placed(self, place):
-        """The shape with its nodes elsewhere.
-
-        Args:
-            place: function of positions (3, n) that gives the new ones: three arrays (n,), or numbers.
-
-        Returns:
-            Shape.
-
-        Raises:
-            GeometryError: the function gives something else.
-        """
+    def placed(self, place: Placement) -> Shape:
+        """The shape with its nodes moved by a function.  Raises GeometryError unless it gives positions."""
         return replace(self, points=images("the place of a shape", place, self.points))
 
-    def shifted(self, x=0.0, y=0.0, z=0.0):
-        """The shape moved by x, y, z, in the unit of the mesh.  Raises SceneError for what are no numbers."""
+    def shifted(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Shape:
+        """The shape moved by x, y, z, in the unit of the mesh.  Raises SceneError unless these are numbers."""
         return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
-    def turned(self, axis, degrees):
-        """The shape turned about an axis through the origin.
-
-        Args:
-            axis: "x", "y" or "z", or three numbers: a direction.
-            degrees: angle, counter-clockwise seen from the tip of the axis.
-
-        Returns:
-            Shape.
+    def turned(self, axis: Axis, degrees: float) -> Shape:
+        """The shape turned about an axis, counter-clockwise seen from its tip.
 
         Raises:
-            SceneError: no axis, or no number.
-            GeometryError: an axis without direction.
+            SceneError, GeometryError: as `rotation`.
         """
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
-    def mirrored(self, axis):
-        """The shape mirrored at a plane through the origin.
-
-        Args:
-            axis: "x", "y" or "z", across the plane.
-
-        Returns:
-            Shape.
-
-        Raises:
-            SceneError: another axis.
-        """
+    def mirrored(self, axis: str) -> Shape:
+        """The shape mirrored across "x", "y" or "z" at the origin.  Raises SceneError for another axis."""
         check_name("axis", axis, AXES)
         nodes = hexahedron.grid_points(self.order) @ [-1, self.order + 1, (self.order + 1) ** 2] + self.order
         faces = np.arange(6)
@@ -132,31 +112,22 @@ class Shape:
         return replace(
             self,
             points=self.points * np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0),
-            cells=self.cells[:, nodes],  # the other way round along x, or they would be inverted
+            cells=self.cells[:, nodes],  # reversed along x, since a reflection inverts cells
             sides={name: np.stack([rows[:, 0], faces[rows[:, 1]]], axis=1) for name, rows in self.sides.items()},
         )
 
-    def facet_nodes(self, rows):
-        """Nodes of facets, first tangent fastest: (n, (p+1)^2) int64.
-
-        Args:
-            rows: (n, 2) int (cell, local face).
-        """
+    def facet_nodes(self, rows: IntArray) -> Int64Array:
+        """Nodes (n, (p+1)^2), first tangent fastest, of facets (n, 2) as (cell, local face)."""
         return self.cells[rows[:, :1], hexahedron.face_nodes(self.order)[rows[:, 1]]]
 
 
-def join(*shapes):
-    """One shape of several that touch; or of one whose ends meet.
+def join(*shapes: Shape) -> Shape:
+    """One shape made of several of one order that touch, or of one whose ends meet.
 
-    Args:
-        shapes: of one order.
-
-    Returns:
-        Shape.  Nodes at one place are one node, sides of one name one side, and facets that two cells share are in no
-        side any more.
+    Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
 
     Raises:
-        GeometryError: different orders, or none at all.
+        GeometryError: different orders, or no shape at all.
     """
     if len({shape.order for shape in shapes}) != 1:
         raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in shapes]}")
@@ -169,23 +140,25 @@ def join(*shapes):
     names = dict.fromkeys(name for shape in shapes for name in shape.sides)
     outside, sides = whole.boundary @ [6, 1], {}
     for name in names:
-        rows = [shape.sides[name] + [start, 0] for shape, start in zip(shapes, first) if name in shape.sides]
-        rows = np.concatenate(rows).astype(np.int32)
+        parts = [shape.sides[name] + [start, 0] for shape, start in zip(shapes, first) if name in shape.sides]
+        rows = np.concatenate(parts).astype(np.int32)
         sides[name] = rows[np.isin(rows @ [6, 1], outside)]
     return replace(whole, sides={name: rows for name, rows in sides.items() if len(rows)})
 
 
-def root_mesh_from_shapes(bodies, surfaces=None, curves=None, vertices=None):
-    """The root mesh of some bodies.
+def root_mesh_from_shapes(
+    bodies: Mapping[str, Shape],
+    surfaces: Mapping[str, str | Sequence[str]] | None = None,
+    curves: Mapping[str, tuple[str, Predicate]] | None = None,
+    vertices: Mapping[str, tuple[str, Predicate]] | None = None,
+) -> RootMesh:
+    """Root mesh of bodies given by shapes.
 
     Args:
-        bodies: name of a body -> Shape.
-        surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, called so.
-        curves, vertices: name -> (body, function of positions (3, n) that gives (n,) bool): the edges of cells all of
-            whose nodes are there, or the corners of cells, for conditions along lines and at points.
-
-    Returns:
-        RootMesh.
+        bodies: name of a body -> its shape.
+        surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
+        curves, vertices: name -> (body, predicate): the cell edges whose nodes all satisfy the predicate, or the cell
+            corners that do, for conditions along lines and at points.
 
     Raises:
         SceneError: an unknown body or side, or as `RootMesh`.
@@ -205,18 +178,13 @@ def root_mesh_from_shapes(bodies, surfaces=None, curves=None, vertices=None):
     }
     if surfaces is not None:
         parts = {name: [part] if isinstance(part, str) else part for name, part in surfaces.items()}
-        for part in sum(map(list, parts.values()), []):
-            check_name("side", part, known, "the bodies have")
+        for side in (side for part in parts.values() for side in part):
+            check_name("side", side, known, "the bodies have")
         known = {name: np.unique(np.concatenate([known[p] for p in part]), axis=0) for name, part in parts.items()}
     order = hexahedron.order_of(cells.shape[1])
 
-    def found(places, local):
-        """Name -> rows (cell, local edge or corner) of the places: each edge or corner once.
-
-        Raises:
-            SceneError: an unknown body.
-            GeometryError: a place has none.
-        """
+    def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
+        """Rows (cell, local edge or corner) of each place, each edge or corner once."""
         result = {}
         for name, (where, place) in (places or {}).items():
             check_name("body", where, bodies)
@@ -240,7 +208,7 @@ def root_mesh_from_shapes(bodies, surfaces=None, curves=None, vertices=None):
     )
 
 
-def _concatenated(shapes):
+def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int64Array]:
     """Points and cells of all shapes, and the number of the first cell of each."""
     shapes = list(shapes)
     nodes, cells = (np.cumsum([0, *(len(getattr(s, name)) for s in shapes)]) for name in ("points", "cells"))
@@ -248,21 +216,10 @@ def _concatenated(shapes):
     return np.concatenate([shape.points for shape in shapes]), np.concatenate(moved), cells
 
 
-def images(what, place, points):
-    """Where a function of the user puts points.
-
-    Args:
-        what: it is, for the message.
-        place: function of positions (3, n) that gives three arrays (n,), or numbers.
-        points: (n, 3) float64 [m].
-
-    Returns:
-        (n, 3) float64 [m].
-
-    Raises:
-        GeometryError: it gives something else.
-    """
+def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
+    """Images (n, 3) of points (n, 3).  Raises GeometryError, which begins with `what`, unless they are positions."""
     image = place(points.T.copy())
+    result: FloatArray
     try:
         result = np.stack(np.broadcast_arrays(*image, np.empty(len(points)))[:-1], axis=1).astype(np.float64)
     except (TypeError, ValueError):
@@ -275,8 +232,8 @@ def images(what, place, points):
     return result
 
 
-def _holds(name, where, points):
-    """Where a user's predicate holds: (n,) bool; GeometryError where it gives something else."""
+def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
+    """Values (n,) of a user's predicate; GeometryError unless they are truth values."""
     inside = np.asarray(where(points.T.copy()))
     if inside.shape != (len(points),) or inside.dtype != bool:
         raise GeometryError(
@@ -286,19 +243,12 @@ def _holds(name, where, points):
     return inside
 
 
-def rotation(axis, degrees):
-    """A rotation about an axis through the origin, exact for right angles.
-
-    Args:
-        axis: "x", "y" or "z", or three numbers: a direction.
-        degrees: angle, counter-clockwise seen from the tip of the axis.
-
-    Returns:
-        (3, 3) float64.
+def rotation(axis: Axis, degrees: float) -> FloatArray:
+    """Rotation matrix (3, 3), exact for right angles.
 
     Raises:
         SceneError: no axis.
-        GeometryError: an axis without direction.
+        GeometryError: an axis of length zero.
     """
     if isinstance(axis, str):
         check_name("axis", axis, AXES)

@@ -1,43 +1,40 @@
-"""Simple solids as `problem.shapes`: block, ring, cylinder and ball, whole or the parts that symmetry leaves.
+"""Simple solids as shapes (`problem.shapes`): block, ring, cylinder and ball, whole or cut by planes of symmetry.
 
-Round ones have all nodes of their round sides on them, and the diameter planes as sides "x = 0", "y = 0", "z = 0".
+All nodes of round sides lie on the exact surface; the planes of the cut are the sides "x = 0", "y = 0", "z = 0".
 Lengths are in the unit of the mesh.  All functions are local.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_number, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
-from fx_contact.problem.shapes import Shape, join
+from fx_contact.problem.shapes import Placement, Shape, join
 
 #: Sides of a block, by local face.
 BOTTOM, FRONT, LEFT, RIGHT, BACK, TOP = "bottom", "front", "left", "right", "back", "top"
 _SIDES = (BOTTOM, FRONT, LEFT, RIGHT, BACK, TOP)
 
-#: Corners of the inner block of a cylinder or ball on an axis, on a diagonal and on a space diagonal, over the radius.
+#: Distances of the inner block's corners on an axis, a diagonal and a space diagonal, relative to the radius.
 _ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55 / np.sqrt(2), 0.6 / np.sqrt(3)
 
-#: Order of the cell maps where none is given, the highest.  Two cells along a quarter of an arc of order 3 have a
-#: curvature 1.5 % off where contact begins, and small contact feels it; leaves take no higher order than they need.
+#: Default order of the cell maps, the highest.  Two cells of order 3 along a quarter of an arc have an error of 1.5 %
+#: in the curvature, which matters for small contact areas; leaves use no higher order than they need.
 ORDER = MAX_ORDER
 
 
-def block(low, high, cells, order=ORDER):
-    """A box along the axes.
+def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], order: int = ORDER) -> Shape:
+    """A box along the axes with two opposite corners and numbers of cells along x, y, z.
 
-    Args:
-        low, high: its corners (3,).
-        cells: their numbers along x, y, z.
-        order: of the cell maps, 1 to 6.
-
-    Returns:
-        Shape with the sides "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
+    Its sides are "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
 
     Raises:
-        SceneError: no three numbers.
-        GeometryError: an order out of its range, or corners that leave no box.
+        SceneError: a corner or `cells` is not three numbers.
+        GeometryError: an order out of range, or corners without volume between them.
     """
     for what, corner in (("the low corner of a block", low), ("the high corner of a block", high)):
         check_vector(what, corner)
@@ -60,29 +57,28 @@ def block(low, high, cells, order=ORDER):
     return Shape(np.stack([x, y, z], axis=-1).reshape(-1, 3), nodes, sides)
 
 
-def ring(inner, outer, length, cells, order=ORDER, quarters=4):
-    """A ring about the z axis, from z = 0.
+def ring(
+    inner: float, outer: float, length: float, cells: Sequence[int], order: int = ORDER, quarters: int = 4
+) -> Shape:
+    """A ring about the z axis from z = 0, with the sides "inside", "outside", "bottom", "top", "x = 0" and "y = 0".
 
     Args:
         inner, outer: radii.
         length: along z.
-        cells: their numbers across, around a quarter, and along z.
+        cells: numbers in the radial direction, around a quarter, and along z.
         order: of the cell maps, 1 to 6.
         quarters: 1: x, y >= 0; 2: x >= 0; 4: the whole.
 
-    Returns:
-        Shape with the sides "inside", "outside", "bottom" and "top", and where they are cut "x = 0" and "y = 0".
-
     Raises:
-        SceneError: what is no length or number of cells, or another number of quarters.
-        GeometryError: an order out of its range, or an inner radius that is not the smaller one.
+        SceneError: an invalid length, number of cells or number of quarters.
+        GeometryError: an order out of range, or an inner radius that is not the smaller one.
     """
     _check_lengths(inner_radius=inner, outer_radius=outer, length=length)
     if not inner < outer:
         raise GeometryError(f"a ring has a smaller radius inside, got {inner} inside and {outer} outside")
 
-    def place(x):
-        """From the unit block: across, around and along."""
+    def place(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Map of the unit block: radial, around and along."""
         radius, angle = inner + x[0] * (outer - inner), np.pi / 2 * x[1]
         return radius * np.cos(angle), radius * np.sin(angle), length * x[2]
 
@@ -90,32 +86,29 @@ def ring(inner, outer, length, cells, order=ORDER, quarters=4):
     return _copies(_part(cells, order, place, names), "quarters", quarters, "yx")
 
 
-def cylinder(radius, length, cells, order=ORDER, quarters=4):
-    """A cylinder about the z axis, from z = 0, on an o-grid: a square block inside, and one towards each side.
+def cylinder(radius: float, length: float, cells: Sequence[int], order: int = ORDER, quarters: int = 4) -> Shape:
+    """A cylinder about the z axis from z = 0, with the sides "outside", "bottom", "top", "x = 0" and "y = 0".
+
+    Its mesh is an o-grid: a square inner block, and one block towards each side.
 
     Args:
         radius, length: of the cylinder.
-        cells: their numbers along the edges of the blocks across, half of the square's side, and along z.
-        order: of the cell maps, 1 to 6.
-        quarters: 1: x, y >= 0; 2: x >= 0; 4: the whole.
-
-    Returns:
-        Shape with the sides "outside", "bottom" and "top", and where it is cut "x = 0" and "y = 0".
+        cells: numbers along the edges of the blocks in the cross section, half of the square's side, and along z.
+        order, quarters: as in `ring`.
 
     Raises:
-        SceneError: what is no length or number of cells, or another number of quarters.
-        GeometryError: an order out of its range.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(radius=radius, length=length)
     if np.shape(cells) != (2,):
         raise SceneError(f"a cylinder takes two numbers of cells, across and along, got {shown(cells)}")
     across, along = cells
 
-    def square(x, y):
+    def square(x: FloatArray, y: FloatArray) -> list[FloatArray]:
         """The inner block."""
         return [radius * a * (_ON_AXIS * (1 - b) + _ON_DIAGONAL * b) for a, b in ((x, y), (y, x))]
 
-    def flank(x, y):
+    def flank(x: FloatArray, y: FloatArray) -> list[FloatArray]:
         """From the inner block to the arc from angle 0 to 45 degrees: outwards along x, around along y."""
         inside, angle = square(np.ones_like(y), y), np.pi / 4 * y
         return [(1 - x) * a + x * radius * b for a, b in zip(inside, (np.cos(angle), np.sin(angle)))]
@@ -131,25 +124,23 @@ def cylinder(radius, length, cells, order=ORDER, quarters=4):
     )
 
 
-def ball(radius, cells, order=ORDER, octants=8):
-    """A ball about the origin: an inner block, and one towards each side.
+def ball(radius: float, cells: int, order: int = ORDER, octants: int = 8) -> Shape:
+    """A ball about the origin, with the sides "outside", "x = 0", "y = 0" and "z = 0".
+
+    Its mesh is an inner block, and one block towards each side, with `cells` along each edge in an octant.
 
     Args:
         radius: of the ball.
-        cells: their number along each edge of the blocks of an octant.
+        cells: number along an edge.
         order: of the cell maps, 1 to 6.
         octants: 1: x, y, z >= 0; 2: x, z >= 0; 4: z >= 0; 8: the whole.
 
-    Returns:
-        Shape with the side "outside", and where it is cut "x = 0", "y = 0" and "z = 0".
-
     Raises:
-        SceneError: what is no length or number of cells, or another number of octants.
-        GeometryError: an order out of its range.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(radius=radius)
 
-    def cube(x):
+    def cube(x: FloatArray) -> list[FloatArray]:
         """The inner block: a coordinate shrinks with the two others."""
         return [
             radius
@@ -158,29 +149,33 @@ def ball(radius, cells, order=ORDER, octants=8):
             for a, b, c in (np.roll(x, -axis, axis=0) for axis in range(3))
         ]
 
-    def flank(x):
+    def flank(x: FloatArray) -> list[FloatArray]:
         """From the inner block to the sphere around the z axis, outwards along z."""
         inside = cube(np.stack([x[0], x[1], np.ones_like(x[0])]))
         direction = np.stack([np.tan(np.pi / 4 * x[0]), np.tan(np.pi / 4 * x[1]), np.ones_like(x[0])])
         direction *= radius / np.linalg.norm(direction, axis=0)
         return [(1 - x[2]) * a + x[2] * b for a, b in zip(inside, direction)]
 
+    def turned(turn: int) -> Placement:
+        """The flank around another axis."""
+        return lambda x: np.roll(flank(x), turn, axis=0)
+
     planes = ["x = 0", "y = 0", "z = 0"]
     parts = [_part((cells,) * 3, order, cube, dict(zip((LEFT, FRONT, BOTTOM), planes)))]
     for turn in range(3):
         names = {TOP: "outside", LEFT: planes[turn], FRONT: planes[(1 + turn) % 3]}
-        parts.append(_part((cells,) * 3, order, lambda x, turn=turn: np.roll(flank(x), turn, axis=0), names))
+        parts.append(_part((cells,) * 3, order, turned(turn), names))
     return _copies(join(*parts), "octants", octants, "yxz")
 
 
-def _part(cells, order, place, names):
-    """A unit block moved to its place, its sides called by other names, or left out: Shape."""
+def _part(cells: Sequence[int], order: int, place: Placement, names: dict[str, str]) -> Shape:
+    """A unit block moved by `place`, with its sides renamed (old -> new) or left out."""
     unit = block((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), cells, order)
     return Shape(unit.points, unit.cells, {new: unit.sides[old] for old, new in names.items()}).placed(place)
 
 
-def _copies(shape, what, count, axes):
-    """A shape joined with its mirror images across one axis after the other until there are as many as wanted."""
+def _copies(shape: Shape, what: str, count: int, axes: str) -> Shape:
+    """A shape joined with its mirror images across one axis after the other, until there are `count` copies."""
     counts = [2**power for power in range(len(axes) + 1)]
     if isinstance(count, bool) or count not in counts:
         raise SceneError(f"the number of {what} must be one of {counts}, got {shown(count)}")
@@ -189,7 +184,6 @@ def _copies(shape, what, count, axes):
     return shape
 
 
-def _check_lengths(**lengths):
-    """Raises SceneError unless all are positive numbers."""
+def _check_lengths(**lengths: float) -> None:
     for name, value in lengths.items():
         check_number(name.replace("_", " "), value, positive=True)

@@ -1,4 +1,4 @@
-"""What comes out: records and fields on disk, contact surfaces, comparison with known and finer solutions."""
+"""Results: records and fields on disk, contact surfaces, comparison with known and with finer solutions."""
 
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.results.accuracy import contact_errors, field_error

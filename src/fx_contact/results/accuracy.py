@@ -1,4 +1,4 @@
-"""Errors against known solutions: displacements in norms, the figures of a contact against reference values."""
+"""Errors relative to known solutions: displacements in norms, contact figures against reference values."""
 
 from dataclasses import dataclass
 
@@ -6,41 +6,31 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from ufl.core.expr import Expr
 
-from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step import Step, check_step
 from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.meeting import collective
+from fx_contact.results.reference_values import ContactReference
 
-#: Entries of a StepRecord that are compared with those of a reference.
+#: Entries of a StepRecord that are compared with a reference.
 FIGURES = ("force", "contact_radius", "max_pressure")
 
 
 @dataclass(frozen=True)
 class FieldError:
-    """Relative errors ||u_h - u|| / ||u|| of a displacement.
-
-    Attributes:
-        energy: in the energy norm [-].
-        l2: in the L2 norm [-].
-    """
+    """Relative errors ||u_h - u|| / ||u|| of a displacement, in the energy norm and in the L2 norm [-]."""
 
     energy: float
     l2: float
 
 
 @collective("elasticity.prolongation.comm")
-def field_error(elasticity: Elasticity, u: fem.Function, exact: ufl.core.expr.Expr) -> FieldError:
-    """Relative errors of a displacement against a known one.
-
-    Collective.
-
-    Args:
-        elasticity: Elasticity.
-        u: a displacement on its mesh [m].
-        exact: UFL vector on its mesh [m].
-    """
+def field_error(elasticity: Elasticity, u: fem.Function, exact: Expr) -> FieldError:
+    """Relative errors of a displacement u against a known one [m], both on the elasticity's mesh.  Collective."""
     mesh = elasticity.mesh
     dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": fine_quadrature(elasticity)})
     cellwise = fem.functionspace(mesh, ("DG", 0, (4,)))
@@ -56,29 +46,17 @@ def field_error(elasticity: Elasticity, u: fem.Function, exact: ufl.core.expr.Ex
     return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
 
 
-def fine_quadrature(elasticity):
-    """Degree of the Gauss rule for smooth functions that are no polynomials, 2p + 4.
-
-    Local.
-
-    Args:
-        elasticity: Elasticity.
-    """
+def fine_quadrature(elasticity: Elasticity) -> int:
+    """Degree 2p + 4 of the Gauss rule for smooth non-polynomial functions.  Local."""
     return elasticity.quadrature_degree + 3
 
 
-def energy_distance(step, values):
-    """The distance ||v - u|| / ||u|| of a displacement v from that of a step, in the energy norm.
+def energy_distance(step: Step, values: FloatArray) -> float:
+    """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
 
-    Collective on the step's communicator.  The difference of the two energies would be too small: between the nodes of
-    curved facets the bodies penetrate each other.
-
-    Args:
-        step: Step, with the displacement u.
-        values: (n, (p+1)^3, 3) float64, v at the nodes of this rank's leaves [m].
-
-    Returns:
-        float [-]; the difference is measured by `Elasticity.change_norm`.
+    Collective on the step's communicator.  The values (n, (p+1)^3, 3) of v [m] are at the nodes of this rank's leaves.
+    The difference of the energies would be too small, since the bodies penetrate each other between the nodes of curved
+    facets; `Elasticity.change_norm` measures v - u itself.
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -87,19 +65,15 @@ def energy_distance(step, values):
 
 
 @collective("step.forest.comm")
-def contact_errors(step, reference):
-    """Relative errors of a contact against a reference.
+def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
+    """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
 
     Collective on the step's communicator.
 
-    Args:
-        step: Step of a scene of two half-spheres along z.
-        reference: ContactReference.
-
     Returns:
-        dict of float [-]: `force`, `contact_radius` (of round contact) and `max_pressure`, with sign.  Where the
-        reference has them also `pressure`, in the L2 norm over the contact surface, and `axis_stress`, the
-        stress along the axis in the Euclidean norm over the reference's heights.
+        `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has them also `pressure`, in
+        the L2 norm over the contact surface, and `axis_stress`, the stress along the axis in the Euclidean norm over
+        the reference's heights.
 
     Raises:
         SceneError: no step, or one without contact.
@@ -114,16 +88,17 @@ def contact_errors(step, reference):
     return {name: float(value) for name, value in result.items()}
 
 
-def _pressure_error(step, reference):
+def _pressure_error(step: Step, reference: ContactReference) -> float:
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
+    assert pairs is not None, "checked by check_step"
     known = reference.pressure(np.linalg.norm((pairs.position - step.record.contact_centre)[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
-    return np.sqrt(sums[0] / sums[1])
+    return float(np.sqrt(sums[0] / sums[1]))
 
 
-def _axis_error(step, reference):
+def _axis_error(step: Step, reference: ContactReference) -> float:
     """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
     forest, comm, space = step.forest, step.forest.comm, step.elasticity.prolongation.space
     leaf, node = space.example.T
@@ -135,4 +110,4 @@ def _axis_error(step, reference):
     rows = rows[np.argsort(rows[:, 0])]
     height, known = reference.axis.T
     off = np.interp(height, rows[:, 0], rows[:, 1]) - known
-    return np.sqrt((off @ off) / (known @ known))
+    return float(np.sqrt((off @ off) / (known @ known)))

@@ -1,18 +1,22 @@
-"""Exact solutions to compare with.  All is local."""
+"""Exact solutions for comparison.  All is local."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
+
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.problem.materials import Material
 
 
 @dataclass(frozen=True)
 class Hertz:
     """Hertz's contact of two elastic spheres (half-space theory).
 
-    K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 4.2.
+    Source: K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 4.2.
 
     Attributes:
         radius: effective R*, 1/R* = 1/R1 + 1/R2 [m].
@@ -25,27 +29,27 @@ class Hertz:
     force: float
 
     @property
-    def contact_radius(self):
+    def contact_radius(self) -> float:
         """a = (3 F R* / (4 E*))^(1/3) [m]."""
         return (3 * self.force * self.radius / (4 * self.modulus)) ** (1 / 3)
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """p0 = 3 F / (2 pi a^2) [Pa]."""
         return 1.5 * self.force / (np.pi * self.contact_radius**2)
 
     @property
-    def approach(self):
-        """delta = a^2 / R* [m], of points far away in half-spaces."""
+    def approach(self) -> float:
+        """delta = a^2 / R* [m], of distant points in half-spaces."""
         return self.contact_radius**2 / self.radius
 
-    def pressure(self, r):
+    def pressure(self, r: float | FloatArray) -> FloatArray:
         """Contact pressure [Pa] at radii r [m], of any shape."""
         return self.max_pressure * np.sqrt(np.maximum(0.0, 1 - (np.asarray(r) / self.contact_radius) ** 2))
 
     @classmethod
-    def of_equal_spheres(cls, radius, material, force):
-        """Two spheres of one radius [m] and one Material, pressed together by a force [N]."""
+    def of_equal_spheres(cls, radius: float, material: Material, force: float) -> Self:
+        """Contact of two equal spheres of a radius [m], pressed together by a force [N]."""
         return cls(radius / 2, material.plane_strain_modulus / 2, force)
 
 
@@ -53,7 +57,7 @@ class Hertz:
 class HertzLine:
     """Hertz's contact of two parallel cylinders (half-space theory, plane strain).
 
-    K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 4.2(c).
+    Source: K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 4.2(c).
 
     Attributes:
         radius: effective R*, 1/R* = 1/R1 + 1/R2 [m].
@@ -66,25 +70,25 @@ class HertzLine:
     force: float
 
     @property
-    def half_width(self):
+    def half_width(self) -> float:
         """a = (4 F R* / (pi E*))^(1/2) [m]."""
-        return np.sqrt(4 * self.force * self.radius / (np.pi * self.modulus))
+        return float(np.sqrt(4 * self.force * self.radius / (np.pi * self.modulus)))
 
     @property
-    def max_pressure(self):
+    def max_pressure(self) -> float:
         """p0 = 2 F / (pi a) [Pa]."""
         return 2 * self.force / (np.pi * self.half_width)
 
 
 @dataclass(frozen=True)
 class Persson:
-    """A shaft pressed into a bore with some play: conforming contact of a disc and an infinite plate, plane strain.
+    """Conforming contact of a shaft in a bore with clearance: a disc and an infinite plate, plane strain.
 
-    A. Persson, On the stress distribution of cylindrical elastic bodies in contact, Chalmers, 1964; here after M.
+    Source: A. Persson, On the stress distribution of cylindrical elastic bodies in contact, Chalmers, 1964, after M.
     Ciavarella, P. Decuzzi, Int. J. Solids Structures 38 (2001) 4507-4523, for bodies of one material.
 
     Attributes:
-        radius: R, of the bore [m].
+        radius: R of the bore [m].
         modulus: E / (1 - nu^2) [Pa].
         play: difference of the radii, not negative [m].
         force: Q per length [N/m].
@@ -96,11 +100,11 @@ class Persson:
     force: float
 
     @cached_property
-    def _b(self):
+    def _b(self) -> float:
         """b = tan(half angle / 2), at which E* play / Q = 2 (1 - b^2) / (pi b^2) - I(b) / (pi^2 b^2 (1 + b^2)) [-]."""
 
-        def excess(b):
-            """The play that belongs to b, less the play that there is [-]."""
+        def excess(b: float) -> float:
+            """Play that belongs to b minus the given one, times E* / Q [-]."""
             integral = quad(lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b)[0]
             play = 2 * (1 - b * b) / (np.pi * b * b) - integral / (np.pi * b) ** 2 / (1 + b * b)
             return play - self.modulus * self.play / self.force
@@ -108,16 +112,16 @@ class Persson:
         return brentq(excess, 1e-6, 1.0)
 
     @property
-    def half_angle(self):
+    def half_angle(self) -> float:
         """Angle from the middle of the contact to its ends [rad]."""
-        return 2 * np.arctan(self._b)
+        return float(2 * np.arctan(self._b))
 
     @property
-    def max_pressure(self):
-        """The largest pressure, in the middle [Pa]."""
+    def max_pressure(self) -> float:
+        """Maximum pressure, in the middle [Pa]."""
         return float(self.pressure(0.0))
 
-    def pressure(self, angle):
+    def pressure(self, angle: float | FloatArray) -> FloatArray:
         """Contact pressure [Pa] at angles [rad] from the middle, of any shape."""
         b2, y = self._b**2, np.tan(np.asarray(angle) / 2)
         root = np.sqrt(np.maximum(0.0, b2 - y**2) / (1 + b2))
@@ -127,25 +131,25 @@ class Persson:
 
 @dataclass(frozen=True)
 class ShrinkFit:
-    """Two concentric rings, the inner one too large, both free along their axis (plane stress), after Lame.
+    """Two concentric rings with an interference, free along their axis (plane stress), after Lame.
 
-    S. P. Timoshenko, J. N. Goodier, Theory of Elasticity, McGraw-Hill, 1970, section 28.
+    Source: S. P. Timoshenko, J. N. Goodier, Theory of Elasticity, McGraw-Hill, 1970, section 28.
 
     Attributes:
         radii: a, b, c: inner, common and outer radius [m].
         interference: difference of the unloaded radii [m].
-        inner, outer: materials (`scene.Material`).
+        inner, outer: materials.
     """
 
     radii: tuple[float, float, float]
     interference: float
-    inner: object
-    outer: object
+    inner: Material
+    outer: Material
 
     @property
-    def pressure(self):
+    def pressure(self) -> float:
         """p = interference / (b ((c^2 + b^2)/(c^2 - b^2) + nu_o)/E_o + b ((b^2 + a^2)/(b^2 - a^2) - nu_i)/E_i) [Pa]."""
         a2, b2, c2 = np.square(self.radii)
         outward = ((c2 + b2) / (c2 - b2) + self.outer.poisson) / self.outer.young
         inward = ((b2 + a2) / (b2 - a2) - self.inner.poisson) / self.inner.young
-        return max(self.interference, 0.0) / (self.radii[1] * (outward + inward))
+        return float(max(self.interference, 0.0) / (self.radii[1] * (outward + inward)))

@@ -1,4 +1,4 @@
-"""Reference values that do not come from this program."""
+"""Reference values from other programs."""
 
 import json
 from dataclasses import dataclass
@@ -6,24 +6,25 @@ from importlib.resources import files
 
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
+from fx_contact.problem.materials import Material
 
 
 @dataclass(frozen=True, eq=False)
 class ContactReference:
-    """What is known of a contact of two equal half-spheres, pole to pole.
+    """Reference values for the contact of two equal half-spheres, pole to pole.
 
     Attributes:
-        name: of the problem.
-        source: where the values come from.
+        source: of the values.
         radius: of the spheres [m].
         displacement: approach of the flat faces [m].
         young, poisson: of both [Pa], [-].
         force: F [N].
         contact_radius: a, undeformed [m].
         max_pressure: p0 [Pa].
-        profile: (n, 2) float64 rows (radius [m], contact pressure [Pa]) from the centre outwards; empty: not known.
-        axis: (n, 2) float64 rows (height above the contact [m], stress along the axis [Pa]); empty: not known.
+        profile: (n, 2), radius [m] and contact pressure [Pa] from the centre outwards; empty if unknown.
+        axis: (n, 2), height above the contact [m] and stress along the axis [Pa]; empty if unknown.
     """
 
     name: str
@@ -35,20 +36,11 @@ class ContactReference:
     force: float
     contact_radius: float
     max_pressure: float
-    profile: np.ndarray
-    axis: np.ndarray
+    profile: FloatArray
+    axis: FloatArray
 
-    def check_problem(self, radius, displacement, material):
-        """See that these values are those of a problem.
-
-        Args:
-            radius: of the spheres.
-            displacement: approach of the flat faces.
-            material: Material of both.
-
-        Raises:
-            SceneError: another radius, displacement or material.
-        """
+    def check_problem(self, radius: float, displacement: float, material: Material) -> None:
+        """Raises SceneError if these values are for another radius, approach of the flat faces or material."""
         known = self.radius, self.displacement, self.young, self.poisson
         given = radius, displacement, material.young, material.poisson
         if not np.allclose(given, known, rtol=1e-9, atol=0):
@@ -56,24 +48,17 @@ class ContactReference:
             wrong = ", ".join(f"{name} {a:g} instead of {b:g}" for name, a, b in zip(names, given, known) if a != b)
             raise SceneError(f"the reference {self.name} is of another problem: {wrong}")
 
-    def pressure(self, r):
-        """Contact pressure at radii [Pa], between the rows of `profile`: p^2 is nearly linear in r^2, as Hertz has it.
-
-        Args:
-            r: (n,) float64 [m].
-
-        Returns:
-            (n,) float64, zero outside the contact.
-        """
+    def pressure(self, r: float | FloatArray) -> FloatArray:
+        """Contact pressure [Pa] at radii r [m], zero outside; p^2 is interpolated over r^2, as linear for Hertz."""
         known = np.append(self.profile[:, 0], self.contact_radius), np.append(self.profile[:, 1], 0.0)
         return np.sqrt(np.interp(np.square(r), known[0] ** 2, known[1] ** 2, right=0.0))
 
 
-def hertz_a():
+def hertz_a() -> ContactReference:
     """HERTZ-A: R = 1, E = 1, nu = 0.3, approach 0.01.
 
-    Axisymmetric P2 finite elements on one curved half-sphere, exact non-penetration, graded meshes, converged to the
-    digits given.  Local.
+    Local.  Source: axisymmetric P2 finite elements on one curved half-sphere, exact non-penetration, graded meshes,
+    converged to the digits given.
     """
     data = json.loads(files("fx_contact").joinpath("data", "hertz_a.json").read_text())
     value, profile, axis = data["reference"], data["pressure_profile"], data["axis_stress"]
@@ -92,11 +77,11 @@ def hertz_a():
     )
 
 
-def ssnv104():
+def ssnv104() -> ContactReference:
     """code_aster's SSNV104 in mm, N and MPa: R = 50, E = 20,000, nu = 0.3, approach 4 (a/R = 0.2).
 
-    The values are those of linear elasticity at small strains with free faces, from an axisymmetric computation, three
-    digits good; Hertz's half-spaces, as published with the case, give a = 10 and p0 = 2798.3.  Local.
+    Local.  Source: axisymmetric computation with linear elasticity at small strains and free faces, accurate to three
+    digits.  Hertz's half-spaces, as published with the case, give a = 10 and p0 = 2798.3.
     """
     none = np.zeros((0, 2))
     return ContactReference(

@@ -1,9 +1,12 @@
-"""Text on a run: a table of its steps, warnings on forces, doubts, seconds by stage.  Local."""
+"""Text about a run: a table of its steps, warnings, seconds by stage.  Local."""
 
+from collections.abc import Callable, Mapping, Sequence
+
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.timing import STAGES
 
-#: Columns of the progress table: heading, width, and how to print a record's value.
-_COLUMNS = (
+#: Columns of the progress table: heading, width, and text of a record's value.
+_COLUMNS: tuple[tuple[str, int, Callable[[StepRecord], str]], ...] = (
     ("step", 4, lambda r: str(r.step)),
     ("cells", 9, lambda r: f"{r.cells:,}"),
     ("dofs", 10, lambda r: f"{r.dofs:,}"),
@@ -19,31 +22,25 @@ _COLUMNS = (
 )
 
 
-def table_head():
-    """The headings of `table_row`."""
+def table_head() -> str:
+    """Headings of `table_row`."""
     return "  ".join(name.rjust(width) for name, width, _ in _COLUMNS)
 
 
-def table_row(record):
-    """One line for one step record.
-
-    Args:
-        record: StepRecord.
-    """
+def table_row(record: StepRecord) -> str:
+    """One line for one step."""
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
 
 
-def force_warnings(record):
-    """Warnings on contact pairs whose force has a larger error than the tolerance.
+def force_warnings(record: StepRecord) -> list[str]:
+    """Warnings about contact pairs whose force has a larger error than the tolerance, from the last step.
 
-    The control of errors does not refine for forces below tolerance^2 times the largest (`ErrorControl`).
-
-    Args:
-        record: StepRecord of the last step.
+    The error control does not refine for forces below tolerance^2 times the largest (`ErrorControl`).
     """
     lines = []
     for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors)):
-        if force and (error or 0) > record.tolerance:
+        error = error or 0.0
+        if force and error > record.tolerance:
             lines.append(
                 f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined "
                 "for forces below the square of the tolerance times the largest"
@@ -51,23 +48,15 @@ def force_warnings(record):
     return lines
 
 
-def doubt_lines(record):
-    """What is doubtful about a solution, a line each.
-
-    Args:
-        record: StepRecord of the last step.
-    """
+def doubt_lines(record: StepRecord) -> list[str]:
+    """Model warnings of the last step, a line each."""
     return [f"{doubt.kind}: {doubt.message}" for doubt in record.doubts]
 
 
-def total_seconds(steps):
-    """One line with the wall time of a run, its six longest stages, and the time of compilation.
-
-    Args:
-        steps: the `seconds` of the step records.
-    """
+def total_seconds(steps: Sequence[Mapping[str, float]]) -> str:
+    """Wall time of a run, its six longest stages, and the time of compilation, from the `seconds` of the records."""
     total = {name: sum(seconds[name] for seconds in steps) for name in (*STAGES, "total")}
     compiled = total.pop("compile")
-    largest = sorted((name for name in total if name != "total"), key=total.get, reverse=True)[:6]
+    largest = sorted((name for name in total if name != "total"), key=lambda name: total[name], reverse=True)[:6]
     parts = ", ".join(f"{name} {total[name]:.1f}" for name in largest)
     return f"{total['total'] - compiled:.1f} s ({parts}) and {compiled:.1f} s of compilation"

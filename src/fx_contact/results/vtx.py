@@ -1,47 +1,38 @@
-"""dolfinx functions from values at the nodes of cells, and files of them for ParaView: ADIOS2 (VTX), and VTK's own."""
+"""dolfinx functions from nodal values of cells, and their files for ParaView: ADIOS2 (VTX) and VTK."""
 
 import shutil
+from pathlib import Path
+from typing import Any
 
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.io import VTKFile, VTXWriter
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
 
 from fx_contact.parallel import compat
 from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.mpi import together
 
-#: Bytes that a rank's part of a file of ADIOS2 takes at most beside its arrays, in whole blocks of the disk.
+#: Upper bound for the bytes of a rank's part of an ADIOS2 file beside its arrays, in whole blocks of the disk.
 _HEAD_BYTES = 2**15
 
 
-def function_on(mesh, element, name, values):
-    """A dolfinx Function with given values.
-
-    Collective.
-
-    Args:
-        mesh: dolfinx Mesh.
-        element: of the function, with k components.
-        name: of the function.
-        values: (ncells, nodes, k), at the nodes of each local cell in the order of the element.
-    """
+def function_on(mesh: Mesh, element: Any, name: str, values: npt.NDArray[Any]) -> fem.Function:
+    """A dolfinx Function with values (ncells, nodes, components) at the nodes of each local cell.  Collective."""
     function = fem.Function(fem.functionspace(mesh, element), name=name)
     function.x.array.reshape(-1, values.shape[2])[function.function_space.dofmap.list] = values
     return function
 
 
-def write_vtx(comm, path, functions, time):
-    """Write functions into one file, in the place of one that is there.
+def write_vtx(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
+    """Write functions into one file, for ADIOS2 a folder, replacing an existing one.
 
-    Collective on comm.  On a full disk ADIOS2 ends the program or hangs, so the free space is checked first.
-
-    Args:
-        comm: MPI communicator.
-        path: of the file, which for ADIOS2 is a folder.
-        functions: list of dolfinx Function, of one element but for the number of components.
-        time: to write with them.
+    Collective on comm.  The functions have one element, apart from the number of components.  On a full disk ADIOS2
+    ends the program or hangs, so the free space is checked first.
 
     Raises:
-        OutputError: the file cannot be written, or there is no room for it; then one that was there before still is.
+        OutputError: the file cannot be written, or there is no space for it; then an existing one is kept.
     """
     size = comm.allreduce(_bytes(functions))
     with together(comm):
@@ -55,18 +46,10 @@ def write_vtx(comm, path, functions, time):
         writer.write(float(time))
 
 
-def write_vtu(comm, path, functions, time):
-    """Write functions into files that VTK reads by itself, a piece for each rank.
+def write_vtu(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
+    """Write functions into VTK files X_p0_000000.vtu, one per rank, and X.pvtu, which lists them.
 
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        path: of the file that names the pieces, X.pvtu; these stand beside it as X_p0_000000.vtu and so on.
-        functions, time: as `write_vtx` has them.
-
-    Raises:
-        OutputError: the folder cannot be written.
+    Collective on comm.  Raises OutputError if the folder cannot be written.
     """
     with together(comm):
         if comm.rank == 0:
@@ -85,7 +68,7 @@ def write_vtu(comm, path, functions, time):
                 series.unlink()
 
 
-def _bytes(functions):
+def _bytes(functions: list[fem.Function]) -> int:
     """Bytes of this rank's part of a file: positions, numbers and ghost marks of nodes, cells, fields, a header."""
     space = functions[0].function_space
     dofmap = space.dofmap
@@ -94,8 +77,8 @@ def _bytes(functions):
     return (24 + 8 + 1) * nodes + 8 * (1 + corners) * cells + sum(f.x.array.nbytes for f in functions) + _HEAD_BYTES
 
 
-def _check_room(path, size):
-    """Raises OutputError unless a file of ADIOS2 fits on the disk, the space of the one it replaces counted.  Local."""
+def _check_room(path: Path, size: int) -> None:
+    """Raises OutputError unless a file fits on the disk, counting the space of the one that it replaces."""
     free = shutil.disk_usage(path.parent).free + sum(file.stat().st_size for file in path.glob("*"))
     if free < size:
         raise OutputError(

@@ -1,4 +1,4 @@
-"""Ready scenes, each a file that may be read as an example."""
+"""Ready scenes; each file can be read as an example."""
 
 from fx_contact.scenes.columns import patch, stack
 from fx_contact.scenes.cube_indentation import indentation

@@ -1,30 +1,35 @@
-"""Checks that the ready scenes share."""
+"""Argument checks shared by the ready scenes."""
+
+from collections.abc import Mapping
 
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_name, check_number, shown
 from fx_contact.problem.root_mesh_checks import MAX_ORDER, SMALLEST
 
-#: Most root cells along a block: the root mesh is replicated on every rank.
+#: Largest number of root cells along a block: the root mesh is replicated on every rank.
 MOST_CELLS = 50
 
 
-def check_arguments(order, coarse, lengths, numbers, symmetry="full", least_order=1, even=False):
-    """See that a ready scene can be made.
+def check_arguments(
+    order: int,
+    coarse: int,
+    lengths: Mapping[str, float],
+    numbers: Mapping[str, float],
+    symmetry: str = "full",
+    least_order: int = 1,
+    even: bool = False,
+) -> None:
+    """Check the order and the cells of a root mesh, and named positive lengths and finite numbers.
 
     Local.
 
     Args:
-        order: of the root mesh.
-        coarse: number of root cells along a block.
-        lengths: name -> length [m].
-        numbers: name -> finite number.
-        symmetry: "quarter" or "full".
-        least_order: 2 where straight cells would make another body.
-        even: whether coarse must be, for a vertex on the axis.
+        least_order: 2 if straight cells would make another body.
+        even: whether `coarse` must be even, for a vertex on the axis.
 
     Raises:
-        GeometryError: an order out of its range, or a length whose volume is no number.
-        SceneError: another argument out of its range.
+        GeometryError: an order out of range, or a length whose volume is no double precision number.
+        SceneError: another argument out of range.
     """
     check_name("symmetry", symmetry, ("quarter", "full"))
     for what, value in lengths.items():

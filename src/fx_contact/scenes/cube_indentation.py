@@ -1,43 +1,41 @@
-"""A stiff cube pressed into a soft block: the paper's second benchmark, affine geometry."""
+"""Indentation of a soft block by a stiff cube: the paper's second benchmark, affine geometry."""
 
 import numpy as np
 
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.shapes import Placement, Predicate, root_mesh_from_shapes
 from fx_contact.problem.solids import block
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.symmetry import sideways
 
 
 def indentation(
-    side=1.0,
-    displacement=0.01,
-    block=Material(young=1.0, poisson=0.3),
-    cube=Material(young=100.0, poisson=0.3),
-    order=1,
-    coarse=4,
-    symmetry="quarter",
-):
-    """A cube of side H on a block 3 H x 3 H x H; the cube's top moves down, the block's bottom is held vertically.
+    side: float = 1.0,
+    displacement: float = 0.01,
+    block: Material = Material(young=1.0, poisson=0.3),
+    cube: Material = Material(young=100.0, poisson=0.3),
+    order: int = 1,
+    coarse: int = 4,
+    symmetry: str = "quarter",
+) -> Scene:
+    """A cube of side H on a block 3 H x 3 H x H, pressed down at its top; the block's bottom is fixed vertically.
 
     Local.  The meshes match on the contact surface, the initial gap is zero.
 
     Args:
         side: H [m].
-        displacement: of the cube's top [m].
+        displacement: of the cube's top, downwards [m].
         block, cube: materials.
         order: of the root mesh, 1 to 6; the geometry is affine.
         coarse: root cells along H, even.
         symmetry: "quarter" models x, y >= 0, "full" the whole.
 
-    Returns:
-        Scene.
-
     Raises:
-        SceneError, GeometryError: an argument outside its range.
+        SceneError, GeometryError: an argument out of range.
     """
     check_arguments(order, coarse, {"side": side}, {"displacement": displacement}, symmetry, even=True)
     return Scene(
@@ -54,20 +52,10 @@ def indentation(
     )
 
 
-def cube_on_block(order, coarse, symmetry, side, end=None):
-    """Root mesh of a cube on a block three times as wide and as high; its base and the block's footprint match.
+def cube_on_block(order: int, coarse: int, symmetry: str, side: float, end: Placement | None = None) -> RootMesh:
+    """Root mesh of "cube" on a "block" three times as wide, with matching meshes; `end` moves the cube's nodes.
 
-    Local.
-
-    Args:
-        order: of the root mesh.
-        coarse: root cells along the cube's side, even.
-        symmetry: "quarter" or "full".
-        side: of the cube [m].
-        end: function of positions (3, n) that places the cube's nodes, for another end; None: where they are.
-
-    Returns:
-        RootMesh with bodies "block" and "cube".
+    Local.  Other arguments as in `indentation`.
     """
     quarter = symmetry == "quarter"
     low, bodies = 0.0 if quarter else -1.0, {}
@@ -78,13 +66,14 @@ def cube_on_block(order, coarse, symmetry, side, end=None):
         bodies[name] = bodies[name].placed(lambda x: side * x)
     if end is not None:
         bodies["cube"] = bodies["cube"].placed(end)
+    surfaces: dict[str, str | list[str]]
     surfaces = {"bottom": "block bottom", "top": "cube top", "footprint": "block footprint", "base": "cube bottom"}
     if quarter:
         surfaces |= {"x = 0": ["block left", "cube left"], "y = 0": ["block front", "cube front"]}
         return root_mesh_from_shapes(bodies, surfaces)
 
-    def along_z(body, at):
-        """The edges of a body along z at x = at, y = 0, over the side."""
+    def along_z(body: str, at: float) -> tuple[str, Predicate]:
+        """The edges of a body along z at x = at, y = 0, relative to the side."""
         return body, lambda x: (np.abs(x[0] - side * at) < 1e-9 * side) & (np.abs(x[1]) < 1e-9 * side)
 
     curves = {f"{body} axis": along_z(body, 0.0) for body in bodies}

@@ -1,9 +1,12 @@
 """Two half-spheres pressed together: Hertz's problem on finite bodies."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
@@ -12,6 +15,7 @@ from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 from fx_contact.problem.hexahedron import CORNERS, FACE_CORNERS
 from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.roundness import check_roundness
@@ -20,14 +24,14 @@ from fx_contact.scenes.symmetry import sideways
 
 @collective("comm")
 def hertz(
-    radius=1.0,
-    displacement=0.01,
-    material=Material(young=1.0, poisson=0.3),
-    order=3,
-    coarse=4,
-    symmetry="quarter",
-    comm=MPI.COMM_WORLD,
-):
+    radius: float = 1.0,
+    displacement: float = 0.01,
+    material: Material = Material(young=1.0, poisson=0.3),
+    order: int = 3,
+    coarse: int = 4,
+    symmetry: str = "quarter",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Scene:
     """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces.
 
     Collective on comm.  The flat faces move by half the displacement each, free laterally; the gap is measured along z.
@@ -41,12 +45,9 @@ def hertz(
         symmetry: "quarter" models x, y >= 0, "full" the whole half-spheres.
         comm: MPI communicator.
 
-    Returns:
-        Scene.
-
     Raises:
-        SceneError, GeometryError: an argument outside its range or not the same on all ranks, or a root mesh too coarse
-            for so small a displacement.
+        SceneError, GeometryError: an argument out of range or different between ranks, or a root mesh too coarse for so
+            small a displacement.
     """
     check_comm(comm)
     with together(comm):
@@ -58,8 +59,8 @@ def hertz(
         return _scene(mesh, radius, displacement, material, symmetry)
 
 
-def _scene(mesh, radius, displacement, material, symmetry):
-    if displacement > 0:  # each sphere has half of the approach; Hertz: a^2 = R* delta
+def _scene(mesh: RootMesh, radius: float, displacement: float, material: Material, symmetry: str) -> Scene:
+    if displacement > 0:  # Hertz: a^2 = R* delta; half of the approach for each sphere
         contact_radius = np.sqrt(radius / 2 * displacement)
         check_roundness(mesh, "upper pole", (0.0, 0.0, radius), radius, contact_radius, displacement / 2)
     half = displacement / 2
@@ -75,23 +76,23 @@ def _scene(mesh, radius, displacement, material, symmetry):
     )
 
 
-#: Corners of the inner cube of the ball on an axis, on a diagonal and on a space diagonal, relative to the radius.
+#: A position in space [m].
+_Point = Sequence[float]
+#: Distances of the inner cube's corners on an axis, a diagonal and a space diagonal, relative to the radius.
 _ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55, 0.6
-
-
-#: The radius with which Gmsh builds the model.  Gmsh places inner nodes of curved faces with an absolute tolerance:
-#: 5e-4 off symmetry for a radius of 1, 1e-12 for this one.
+#: Radius of the model in Gmsh, which places inner nodes of curved faces with an absolute tolerance: 5e-4 off symmetry
+#: for a radius of 1, 1e-12 for this one.
 _MODEL_RADIUS = 1e-5
 
 
-def _half_balls(true_radius, order, coarse, symmetry):
-    """Gmsh model of two half-balls whose poles touch in the origin, the flat faces at z = -radius and +radius."""
+def _half_balls(true_radius: float, order: int, coarse: int, symmetry: str) -> None:
+    """Gmsh model of two half-balls that touch at the origin, with flat faces at z = -radius and +radius."""
     import gmsh
 
     radius = _MODEL_RADIUS
     gmsh.clear()
     gmsh.model.add("hertz")
-    surfaces = {}
+    surfaces: dict[str, list[int]] = {}
     for body, flat, sign in (("lower", "bottom", -1), ("upper", "top", 1)):
         blocks = _Blocks(coarse)
         for turn in range(1 if symmetry == "quarter" else 4):
@@ -115,12 +116,12 @@ def _half_balls(true_radius, order, coarse, symmetry):
     gmsh.model.mesh.affineTransform([scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, scale, 0])
 
 
-def _ball_octant(blocks, radius, turn, sign):
-    """Four blocks of a ball: an inner cube and one towards each axis, turned about z; the pole at the origin."""
+def _ball_octant(blocks: "_Blocks", radius: float, turn: int, sign: int) -> None:
+    """Four blocks of a ball: an inner cube and one block towards each axis, turned about z; the pole at the origin."""
     cosine, sine = round(np.cos(turn * np.pi / 2)), round(np.sin(turn * np.pi / 2))
 
-    def corner(bits, distance):
-        """Point in the direction `bits` from the middle of the ball, at a distance relative to its radius."""
+    def corner(bits: IntArray, distance: float) -> _Point:
+        """Point in the direction `bits` from the centre of the ball, at a distance relative to its radius."""
         x, y, w = distance * radius * bits / np.linalg.norm(bits) if bits.any() else bits * 1.0
         return (cosine * x - sine * y, sine * x + cosine * y, sign * (radius - w))
 
@@ -144,39 +145,40 @@ def _ball_octant(blocks, radius, turn, sign):
 class _Blocks:
     """Transfinite hexahedral blocks in Gmsh's built-in kernel that share their points, edges and faces.
 
-    Args:
-        cells: number of cells along every edge.
-
     Attributes:
         volumes: Gmsh tags of the blocks.
         named: name -> Gmsh tags of surfaces.
     """
 
-    def __init__(self, cells):
+    def __init__(self, cells: int) -> None:
+        """With a number of cells along every edge."""
         import gmsh
 
         self._geo, self._cells = gmsh.model.geo, cells
-        self._points, self._lines, self._faces = {}, {}, {}
-        self.volumes, self.named = [], {}
+        self._points: dict[tuple[float, ...], int] = {}
+        self._lines: dict[frozenset[int], int] = {}
+        self._faces: dict[frozenset[int], int] = {}
+        self.volumes: list[int] = []
+        self.named: dict[str, list[int]] = {}
 
-    def point(self, position):
-        """Gmsh tag of the point at a position (3,) [m]."""
+    def point(self, position: _Point) -> int:
+        """Gmsh tag of the point at a position."""
         key = tuple(round(float(x) / _MODEL_RADIUS, 9) + 0.0 for x in position)
         if key not in self._points:
             self._points[key] = self._geo.addPoint(*position)
         return self._points[key]
 
-    def line(self, start, end):
-        """Gmsh tag of the edge between two positions (3,) [m] that a block has."""
+    def line(self, start: _Point, end: _Point) -> int:
+        """Gmsh tag of the edge of a block between two positions."""
         return self._lines[frozenset((self.point(start), self.point(end)))]
 
-    def add(self, corners, named, sphere=None):
+    def add(self, corners: Sequence[_Point], named: Mapping[str, list[int]], sphere: _Point | None = None) -> None:
         """Add a block.
 
         Args:
             corners: eight positions in tensor order.
             named: surface name -> the four local corners of a face.
-            sphere: centre of the sphere that carries the last four corners, or None.
+            sphere: centre of the sphere of the last four corners, or None.
         """
         tags = [self.point(corner) for corner in corners]
         faces = {}
@@ -193,7 +195,7 @@ class _Blocks:
         for name, local in named.items():
             self.named.setdefault(name, []).append(faces[frozenset(local)])
 
-    def _face(self, loop, block, sphere, on_sphere):
+    def _face(self, loop: list[int], block: list[int], sphere: _Point | None, on_sphere: bool) -> int:
         key = frozenset(loop)
         if key not in self._faces:
             outer = set(block[4:]) if sphere is not None else set()
@@ -206,7 +208,7 @@ class _Blocks:
             self._faces[key] = surface
         return self._faces[key]
 
-    def _line(self, start, end, centre):
+    def _line(self, start: int, end: int, centre: int | None) -> int:
         key = frozenset((start, end))
         if key not in self._lines:
             line = self._geo.addLine(start, end) if centre is None else self._geo.addCircleArc(start, centre, end)

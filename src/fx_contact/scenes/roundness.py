@@ -1,43 +1,39 @@
-"""Round surfaces: their height over the tangent plane, and whether a root mesh follows them closely enough."""
+"""Round surfaces: height above the tangent plane, and the geometric error of a root mesh relative to the approach."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
+from fx_contact.problem.root_mesh import RootMesh
 
-#: Largest distance of a surface from its sphere, relative to the approach; the force is then off by half as much.
+#: Largest distance of a surface from its sphere, relative to the approach; half of it is the error of the force.
 ROUND_ENOUGH = 0.05
 
 
-def sagitta(distance2, curvature):
-    """Height of a sphere over its tangent plane: R - sqrt(R^2 - r^2), without cancellation.
+def sagitta(distance2: FloatArray, curvature: float) -> FloatArray:
+    """Height R - sqrt(R^2 - r^2) [m] of a sphere above its tangent plane, without cancellation.
 
-    Local.
-
-    Args:
-        distance2: r^2, (n,) float64, squared distances from the axis [m^2].
-        curvature: 1/R [1/m], 0 for a plane, negative for a hollow sphere.
-
-    Returns:
-        (n,) float64 [m], of the sign of the curvature.
+    Local.  Arguments are r^2 (n,) [m^2], and 1/R [1/m], 0 for a plane, negative for a hollow sphere.
     """
     return distance2 * curvature / (1 + np.sqrt(1 - distance2 * curvature**2))
 
 
-def check_roundness(mesh, surface, centre, radius, contact_radius, approach):
-    """Raises GeometryError for a surface too far off its sphere within twice the contact radius.
+def check_roundness(
+    mesh: RootMesh, surface: str, centre: Sequence[float], radius: float, contact_radius: float, approach: float
+) -> None:
+    """Raises GeometryError if a surface deviates too much from its sphere within twice the contact radius.
 
-    Local.  A polynomial surface is off the sphere by a small part of the radius, and cells meet at a small angle. Where
-    that is not small against the approach, the computed contact is that of the polynomials.  Order 1 is not checked: it
-    means a polyhedron.
+    Local.  A polynomial surface deviates from the sphere by a small fraction of the radius, and cells meet at a small
+    angle.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
+    of order 1 is not checked: it stands for a polyhedron.
 
     Args:
-        mesh: RootMesh.
         surface: name of the round surface, whose pole is a vertex.
-        centre: of the sphere, (3,) [m].
-        radius: of the sphere [m].
-        contact_radius: expected, by Hertz [m].
-        approach: of the bodies [m].
+        centre, radius: of the sphere [m].
+        contact_radius, approach: expected by Hertz's theory [m].
     """
     if mesh.order == 1 or not approach > 0:
         return

@@ -1,21 +1,20 @@
-"""Quarter models and whole bodies: what stops sideways motion."""
+"""Lateral supports of quarter models and of whole bodies."""
+
+from collections.abc import Sequence
 
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 
 
-def sideways(symmetry, bodies, line="side"):
-    """Conditions that stop motion along x and y: symmetry planes, or for whole bodies two lines on each.
+def sideways(symmetry: str, bodies: Sequence[str], line: str = "side") -> tuple[Dirichlet | SymmetryPlane, ...]:
+    """Conditions against rigid motion along x and y: symmetry planes, or for whole bodies two lines on each.
 
-    Local.  Single vertices would do, but hold so softly that PCG needs twice the iterations.
+    Local.  Single vertices would suffice, but support so softly that PCG needs twice the iterations.
 
     Args:
-        symmetry: "quarter": the surfaces "x = 0" and "y = 0"; "full": the curves "BODY axis" and "BODY LINE", along
-            which the displacement is sideways zero by symmetry.
+        symmetry: "quarter": the surfaces "x = 0" and "y = 0"; "full": the curves "BODY axis" and "BODY LINE", where the
+            lateral displacement is zero by symmetry.
         bodies: names.
         line: name of the second curve, in the plane y = 0.
-
-    Returns:
-        tuple of SymmetryPlane or Dirichlet.
     """
     if symmetry == "quarter":
         return SymmetryPlane("x = 0"), SymmetryPlane("y = 0")

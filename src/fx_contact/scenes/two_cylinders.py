@@ -1,7 +1,10 @@
-"""Two parallel cylinders pressed together: contact along a line, a two-dimensional problem in three dimensions."""
+"""Two parallel cylinders pressed together: line contact, a two-dimensional problem in three dimensions."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
@@ -12,18 +15,18 @@ from fx_contact.scenes.roundness import sagitta
 
 
 def cylinders(
-    radii=(1.0, 1.0),
-    displacement=0.01,
-    length=0.125,
-    lower=Material(young=1.0, poisson=0.3),
-    upper=Material(young=1.0, poisson=0.3),
-    order=3,
-    coarse=4,
-):
-    """Two bars with cylindrical faces along y, pressed together along z, between planes of symmetry y = 0 and length.
+    radii: Sequence[float] = (1.0, 1.0),
+    displacement: float = 0.01,
+    length: float = 0.125,
+    lower: Material = Material(young=1.0, poisson=0.3),
+    upper: Material = Material(young=1.0, poisson=0.3),
+    order: int = 3,
+    coarse: int = 4,
+) -> Scene:
+    """Two bars with cylindrical faces along y, "lower" and "upper", pressed together along z in plane strain.
 
-    Local.  Half (x >= 0) of a slice is modelled: plane strain, whatever its length, so that a thin slice will do; one
-    root cell along y.  The record's `contact_radius` is None here.  Exact for small contacts:
+    Local.  Half (x >= 0) of a slice between the symmetry planes y = 0 and y = length is modelled, with one root cell
+    along y; a thin slice suffices.  The record's `contact_radius` is None.  Exact for small contact areas:
     `analytic.HertzLine`.
 
     Args:
@@ -34,18 +37,15 @@ def cylinders(
         order: of the root mesh, 2 to 6 for round faces.
         coarse: root cells along half a bar's width.
 
-    Returns:
-        Scene; its bodies are "lower" and "upper".
-
     Raises:
-        SceneError, GeometryError: an argument outside its range.
+        SceneError, GeometryError: an argument out of range.
     """
     lengths = dict(zip(("radius of the lower cylinder", "radius of the upper"), radii)) | {"length": length}
     check_arguments(order, coarse, lengths, {"displacement": displacement}, least_order=2)
     side = min(radii)
 
-    def place(body, x):
-        """From the boxes to the cylinders: layers bend towards the contact, the flat faces stay flat."""
+    def place(body: str, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Map from boxes to cylinders: layers bend towards the contact, the flat faces stay flat."""
         curvature = -1 / radii[0] if body == "lower" else 1 / radii[1]
         height = side * x[2] + sagitta((side * x[0]) ** 2, curvature) * (1 - np.abs(x[2]))
         return side * x[0], length * x[1], height

@@ -1,11 +1,15 @@
 """Two bodies with spherical ends of different radii: Hertz's contact with one effective radius."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.facing_columns import columns_mesh
@@ -13,32 +17,29 @@ from fx_contact.scenes.roundness import check_roundness, sagitta
 
 
 def spheres(
-    radii=(1.0, 2.0),
-    displacement=0.01,
-    side=None,
-    lower=Material(young=1.0, poisson=0.3),
-    upper=Material(young=1.0, poisson=0.3),
-    order=3,
-    coarse=4,
-):
-    """Two square columns with spherical ends, pole to pole; the lower one is held below, the upper one pressed down.
+    radii: Sequence[float] = (1.0, 2.0),
+    displacement: float = 0.01,
+    side: float | None = None,
+    lower: Material = Material(young=1.0, poisson=0.3),
+    upper: Material = Material(young=1.0, poisson=0.3),
+    order: int = 3,
+    coarse: int = 4,
+) -> Scene:
+    """Two square columns with spherical ends, "lower" and "upper", pressed together pole to pole.
 
-    Local.  A quarter is modelled.  Their ends are meshed alike, whatever the radii: a radius of infinity is a flat end
-    (a sphere on a block), a negative one a hollow end (a ball in a socket).
+    Local.  A quarter is modelled.  The meshes of the ends match for all radii: an infinite radius is a flat end (a
+    sphere on a block), a negative one a hollow end (a ball in a socket).
 
     Args:
         radii: of the lower and the upper end [m]; 1/R1 + 1/R2 = 1/R* must be positive.
-        displacement: approach of the columns' flat ends [m].
+        displacement: approach of the columns' flat ends [m]; the lower one is fixed vertically.
         side: width and height of each column [m]; None: the smaller radius.
         lower, upper: materials.
         order: of the root mesh, 2 to 6 for round ends.
         coarse: root cells along half a side.
 
-    Returns:
-        Scene; its bodies are "lower" and "upper".
-
     Raises:
-        SceneError, GeometryError: an argument outside its range, or a root mesh too coarse for so small a displacement.
+        SceneError, GeometryError: an argument out of range, or a root mesh too coarse for so small a displacement.
     """
     curvature = _curvatures(radii)
     side = 1 / np.abs(curvature).max() if side is None else side
@@ -49,8 +50,8 @@ def spheres(
             f"a column of side {side} has no end of radius {1 / np.abs(curvature).max()}: take a smaller side"
         )
 
-    def place(body, x):
-        """From the boxes to the bodies: layers bend towards the contact, the flat faces stay flat."""
+    def place(body: str, x: FloatArray) -> FloatArray:
+        """Map from boxes to bodies: layers bend towards the contact, the flat faces stay flat."""
         placed, bend = side * x, -curvature[0] if body == "lower" else curvature[1]
         placed[2] += sagitta(placed[0] ** 2 + placed[1] ** 2, bend) * (1 - np.abs(x[2]))
         return placed
@@ -73,8 +74,8 @@ def spheres(
     )
 
 
-def _curvatures(radii):
-    """1/R of both ends: (2,) float64 [1/m]; SceneError for what are no radii of such ends.  Local."""
+def _curvatures(radii: Sequence[float]) -> FloatArray:
+    """1/R (2,) of both ends [1/m]; SceneError unless such ends touch in one point."""
     if 0 in radii:
         raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
     curvature = 1 / np.array(radii, dtype=np.float64)
@@ -83,8 +84,8 @@ def _curvatures(radii):
     return curvature
 
 
-def _check_ends(mesh, curvature, displacement):
-    """Both ends must be round enough for the contact of an approach [m]; Hertz: a^2 = R* delta.  Local."""
+def _check_ends(mesh: RootMesh, curvature: FloatArray, displacement: float) -> None:
+    """Check the roundness of both ends for the contact radius of an approach [m]; Hertz: a^2 = R* delta."""
     contact_radius = np.sqrt(max(displacement, 0.0) / curvature.sum())
     for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
         if bend:
