@@ -61,7 +61,7 @@ from fx_contact.results import (  # noqa: E402
 )
 
 #: Choices of options; the library checks them, and knows the nearest.
-METHODS, CONTROLS = "{exact,augmented-lagrangian,penalty}", "{contact,energy}"
+METHODS, CONTROLS = "{exact,penalty}", "{contact,energy}"
 PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,ilu,cholesky,p-multigrid}"
 
 

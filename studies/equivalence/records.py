@@ -25,7 +25,7 @@ from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrin
 #: What must stay as it is, to rounding.
 KEPT = ("cells", "dofs", "hanging_nodes", "max_level", "geometry_order", "active_pairs", "contact_iterations")
 ROUNDED = ("estimate", "assumed_effectivity", "force", "contact_radius", "max_pressure")
-METHODS = ("exact", "augmented-lagrangian", "penalty")
+METHODS = ("exact", "penalty")
 PARTITIONS = ("contact-sfc", "equidistributed", "sfc", "graph")
 
 

@@ -38,7 +38,7 @@ def test_scores():
     bad = [one for one in mine if one["score"] not in ("right", "refused", known.get(one["name"]))]
     everywhere(not bad, "\n".join(stability.line(one) for one in bad))
     good = WORLD.allreduce(sum(one["score"] in ("right", "refused") for one in mine))
-    assert good > 0.95 * len(CHOSEN) > 100
+    assert good > 0.95 * len(CHOSEN) > 90
 
 
 @alone

@@ -69,7 +69,7 @@ def create_node_pairs(scene, forest, prolongation, enforcement):
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     across = columns.pop("across")
     pairs = NodePairs(prolongation=prolongation, symmetry=scene.symmetry, node_area=columns["area"], **columns)
-    stiffest = forest.comm.allreduce(float(pairs.relative_stiffness.max(initial=0.0)), op=MPI.MAX)
+    stiffest = forest.comm.allreduce(float(pairs.penalty_factor.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
             f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
@@ -108,7 +108,7 @@ def _pairs_of(index, scene, forest, prolongation, enforcement):
     size = np.sqrt(area.sum(axis=1))
     bodies = np.stack([forest.mesh.body[forest.cell[leaf]], forest.mesh.body[cell]], axis=1)
     modulus = np.array([scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies])[bodies]
-    stiffness = (enforcement.springs / (1 / modulus).sum(axis=1) / size)[:, None] * area
+    stiffness = (enforcement.penalty_factor / (1 / modulus).sum(axis=1) / size)[:, None] * area
     sums = np.zeros((len(space), 5))
     np.add.at(sums, node, np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2))
 
