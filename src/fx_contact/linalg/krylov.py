@@ -145,7 +145,7 @@ class ConjugateGradients:
 
     @classmethod
     def create(cls, comm: MPI.Comm, options: PetscOptions, objects: PetscObjects) -> KrylovSolver:
-        """The KSP of this method."""
+        """The KSP of this method.  Collective on comm."""
         return KrylovSolver(comm, options, objects, cls.METHODS, PETSc.KSP.NormType.NATURAL)
 
     def __init__(

@@ -90,7 +90,7 @@ class FlexibleGmres:
 
     @classmethod
     def create(cls, comm: MPI.Comm, options: PetscOptions, objects: PetscObjects) -> KrylovSolver:
-        """The KSP of this method."""
+        """The KSP of this method.  Collective on comm."""
         krylov = KrylovSolver(comm, options, objects, ("fgmres",), PETSc.KSP.NormType.UNPRECONDITIONED)
         krylov.ksp.setGMRESRestart(_RESTART)
         return krylov

@@ -80,6 +80,9 @@ def petsc_errors(comm: MPI.Comm, prefix: str, objects: PetscObjects) -> Iterator
         comm: of the run.
         prefix: of the options that PETSc may have failed with.
         objects: never freed after a failure.
+
+    Raises:
+        SolveError: PETSc has failed on any rank.
     """
     try:
         with together(comm, _TIMEOUT):

@@ -34,7 +34,7 @@ class Preconditioner:
         self._smooths_blocks = False  # PETSc can be told once
 
     def set_up(self, matrix: PETSc.Mat, coarse: CoarseLevel | None = None) -> None:
-        """Build it for the present values of a matrix, with the level below for a multigrid of two levels.
+        """Build it for the present values of a matrix, with the level below for a multigrid of two levels.  Collective.
 
         Raises:
             SceneError: an option of the user that PETSc does not read.

@@ -43,7 +43,11 @@ class StoppingRule:
         self._comm, self._energy_norm, self._root = comm, energy_norm, np.sqrt(np.abs(diagonal))
 
     def allowed(self, u: Array, tolerance: float, reference: float | None = None) -> float:
-        """The error allowed near u [J^(1/2)], relative to an energy norm, by default omega(u)."""
+        """The error allowed near u [J^(1/2)], relative to an energy norm, by default omega(u).
+
+        Raises:
+            SolveError: an energy norm that is not finite.
+        """
         reference = self._energy_norm(u) if reference is None else reference
         scaled = (self._root * u).ravel()
         rounding = ROUNDING * float(np.sqrt(self._comm.allreduce(float(scaled @ scaled))))
@@ -74,11 +78,7 @@ class EnergyError:
         self.value, self._allowed = np.nan, np.nan
 
     def allowed(self, u: Array) -> float:
-        """The error at which a run of PCG from u ends [J^(1/2)].
-
-        Raises:
-            SolveError: an energy that is not finite.
-        """
+        """The error at which a run of PCG from u ends [J^(1/2)]."""
         self._allowed = self._rule.allowed(u, self._tolerance, self._reference)
         return self._allowed
 
