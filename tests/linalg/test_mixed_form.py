@@ -16,6 +16,7 @@ from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg import ladder
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
+from fx_contact.linalg.operator import MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.petsc_options import PetscOptions
 from fx_contact.parallel.errors import SolveError
@@ -116,7 +117,7 @@ def test_bound_is_of_both_residuals():
     forces, strains = 1.0 + np.arange(6).reshape(2, 3) + WORLD.rank, np.array([7.0, 8.0]) + WORLD.rank
     with PetscObjects(matrix, diagonal) as objects:
         krylov = FlexibleGmres.create(WORLD, PetscOptions(WORLD, "bound_", {"pc_type": "jacobi"}, {}), objects)
-        method = FlexibleGmres(krylov, matrix, Weights(), lambda u: 1.0, objects)
+        method = FlexibleGmres(krylov, MatrixOperator(matrix, objects), matrix, Weights(), lambda u: 1.0, objects)
         method.set_up(None)
         bound = method._bound(method._scaled(forces.copy(), strains))
     squares = WORLD.allreduce(np.array([(forces**2).sum() / 4.0, Weights.missing @ strains**2]))

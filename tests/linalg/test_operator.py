@@ -10,8 +10,10 @@ from fx_contact.contact.jump import Jump
 from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.linalg.krylov import ConjugateGradients
 from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, Sum
 from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.linalg.petsc_options import PetscOptions
 
 
 @pytest.fixture(params=list(DISTRIBUTIONS))
@@ -71,6 +73,40 @@ def test_residual(problem):
     expected = load + penalty.load() - product(Sum([matrix, penalty]), u)
     everywhere(np.allclose(Equations(load, penalty).residual(matrix, u), expected, atol=1e-12), "with a term")
     everywhere(np.allclose(Equations(load).residual(matrix, u), load - product(matrix, u), atol=1e-14), "without")
+
+
+def test_a_krylov_method_takes_any_operator(problem):
+    """PCG solves with an operator of its own class; the preconditioner has the matrix alone."""
+    matrix, _, penalty, exact = problem
+    bedding = matrix.diagonal()
+
+    class Stiffness(Operator):
+        """A matrix, a penalty, and springs to the ground at each node."""
+
+        def add_product(self, u, y):
+            """The three of them."""
+            matrix.add_product(u, y)
+            penalty.add_product(u, y)
+            y += bedding * u
+
+        def diagonal(self):
+            """Of the matrix and the springs."""
+            return 2 * bedding
+
+    stiffness = Stiffness()
+
+    def energy_norm(u):
+        return WORLD.allreduce(float((u * product(stiffness, u)).sum())) ** 0.5
+
+    load = product(stiffness, exact)
+    with PetscObjects() as objects:
+        options = PetscOptions(WORLD, "any_", {"pc_type": "jacobi"}, {})
+        krylov = ConjugateGradients.create(WORLD, options, objects)
+        method = ConjugateGradients(krylov, stiffness, matrix.mat, energy_norm, objects)
+        method.set_up(None)
+        outcome = method.solve(Equations(load), np.zeros_like(load), 1e-8, 500)
+    assert outcome.reason > 0
+    assert energy_norm(outcome.displacement - exact) < 1e-6 * energy_norm(exact)
 
 
 def test_an_operator_needs_both():

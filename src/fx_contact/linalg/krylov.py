@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.linalg.operator import Array, Equations, MatrixOperator, Sum
+from fx_contact.linalg.operator import Array, Equations, Operator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects, petsc_errors
 from fx_contact.linalg.petsc_options import PetscOptions
@@ -131,8 +131,9 @@ class ConjugateGradients:
 
     Args:
         krylov: from `create`.
-        matrix: symmetric positive definite.
-        energy_norm: omega (4).
+        stiffness: A, symmetric positive definite.
+        matrix: A or close to it, for the preconditioner.
+        energy_norm: omega (4), of A.
         objects: free what is made here.
 
     Attributes:
@@ -149,12 +150,16 @@ class ConjugateGradients:
         return KrylovSolver(comm, options, objects, cls.METHODS, PETSc.KSP.NormType.NATURAL)
 
     def __init__(
-        self, krylov: KrylovSolver, matrix: PETSc.Mat, energy_norm: EnergyNorm, objects: PetscObjects
+        self,
+        krylov: KrylovSolver,
+        stiffness: Operator,
+        matrix: PETSc.Mat,
+        energy_norm: EnergyNorm,
+        objects: PetscObjects,
     ) -> None:
         self.matrix, self.preconditioner = matrix, krylov.preconditioner
-        self._krylov, self._energy_norm = krylov, energy_norm
-        self._stiffness = MatrixOperator(matrix, objects)
-        self._operator = Sum([self._stiffness])
+        self._krylov, self._stiffness, self._energy_norm = krylov, stiffness, energy_norm
+        self._operator = Sum([stiffness])
         self._projected = ProjectedPreconditioner(krylov.preconditioner, objects.add(matrix.createVecRight()))
         size = matrix.getLocalSize()[0]
         self._x, self._b = krylov.connect(size, self._product, self._projected.apply, self._projected.view)

@@ -10,7 +10,7 @@ from fx_contact.linalg.krylov import INSTEAD, RESERVED, ConjugateGradients, Kryl
 from fx_contact.linalg.ladder import FALLBACKS, Ladder
 from fx_contact.linalg.matrix import BlockMatrix, as_aij
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
-from fx_contact.linalg.operator import Array, Equations
+from fx_contact.linalg.operator import Array, Equations, MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.petsc_options import PetscOptions
@@ -25,7 +25,6 @@ _ADVICE = (
     "allow more iterations (Solver.max_krylov) or a looser tolerance, use a finer root mesh or cells of better shape, "
     "and see that every body is held"
 )
-
 
 Method = ConjugateGradients | FlexibleGmres
 
@@ -89,10 +88,10 @@ class LinearSolver:
         self._first: int | None = None  # iterations of the first solve since the set-up
 
     def _method_of(self, krylov: KrylovSolver, mat: PETSc.Mat, volume: PressureOperator | None) -> Method:
-        self._objects.add(mat)
+        stiffness = MatrixOperator(self._objects.add(mat), self._objects)
         if volume is None:
-            return ConjugateGradients(krylov, mat, self._energy_norm, self._objects)
-        return FlexibleGmres(krylov, mat, volume, self._energy_norm, self._objects)
+            return ConjugateGradients(krylov, stiffness, mat, self._energy_norm, self._objects)
+        return FlexibleGmres(krylov, stiffness, mat, volume, self._energy_norm, self._objects)
 
     @property
     def matrix(self) -> PETSc.Mat:

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.krylov import KrylovSolver, Outcome
-from fx_contact.linalg.operator import Array, Equations, MatrixOperator, Operator, Sum
+from fx_contact.linalg.operator import Array, Equations, Operator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.petsc_options import PetscOptions
@@ -78,7 +78,8 @@ class FlexibleGmres:
 
     Args:
         krylov: from `create`.
-        matrix: A, symmetric positive definite.
+        stiffness: A, symmetric positive definite.
+        matrix: A or close to it, for the preconditioner.
         volume: D and C.
         energy_norm: omega (4), of K.
         objects: free what is made here.
@@ -98,15 +99,15 @@ class FlexibleGmres:
     def __init__(
         self,
         krylov: KrylovSolver,
+        stiffness: Operator,
         matrix: PETSc.Mat,
         volume: PressureOperator,
         energy_norm: EnergyNorm,
         objects: PetscObjects,
     ) -> None:
         self.matrix, self.preconditioner = matrix, krylov.preconditioner
-        self._krylov, self._volume, self._energy_norm = krylov, volume, energy_norm
-        self._stiffness = MatrixOperator(matrix, objects)
-        self._operator = Sum([self._stiffness])
+        self._krylov, self._stiffness, self._volume, self._energy_norm = krylov, stiffness, volume, energy_norm
+        self._operator = Sum([stiffness])
         self._forces, self._displacement, rest = (objects.add(matrix.createVecRight()) for _ in range(3))
         self._projected = ProjectedPreconditioner(krylov.preconditioner, rest)
         self._size = matrix.getLocalSize()[0]
