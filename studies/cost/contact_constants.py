@@ -2,8 +2,8 @@
 
     python3 -m studies.cost.contact_constants    # six minutes
 
-`HELD`: factor of the springs in the matrix across rows that a projection constrains.  "penalty": one of some factor,
-its springs in the matrix, or its closed rows constrained.  `relaxation`: iterations with block Jacobi on the first
+`CAP`: factor of the penalty in the matrix of rows that a projection constrains.  "penalty": one of some factor,
+in the matrix, or its closed rows constrained.  `relaxation`: iterations with block Jacobi on the first
 guess, not counted here, times updates of the active set by it.
 """
 
@@ -37,9 +37,9 @@ def replaced(module, **values):
 
 
 @contextmanager
-def held(factor):
-    """Another `HELD`."""
-    with replaced(enforcement, HELD=factor), replaced(constraint_rows, HELD=factor):
+def capped(factor):
+    """Another `CAP`."""
+    with replaced(enforcement, CAP=factor), replaced(constraint_rows, CAP=factor):
         yield
 
 
@@ -56,15 +56,15 @@ def row(degree, constant, value, enforced=None):
 def measured(degree):
     """Rows of the table."""
     for factor in (1.0, 3.0, 10.0, 30.0, 100.0):
-        with held(factor):
-            yield row(degree, "HELD", f"{factor:g}")
+        with capped(factor):
+            yield row(degree, "CAP", f"{factor:g}")
     for factor in (30.0, 100.0, 200.0, 500.0):
         penalty = Enforcement("penalty", factor)
-        with held(1e9):
+        with capped(1e9):
             yield row(degree, "penalty", f"{factor:g} in the matrix", penalty)
         yield row(degree, "penalty", f"{factor:g} constrained", penalty)
     for iterations, updates in ((0, 0), (5, 5), (15, 1), (15, 5), (45, 5)):
-        with replaced(initial_guess, _RELAXATION=iterations, _LOOKS=updates):
+        with replaced(initial_guess, _RELAXATION=iterations, _UPDATES=updates):
             yield row(degree, "relaxation", f"{iterations} x {updates}")
 
 

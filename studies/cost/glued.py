@@ -21,7 +21,7 @@ from fx_contact import Enforcement, Solver, adapt
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
@@ -50,10 +50,10 @@ def glued(step, forces, supports):
     pairs = create_rows(step.scene, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
         matrix = elasticity.stiffness(pairs)
-        PenaltyTerm(Jump(pairs, supports)).reserve(matrix.mat)  # hypre's format wants every entry that has room
+        reserve(matrix.mat, Jump(pairs, supports))  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))
-            PenaltyTerm(Jump(tie, supports)).change(matrix.mat, np.zeros(len(pairs), bool), step.solution.active)
+            PenaltyTerm(Jump(tie, supports), step.solution.active * tie.stiffness).add_to(matrix.mat)
     problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 

@@ -18,11 +18,11 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Scene, Solver, Traction, adapt
-from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import _impose
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
@@ -118,16 +118,16 @@ def cost(step, solver, below=create_coarse_level):
     stages, active = Stages(), step.solution.active
     with PetscObjects(matrix.mat, *([coarse] if multigrid else [])) as objects:
         jump = Jump(rows, supports)
-        PenaltyTerm(jump).reserve(matrix.mat)
+        reserve(matrix.mat, jump)
         matrix.mat.assemble()
         base, _ = _impose(matrix.mat, forces, supports)
-        PenaltyTerm(jump, rows.bounded_stiffness).change(matrix.mat, np.zeros_like(active), active)
-        system = ContactSystem(problem, base, jump, active, SolveOptions(solver), Environment(stages, objects))
+        PenaltyTerm(jump, active * rows.capped_stiffness).add_to(matrix.mat)
+        system = ContactSystem(problem, base, jump, active, SolveOptions(solver), stages, objects)
         start = supports.admissible(step.start)
         system.solve(active, start, solver.tolerance)
     seconds = stages.costs(step.forest.comm)["cpu_seconds"]
     micro = {f"{name}_us": 1e6 * seconds[name] / step.record.dofs for name in ("setup", "solve")}
-    return {"at_the_end": system.preconditioner, "iterations": sum(system.iterations), **micro}
+    return {"at_the_end": system.solver.preconditioner, "iterations": sum(system.solver.iterations), **micro}
 
 
 def least(step, repetitions, *args):

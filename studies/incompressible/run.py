@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fx_contact import Material, adapt
 from fx_contact.fem import elasticity
-from fx_contact.linalg.mixed_solver import MixedSolver
+from fx_contact.linalg import ladder
 from fx_contact.scenes import hertz, indentation, stack
 from studies.stability.shapes import clamped
 from studies.tables import plain, read, write
@@ -91,7 +91,7 @@ def main():
         print(plain([{"of the matrix": ratio} | with_matrix(ratio) for ratio in arguments.matrix]))
         return
     if arguments.only:
-        MixedSolver._CYCLES = arguments.cycles or MixedSolver._CYCLES
+        ladder.MIXED_CYCLES = arguments.cycles or ladder.MIXED_CYCLES
         name, _, poisson = arguments.only.rpartition(" ")
         print(json.dumps(measured(name, float(poisson))))
         return

@@ -92,7 +92,7 @@ def _measured(tolerance, degree):
     seconds, iterations = record.cpu_seconds, sum(record.krylov_iterations)
     blocks = step.elasticity.stiffness(step.pairs)
     blocks.mat.assemble()
-    matrix = blocks.in_hypre_format()
+    matrix = blocks.in_format_of("hypre")
     x, y = matrix.createVecs()
     x.set(1.0)
     product = _seconds(MPI.COMM_SELF, lambda: matrix.mult(x, y), 20, time.process_time)

@@ -160,11 +160,11 @@ class State:
         self.yielded = float(contact.force @ self.penetration)
         self.potential = self.energy + self.yielded - 2 * float((u * self._load).sum())
         self.size = float(np.abs(u).max())
-        springs = self.pairs.bounded_stiffness[contact.active].sum() if method != "exact" else 0.0
+        penalty = self.pairs.capped_stiffness[contact.active].sum() if method != "exact" else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
-        loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
+        loss = spread * contact.energy_error * np.sqrt(lever2 + penalty)
         entries = 3 * (2 * self.record.degree + 1) ** 3  # most of a row of the stiffness, whose roundings add up
-        loss += entries * np.finfo(float).eps * (diagonal + springs) * self.size
+        loss += entries * np.finfo(float).eps * (diagonal + penalty) * self.size
         self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
         # Of the strains, where bodies move much further than they deform.

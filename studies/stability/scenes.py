@@ -61,11 +61,10 @@ def enforcements(methods):
         "punch by force": {"scene": by_force, "reference": Twin(by_force, default=True, **OTHER_CONTACT)},
     }
     for method, (family, what) in product(methods, families.items()):
-        for factor in [None] if method == "exact" else FACTORS[method != "penalty" :]:
+        for factor in [None] if method == "exact" else FACTORS:
             value = "exact" if factor is None else exponent(factor)
-            row = family if method in ("penalty", "exact") else f"{family}, {method}"
             soft = method == "penalty" and factor <= 10  # a run may find it too soft for the tolerance
-            yield Case("penalty factor", row, value, **what, method=method, factor=factor, may_refuse=soft)
+            yield Case("penalty factor", family, value, **what, method=method, factor=factor, may_refuse=soft)
 
 
 def ratios():

@@ -16,7 +16,7 @@ def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF):
     rows = SimpleNamespace(
         prolongation=SimpleNamespace(comm=comm),
         penetration=lambda u: np.array(penetration),
-        bounded_stiffness=np.ones(size),
+        capped_stiffness=np.ones(size),
         key=comm.rank * size + np.arange(size),
     )
     return ActiveSet(rows, None, np.full((size, 3), largest), 100)

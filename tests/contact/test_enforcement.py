@@ -1,4 +1,4 @@
-"""Exact, augmented and penalised contact, and the rules by which pairs open and close."""
+"""Exact and penalised contact, and the rules by which pairs open and close."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -120,11 +120,9 @@ def forces(scene, tolerance, degree, **options):
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
 def test_methods_agree(name, degree):
-    """The penalty's force tends to the exact one as 1/c, the augmented Lagrangian's is within the gap tolerance."""
+    """The penalty's force tends to the exact one as 1/c."""
     scene = hertz(order=2, coarse=2) if name == "hertz" else corner_scene()
     exact = forces(scene, 0.3, degree)
-    augmented = forces(scene, 0.3, degree, method="augmented-lagrangian", gap_tolerance=1e-8)
-    assert abs(augmented / exact - 1) < 1e-6
     short = [1 - forces(scene, 0.3, degree, method="penalty", factor=c) / exact for c in (1e3, 1e4)]
     assert 0 < short[1] < 0.01 and abs(short[0] / short[1] - 10) < 0.5
 
@@ -168,15 +166,6 @@ def test_stiff_penalty_after_a_long_way(method):
     step = next(adapt(scene, 0.1, enforcement=Enforcement(method, None if method == "exact" else 1e12)))
     assert abs(step.record.force / 5e-5 - 1) < 1e-6
     everywhere((step.solution.force > 0).all(), "a pair pulls")
-
-
-def test_gap_tolerance_is_that_of_the_approach():
-    """Bodies that come from afar overlap by no more than a part of their approach, however far they moved."""
-    scene = punch(displacement=1 + 1e-3, gap=1.0, order=4)
-    enforcement = Enforcement("augmented-lagrangian", 10.0, gap_tolerance=1e-4)
-    step, exact = (next(adapt(scene, 0.5, enforcement=e)).record for e in (enforcement, None))
-    assert step.max_penetration < 1e-4 * 1e-3
-    assert abs(step.force / exact.force - 1) < 1e-3
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -292,7 +281,7 @@ def test_two_bodies_at_one_vertex(deep):
     """Where two bodies face one vertex and push it to different depths, the deeper one has it, the other lets go."""
     scene = two_punches(deep)
     exact = next(adapt(scene, 0.5))
-    soft = next(adapt(scene, 0.5, enforcement=Enforcement("augmented-lagrangian", gap_tolerance=1e-8)))
+    soft = next(adapt(scene, 0.5, enforcement=Enforcement("penalty", 1e8)))
     assert exact.record.active_pairs == (45 if deep > 0.01 else 50)
     assert exact.record.max_penetration < 1e-12 * deep
     closed = exact.solution.penetration[exact.solution.active]
@@ -383,9 +372,6 @@ def test_penalty_too_soft_beside_other_loads():
     assert last.record.reached and abs(last.record.force / 5e-6 - 1) < 1e-5
     with pytest.raises(SolveError, match="too soft for the tolerance"):
         list(adapt(scene, 0.1, enforcement=Enforcement("penalty", 10.0)))
-    scene = replace(scene, tractions=(Pressure("side", 1e-2),))
-    *_, last = adapt(scene, 0.1, enforcement=Enforcement("augmented-lagrangian", 1.0))
-    assert abs(last.record.force / 5e-6 - 1) < 5e-5
 
 
 def test_penalty_of_a_thin_layer():
@@ -492,7 +478,7 @@ def lone_set(size, most):
     rows = SimpleNamespace(
         prolongation=SimpleNamespace(comm=MPI.COMM_SELF),
         penetration=lambda u: -np.arange(size, dtype=float),
-        bounded_stiffness=np.ones(size),
+        capped_stiffness=np.ones(size),
         key=np.arange(size),
     )
     return ActiveSet(rows, None, np.zeros((size, 3)), most)

@@ -8,7 +8,7 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, corner_scene, grown, pressed, prolongation_of, roots, two_boxes
 
 from fx_contact import Enforcement
-from fx_contact.contact.enforcement import HELD
+from fx_contact.contact.enforcement import CAP
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.scenes import hertz
 
@@ -64,8 +64,8 @@ def test_normals_across_an_edge_stay_apart():
 def test_stiffness_in_the_matrix(factor):
     """Soft springs are in the matrix as they are; of stiffer ones those of pairs that are held."""
     pairs = pairs_of(pressed(two_boxes()), Enforcement("penalty", factor))
-    relative = pairs.bounded_stiffness / pairs.stiffness * pairs.relative_stiffness
-    expected = np.minimum(pairs.relative_stiffness, HELD)
+    relative = pairs.capped_stiffness / pairs.stiffness * pairs.penalty_factor
+    expected = np.minimum(pairs.penalty_factor, CAP)
     everywhere(np.allclose(relative, expected, rtol=1e-12), "another stiffness")
     # c E*/h times the area of a node: for facets of one size c of all pairs that have four of them.
-    assert WORLD.allreduce(int((np.abs(pairs.relative_stiffness / factor - 1) < 1e-9).sum())) > 0
+    assert WORLD.allreduce(int((np.abs(pairs.penalty_factor / factor - 1) < 1e-9).sum())) > 0

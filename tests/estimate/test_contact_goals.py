@@ -60,7 +60,7 @@ def test_dual_solutions(asked, method):
     *_, step = adapt_linear(beam(0.5), 0.3, enforcement=Enforcement(method), max_steps=4)
     (goal, dual, moved), *_ = asked[-1:]
     loads = WORLD.allreduce(float((load(step.scene, step.forest, step.elasticity) * dual).sum()))
-    # A penalty's penetrations take their part; those of the augmented Lagrangian are gone, but not in z.
+    # A penalty's penetrations take their part.
     assert abs(goal.value / step.record.force - 1) < 1e-12
     assert abs((loads - moved) / goal.value - 1) < {"exact": 1e-6}.get(method, 0.02)
 
@@ -259,7 +259,7 @@ def test_a_penalty_too_soft_beside_a_pressure():
 def test_each_contact_is_judged_by_its_own_energy(joined):
     """A penalty that is stiff enough for a rod, which has most of the energy, is too soft for plates with its force.
 
-    Springs of c E*/h give way by a share (h / (c E*)) / (2 t / E) of how far plates of the thickness t are pressed
+    A penalty of c E*/h gives way by a share (h / (c E*)) / (2 t / E) of how far plates of the thickness t are pressed
     together, a sixth on cells of 2.5 m; without them they would have so much more force.  In one pair with a rod that
     counts by the plates' part of the force.
     """

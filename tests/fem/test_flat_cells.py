@@ -95,7 +95,7 @@ def test_iterations_hardly_depend_on_the_aspect(poisson):
 
 
 def test_contact_that_changes():
-    """Springs of closed contact change the matrix, and with it the smoother: the solution is that of Cholesky."""
+    """The penalty of closed contact changes the matrix, and with it the smoother: the solution is that of Cholesky."""
     boxes = Boxes(1)
     boxes.add("lower", (-3, -3, -0.5), (3, 3, 0), (6, 6, 2))
     boxes.add("upper", (-3, -3, 0), (3, 3, 0.5), (6, 6, 2))

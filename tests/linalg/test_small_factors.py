@@ -1,11 +1,13 @@
-"""Cholesky's factors take over early where they are small, as those of thin bodies are, and nowhere else."""
+"""Cholesky factors take over early where they are small, as those of thin bodies are, and nowhere else."""
 
 import numpy as np
 import pytest
 from conftest import everywhere
 
 from fx_contact import Dirichlet, Material, Scene, Solver, Traction, adapt
-from fx_contact.linalg import conjugate_gradients
+from fx_contact.linalg import factors, ladder
+from fx_contact.linalg.linear_solver import LinearSolver
+from fx_contact.linalg.solver_options import PRECONDITIONERS
 from studies.boxes import LEFT, RIGHT, UP, Boxes
 
 
@@ -53,30 +55,30 @@ def test_factors_of_a_plate_take_over(poisson, least, most):
 
 @pytest.fixture
 def tried(monkeypatch):
-    """Looks after 10 and 20 iterations that MUMPS refuses: the bytes asked of it."""
-    tried, factorise = [], conjugate_gradients.ConjugateGradients._factorise
+    """Checks after 10 and 30 iterations that no factors pass: the bytes that they allow."""
+    tried, factorise = [], LinearSolver._factorise
 
     def counted(self, most):
         tried.append(most)
-        factorise(self, most)
+        return factorise(self, most)
 
-    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_factorise", counted)
-    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", ((10, 1.0), (20, 2.0)))
+    monkeypatch.setattr(LinearSolver, "_factorise", counted)
+    monkeypatch.setitem(ladder.FACTORISATION_CHECKS, "flat cells", ((10, 1.0), (30, 2.0)))
     return tried
 
 
 def test_factors_that_are_large_do_not(tried):
-    """MUMPS refuses them, and PCG goes on from where it was: once for each look."""
+    """They are refused, and PCG goes on from where it was: once for each check."""
     step = solved(max_krylov=2000)
-    everywhere(tried == [1.0, 2.0], "other looks")
+    everywhere(tried == [step.record.dofs, 2 * step.record.dofs], "other checks")
     assert step.record.preconditioner == "p-multigrid"
     same(solved(preconditioner="cholesky"), step)
 
 
 @pytest.mark.parametrize("limits, taken_after", [((950.0, 950.0), 10), ((600.0, 950.0), 30), ((600.0, 600.0), None)])
 def test_factors_are_taken_by_their_size(monkeypatch, limits, taken_after):
-    """766 bytes an unknown for this plate, on any number of ranks; looks after 10 iterations, and after 20 more."""
-    monkeypatch.setattr(conjugate_gradients.ConjugateGradients, "_LOOKS_OF_FLAT", tuple(zip((10, 20), limits)))
+    """766 bytes an unknown for this plate, on any number of ranks; checks after 10 and 30 iterations."""
+    monkeypatch.setitem(ladder.FACTORISATION_CHECKS, "flat cells", tuple(zip((10, 30), limits)))
     record = solved(max_krylov=2000).record
     assert record.preconditioner == ("cholesky" if taken_after else "p-multigrid")
     assert taken_after is None or taken_after < record.krylov_iterations[-1] < taken_after + 5
@@ -84,7 +86,7 @@ def test_factors_are_taken_by_their_size(monkeypatch, limits, taken_after):
 
 def test_factors_that_fail_are_not_taken(monkeypatch):
     """MUMPS runs out of memory, and PCG goes on from where it was."""
-    monkeypatch.setitem(conjugate_gradients.PRECONDITIONERS["cholesky"], "mat_mumps_icntl_23", 1)
+    monkeypatch.setitem(PRECONDITIONERS["cholesky"], "mat_mumps_icntl_23", 1)
     step = solved(max_krylov=2000)
     assert step.record.preconditioner == "p-multigrid"
     same(solved(max_krylov=2000, preconditioner="p-multigrid"), step)
@@ -93,22 +95,22 @@ def test_factors_that_fail_are_not_taken(monkeypatch):
 @pytest.mark.parametrize("asked_before", [0, 1])
 def test_factors_without_memory_are_not_taken(monkeypatch, asked_before):
     """Not analysed where the largest taken has no room, not computed where by the analysis they have none."""
-    asked, analyses, analysed = [], [], conjugate_gradients.analysed
+    asked, analyses, analysed = [], [], factors.analysed
 
     def short(comm, size):
         asked.append(size)
         return "no memory" if len(asked) > asked_before else None
 
-    monkeypatch.setattr(conjugate_gradients, "shortage", short)
-    monkeypatch.setattr(conjugate_gradients, "analysed", lambda matrix: analyses.append(1) or analysed(matrix))
+    monkeypatch.setattr(factors, "shortage", short)
+    monkeypatch.setattr(factors, "analysed", lambda matrix: analyses.append(1) or analysed(matrix))
     assert solved(max_krylov=2000).record.preconditioner == "p-multigrid"
     assert len(analyses) == asked_before
 
 
-def test_looks_count_as_iterations(tried):
-    """After the most that are allowed, those before the looks among them, a stronger preconditioner takes over."""
+def test_iterations_before_a_check_count(tried):
+    """After the most that are allowed, those before the checks among them, a stronger preconditioner takes over."""
     step = solved(max_krylov=40)
-    everywhere(tried == [1.0, 2.0], "other looks")
+    everywhere(tried == [step.record.dofs, 2 * step.record.dofs], "other checks")
     assert step.record.preconditioner == "cholesky" and 40 < step.record.krylov_iterations[-1] < 45
 
 

@@ -15,8 +15,10 @@ from fx_contact.contact import contact_solver
 from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import find_shear_free
-from fx_contact.linalg import conjugate_gradients
-from fx_contact.linalg.conjugate_gradients import ConjugateGradients
+from fx_contact.linalg import factors
+from fx_contact.linalg.krylov import ConjugateGradients, Outcome
+from fx_contact.linalg.ladder import Ladder
+from fx_contact.linalg.linear_solver import LinearSolver
 from fx_contact.parallel import memory
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import STAGES
@@ -167,7 +169,7 @@ def test_bodies_that_do_not_touch(displacement):
 
 def test_failure_while_steps_are_collected(monkeypatch):
     """A list of steps ends with the error of the step that fails, on all ranks; it holds the last displacement."""
-    monkeypatch.setattr(ConjugateGradients, "_fall_back", lambda self: False)
+    monkeypatch.setattr(Ladder, "fallback", lambda self, comm, present: None)
     done = []
 
     def counted():
@@ -198,12 +200,10 @@ def test_fallback(monkeypatch, name, most, solver):
 
     Pairs that close later are added to the matrix in its new format.
     """
-    monkeypatch.setattr(
-        conjugate_gradients, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0)
-    )
+    monkeypatch.setattr(factors, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0))
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
     monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, supports: u)
-    monkeypatch.setattr(ConjugateGradients, "stops_paying", lambda self: True)
+    monkeypatch.setattr(LinearSolver, "is_slow", True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     right, last = (
         list(adapt(scene, 0.25, solver=one))[-1].record for one in (Solver(), Solver(max_krylov=most, **solver))
@@ -234,14 +234,14 @@ def test_memory_is_not_overdrawn(monkeypatch, free, shown, what):
 def test_memory_of_chosen_factors(monkeypatch, solver):
     """Factors that the user has chosen are refused too where they do not fit; they are not begun."""
     next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
-    monkeypatch.setattr(conjugate_gradients, "_FACTOR_BYTES", 1e12)
+    monkeypatch.setattr(factors, "_BYTES", 1e12)
     with pytest.raises(SolveError, match="unknowns needs .* GB on a host .* take 'boomeramg'"):
         next(adapt(hertz(order=1, coarse=1), 0.5, solver=solver))
 
 
 def test_nothing_takes_over(monkeypatch):
     """Where PCG fails with the strongest preconditioner too, the error names it, PETSc's reason and what to do."""
-    monkeypatch.setattr(ConjugateGradients, "_attempt", lambda self, right_hand_side, start, *_: (start, -11, 7))
+    monkeypatch.setattr(ConjugateGradients, "solve", lambda self, equations, u, *_: Outcome(u, -11, 7, np.nan))
     with pytest.raises(SolveError, match=r"PCG failed with cholesky \(iterations: 7, PETSc reason -11\); allow more"):
         next(adapt(hertz(order=1, coarse=1), 0.5, solver=Solver("cholesky")))
 

@@ -78,8 +78,7 @@ def test_uniform_compression(degree, method, distribution, materials):
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest, degree=degree)
     prolongation = elasticity.prolongation
-    tight = {"gap_tolerance": 1e-12} if method == "augmented-lagrangian" else {}
-    enforcement = Enforcement(method, **tight)
+    enforcement = Enforcement(method)
     pairs = create_rows(scene, prolongation, enforcement)
     everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between the blocks")
     largest, smallest = WORLD.allreduce(pairs.area.max(initial=0), MPI.MAX), WORLD.allreduce(

@@ -329,8 +329,7 @@ def _check_penalty(step, settings):
         raise SolveError(
             f"the penalty is too soft for the tolerance: penetration takes {percent(step.record.penalty_share)} of "
             f"a contact force, a tolerance of {percent(tolerance)} allows {percent(tolerance**2)}, its square; "
-            "take a larger factor (or, with the augmented Lagrangian, a smaller gap_tolerance), or the default "
-            "enforcement 'exact'"
+            "take a larger factor, or the default enforcement 'exact'"
         )
 
 

@@ -12,7 +12,7 @@ from fx_contact.adaptive.settings import GEOMETRY_SHARE
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.validity import Doubt, check_doubts, find_doubts
-from fx_contact.contact.contact_problem import ContactProblem, Environment, SolveOptions
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_system
 from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.contact.row_kinds import create_rows
@@ -109,7 +109,7 @@ def solve_step(settings, number, start, partition, stages):
     discrete = _discretise(settings, start, stages)
     with PetscObjects(discrete.problem.matrix.mat, discrete.problem.coarse) as objects:
         options = SolveOptions(settings.solver, settings.enforcement)
-        solution, system = solve_system(discrete.problem, start.displacement, options, Environment(stages, objects))
+        solution, system = solve_system(discrete.problem, start.displacement, options, stages, objects)
         with stages("estimate"):
             verdict = _judge(settings, start, discrete, solution, system, stages)
     return Step(

@@ -45,10 +45,10 @@ class ActiveSet:
         deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = penetration >= min(deepest, 0.0) - rounding
         self.active = self._held(closed, penetration)
-        self.forget()
+        self.reset_cycles()
 
-    def forget(self):
-        """Let sets that were tried before be tried again.  Local."""
+    def reset_cycles(self) -> None:
+        """Reset the detection of cycles.  Local."""
         self._tried, self._fewest, self._single = [self.active], np.inf, False
         self._penetrate_when_open = False
 
@@ -66,12 +66,12 @@ class ActiveSet:
         Returns:
             (n,) bool.
         """
-        pressure = trial / np.sqrt(self._rows.bounded_stiffness)  # [J^(1/2)], as the noise
+        pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
         hardest = self._max(pressure)
         self._penetrate_when_open |= hardest > noise and not self.differs(np.zeros_like(self.active))
         press = hardest > noise or self._penetrate_when_open
         wanted = pressure > (np.where(self.active, -noise, noise) if press else hardest)
-        return self._held(wanted, trial / self._rows.bounded_stiffness)
+        return self._held(wanted, trial / self._rows.capped_stiffness)
 
     def check_held(self):
         """See that the rows that hold the bodies press.  Local.

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.contact.contact_facets import facets_of
-from fx_contact.contact.enforcement import HELD, Enforcement
+from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
@@ -156,7 +156,7 @@ class ConstraintRows:
         gap: (n,) float64, D, initial distance along the normal on the true curved geometry [m].
         area: (n,) float64, tributary area [m^2].
         node_area: (n,) float64, sum of the areas of all rows with the same `first` [m^2].
-        stiffness: (n,) float64, k_N, or that of the springs in the matrix of exact contact [N/m].
+        stiffness: (n,) float64, k_N, in exact contact that in the preconditioner matrix [N/m].
         modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3) float64, undeformed position on the first surface [m].
         bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
@@ -206,7 +206,7 @@ class ConstraintRows:
         return named[self.first]
 
     @property
-    def relative_stiffness(self):
+    def penalty_factor(self):
         """(n,) float64, c of k_N = c E* A^(1/2), A the node's area, 1/E* the sum of 1/modulus [-].  Local.
 
         Of a node with several rows c is that of all of them, for they share its k_N by their areas.
@@ -214,10 +214,10 @@ class ConstraintRows:
         return self.stiffness * (1 / self.modulus).sum(axis=1) * np.sqrt(self.node_area) / self.area
 
     @property
-    def bounded_stiffness(self):
-        """(n,) float64, k_N in the matrix, at most that of the factor `HELD` [N/m].  Local."""
-        relative = self.relative_stiffness
-        return self.stiffness * np.where(relative > HELD, HELD / relative, 1.0)
+    def capped_stiffness(self):
+        """(n,) float64, k_N in the preconditioner matrix, at most that of the factor `CAP` [N/m].  Local."""
+        factor = self.penalty_factor
+        return self.stiffness * np.where(factor > CAP, CAP / factor, 1.0)
 
     def couplings(self):
         """Which conforming nodes a row couples: (owned + ghosts, owned + ghosts) scipy CSR bool.  Local."""

@@ -74,7 +74,7 @@ def moduli(scene: Scene, bodies: npt.NDArray[np.integer]) -> Floats:
 
 def spring_stiffness(enforcement: Enforcement, modulus: Floats, area: Floats) -> Floats:
     """Shares (n, k) [N/m] of facet nodes in c E*/h of each facet, from moduli (n, 2) and areas (n, k).  Local."""
-    return (enforcement.springs / (1 / modulus).sum(axis=1) / np.sqrt(area.sum(axis=1)))[:, None] * area
+    return (enforcement.penalty_factor / (1 / modulus).sum(axis=1) / np.sqrt(area.sum(axis=1)))[:, None] * area
 
 
 def nodal_sums(prolongation: Prolongation, leaf: Ints, face: Ints, values: Floats) -> tuple[Ints, Ints, Floats]:

@@ -4,41 +4,46 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fx_contact.contact.active_set import ActiveSet
-from fx_contact.contact.contact_problem import Environment
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.initial_guess import relax
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.linalg.conjugate_gradients import ROUNDING
+from fx_contact.contact.penalty_term import PenaltyTerm, reserve
+from fx_contact.fem.supports import Supports
+from fx_contact.linalg.operator import Array, Mask
 from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.timing import Stages
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """The end of the contact loop.
+    """The end of the contact loop, on this rank's nodes and rows.
 
     Attributes:
-        displacement: (owned, 3) float64, conforming [m].
-        active: (n,) bool, status of this rank's rows.
-        force: (n,) float64, contact force of each row, compression positive [N]; 0 where conditions hold all
-            its vertices: they carry it.
-        pressure: (n,) float64, as from `ConstraintRows.pressure` [Pa].
-        penetration: (n,) float64, B u - D, positive where the bodies penetrate [m].
-        contact_iterations: number of active sets tried, and of augmentations.
+        displacement: (owned, 3), conforming [m].
+        active: (n,), closed rows.
+        force: (n,), contact force of each row, compression positive [N]; 0 where conditions hold all its vertices: they
+            carry it.
+        pressure: (n,), as from `ConstraintRows.pressure` [Pa].
+        penetration: (n,), B u - D, positive where the bodies penetrate [m].
+        contact_iterations: number of active sets tried.
         krylov_iterations: of each linear solve.
-        preconditioner: name of the one that the last solve used, as `ConjugateGradients` has it.
+        preconditioner: name of that of the last solve, as `LinearSolver` has it.
         energy_error: bound of the linear solver's error in the norm of the operator [J^(1/2)].
         rounding: energy norm (4) that rounding may leave of a rigid motion [J^(1/2)].
     """
 
-    displacement: np.ndarray
-    active: np.ndarray
-    force: np.ndarray
-    pressure: np.ndarray
-    penetration: np.ndarray
+    displacement: Array
+    active: Mask
+    force: Array
+    pressure: Array
+    penetration: Array
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
@@ -46,59 +51,55 @@ class ContactSolution:
     rounding: float
 
 
-def solve_contact(problem, start, options, stages):
-    """The ContactSolution of `solve_system`, whose system is freed at once.
-
-    Collective on problem.matrix.comm.
-
-    Args:
-        problem, start, options: as in `solve_system`.
-        stages: Stages, for the times.
-    """
+def solve_contact(problem: ContactProblem, start: Array, options: SolveOptions, stages: Stages) -> ContactSolution:
+    """The solution of `solve_system`, whose system is freed.  Collective on problem.matrix.comm."""
     with PetscObjects(problem.matrix.mat, problem.coarse) as objects:
-        return solve_system(problem, start, options, Environment(stages, objects))[0]
+        return solve_system(problem, start, options, stages, objects)[0]
 
 
-def solve_system(problem, start, options, environment):
-    """Solve a contact problem: PCG for each active set, until the set repeats itself.
+def solve_system(
+    problem: ContactProblem, start: Array, options: SolveOptions, stages: Stages, objects: PetscObjects
+) -> tuple[ContactSolution, ContactSystem | LinearSystem]:
+    """Solve a contact problem: a linear system for each active set, until the set repeats itself.
 
     Collective on problem.matrix.comm.
 
     Args:
-        problem: ContactProblem.
-        start: (owned, 3) float64, first guess of the displacement [m]; its penetrations are that of the active set.
-        options: SolveOptions.
-        environment: Environment.
+        problem: its matrix is used up.
+        start: (owned, 3), first guess of the displacement, whose penetrations are the first active set [m].
+        options: of the user.
+        stages: for the times.
+        objects: free the system.
 
     Returns:
-        ContactSolution, and for dual solutions the ContactSystem of the closed rows, or LinearSystem without contact.
+        The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets or augmentations, nothing holds a body once
-            the contact opens, or conditions press nodes into each other.
+        SolveError: a linear solve fails, there are too many active sets, nothing holds a body once the contact opens,
+            or conditions press nodes into each other.
     """
-    rows, stages, matrix = problem.rows, environment.stages, problem.matrix.mat
+    rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
+    system: ContactSystem | LinearSystem
     u = problem.supports.admissible(start)
     with stages("system"):
         jump = None if rows is None else Jump(rows, problem.supports)
         if jump is not None:
-            PenaltyTerm(jump).reserve(matrix)
+            reserve(matrix, jump)
         matrix.assemble()
-        base, scale = _impose(matrix, problem.load, problem.supports)
-    if jump is None:
-        u, system = _solve_linear(problem, base, u, options, environment)
+        load, root = _impose(matrix, problem.load, problem.supports)
+    if rows is None or jump is None:
+        u, system = _solve_linear(problem, load, u, options.solver, stages, objects)
         active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
     else:
         with stages("solve"):
-            carried = problem.matrix.comm.allreduce(bool(start.any()), op=MPI.LOR)
-            status, u = _first_guess(problem, base, jump, u, options, carried)
+            carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
+            status, u = _first_guess(problem, load, jump, u, options.solver, carried)
         with stages("system"):
-            system = ContactSystem(problem, base, jump, status.active, options, environment)
-        u, trial, count = _settle(system, status, u, options)
-        active, penetration = status.active, rows.penetration(u)
+            system = ContactSystem(problem, load, jump, status.active, options, stages, objects)
+        u, trial = _find_active_set(system, status, u, options.solver)
+        active, penetration, count = status.active, rows.penetration(u), status.updates
         force = np.where(active & jump.movable, trial, 0.0)
         pressure = rows.pressure(force)
-    rounding = ROUNDING * float(np.sqrt(problem.matrix.comm.allreduce(float(((scale * u) ** 2).sum()))))
     solution = ContactSolution(
         displacement=u,
         active=active,
@@ -106,88 +107,76 @@ def solve_system(problem, start, options, environment):
         pressure=pressure,
         penetration=penetration,
         contact_iterations=count,
-        krylov_iterations=list(system.iterations),
-        preconditioner=system.preconditioner,
-        energy_error=system.noise,
-        rounding=rounding,
+        krylov_iterations=list(system.solver.iterations),
+        preconditioner=system.solver.preconditioner,
+        energy_error=system.solver.energy_error,
+        rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
     )
     return solution, system
 
 
-def _solve_linear(problem, base, u, options, environment):
-    """The displacement without contact, and the LinearSystem that found it."""
-    stages = environment.stages
+def _solve_linear(
+    problem: ContactProblem, load: Array, u: Array, options: Solver, stages: Stages, objects: PetscObjects
+) -> tuple[Array, LinearSystem]:
+    """The displacement without contact, and its system."""
     with stages("system"):
-        cg = problem.linear_solver(options.solver, environment.objects)
+        solver = problem.linear_solver(options, objects)
     with stages("setup"):
-        cg.set_up()
+        solver.set_up()
     with stages("solve"):
-        system = LinearSystem(cg, problem.supports, options.solver)
-        return system.solve(base, u, options.solver.tolerance), system
+        system = LinearSystem(solver, problem.supports, options)
+        return system.solve(load, u, options.tolerance), system
 
 
-def _first_guess(problem, base, jump, u, options, carried):
-    """The first ActiveSet, whose springs the matrix then has, and a displacement close to its own.
+def _first_guess(
+    problem: ContactProblem, load: Array, jump: Jump, u: Array, options: Solver, carried: bool
+) -> tuple[ActiveSet, Array]:
+    """The first active set, whose capped penalty term the matrix then has, and a displacement close to its own.
 
-    Args:
-        carried: whether u comes from another mesh: then both are relaxed.
+    Bodies without displacement are moved as a whole; a displacement carried from another mesh is relaxed.
     """
-    rows, matrix = problem.rows, problem.matrix.mat
-    status = ActiveSet(rows, problem.scene, u, options.solver.max_contact)
-    bounded = PenaltyTerm(jump, rows.bounded_stiffness)
+    rows, matrix = jump.rows, problem.matrix.mat
+    status = ActiveSet(rows, problem.scene, u, options.max_contact)
+    capped = PenaltyTerm(jump, rows.capped_stiffness)
     if problem.motions is not None:
-        stiffness = status.active * rows.bounded_stiffness
-        u = problem.motions.move(matrix, base, jump, stiffness, u, problem.supports)
-    bounded.change(matrix, np.zeros_like(status.active), status.active)
+        u = problem.motions.move(matrix, load, jump, status.active * rows.capped_stiffness, u, problem.supports)
+    capped.of(status.active).add_to(matrix)
     if carried and problem.volume is None:  # the matrix alone is too soft
-        u = relax(matrix, base, bounded, u, status)
-        status.forget()
+        u = relax(matrix, load, capped, u, status)
+        status.reset_cycles()
     return status, u
 
 
-def _settle(system, status, u, options):
-    """Change the active set until it repeats itself.
+def _find_active_set(system: ContactSystem, status: ActiveSet, u: Array, options: Solver) -> tuple[Array, Array]:
+    """Change the active set until it repeats itself: with the loose tolerance of the linear solver, then the tight one.
 
-    There are two states, the tolerances of the linear solver: loose, then tight.  After a solve, the first that holds:
-
-        the set is not the one wanted        -> change it, solve again    (a cycle ends the loose state instead)
-        the penalty leaves a penetration     -> augment forces, solve again
-        the state is loose                   -> tight, solve again
-        the state is tight                   -> done
+    A cycle ends the loose phase.
 
     Returns:
-        displacement (owned, 3) float64 [m], trial forces (n,) float64 [N], number of active sets and augmentations.
+        Displacement (owned, 3) [m] and trial forces (n,) [N].
     """
-    solver, augmentations = options.solver, 0
-    tolerance = solver.loose_tolerance
+    tolerance = options.loose_tolerance
     while True:
         u = system.solve(status.active, u, tolerance)
         trial = system.trial(u)
         system.check_apart(trial, u)
-        loose = tolerance > solver.tolerance
-        wanted = status.wanted(trial, system.noise * solver.tolerance / tolerance)
+        loose = tolerance > options.tolerance
+        wanted = status.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
         if status.differs(wanted) and not (loose and status.cycles(wanted)):
             status.update(wanted)
-        elif system.augment(trial, u):
-            augmentations += 1
-            if augmentations > solver.max_contact:
-                raise SolveError(
-                    f"{solver.max_contact} augmentations have not brought the penetration below the gap tolerance "
-                    f"{options.enforcement.gap_tolerance:g}; use a larger penalty factor or the enforcement 'exact'"
-                )
         elif loose:
-            tolerance = solver.tolerance
-            status.forget()
+            tolerance = options.tolerance
+            status.reset_cycles()
         else:
             status.check_held()
-            return u, trial, status.updates + augmentations
+            return u, trial
 
 
-def _impose(matrix, load, supports):
-    """Eliminate what is held symmetrically, identity rows scaled like the others.
+def _impose(matrix: PETSc.Mat, load: Array, supports: Supports) -> tuple[Array, Array]:
+    """Eliminate held unknowns symmetrically, with identity rows scaled like the others.
 
     Returns:
-        (owned, 3) float64 right-hand side [N], and the roots of the diagonal.
+        Right-hand side [N], and the roots of the diagonal, both (owned, 3).
 
     Raises:
         SolveError: the matrix is not finite.

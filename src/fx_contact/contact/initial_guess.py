@@ -4,7 +4,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.contact.penalty_term import Springs
+from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.linalg.petsc_objects import PetscObjects
 
 #: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
@@ -12,7 +12,7 @@ _UNRESISTED = 1e-12
 #: Iterations with block Jacobi before the active set is updated, and most updates.  Measured by
 #: studies/cost/contact_constants.py, iterations with hypre for 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5: 238, 181, 185,
 #: 176, 173.
-_RELAXATION, _LOOKS = 15, 5
+_RELAXATION, _UPDATES = 15, 5
 
 
 class RigidModes:
@@ -42,7 +42,7 @@ class RigidModes:
         Collective on matrix.comm.
 
         Args:
-            matrix: PETSc Mat, K without springs.
+            matrix: PETSc Mat, K without penalty.
             base: (owned, 3) float64, right-hand side without contact [N].
             jump: Jump.
             stiffness: (n,) float64, k [N/m].
@@ -63,9 +63,9 @@ class RigidModes:
                 matrix.mult(x, y)
                 return y.array.reshape(-1, 3)
 
-            springs = np.zeros_like(u)
-            Springs(jump, stiffness).add_force(u, springs)
-            force = self._of_bodies(modes, base - product(u) - springs)
+            penalty = np.zeros_like(u)
+            PenaltyTerm(jump, stiffness).add_force(u, penalty)
+            force = self._of_bodies(modes, base - product(u) - penalty)
             # K does not couple bodies, so that six products are enough for all of them.
             stiff = np.stack([self._of_bodies(modes, product(mode)) for mode in modes], axis=2)
             matrix.getDiagonal(x)
@@ -110,7 +110,7 @@ def relax(matrix, base, term, u, status):
     Args:
         matrix: PETSc Mat with the penalty term of the active set; changed as that is.
         base: (owned, 3) float64, right-hand side without contact [N].
-        term: PenaltyTerm.
+        term: PenaltyTerm of all rows.
         u: (owned, 3) float64, first guess [m].
         status: ActiveSet, changed.
 
@@ -126,14 +126,14 @@ def relax(matrix, base, term, u, status):
         ksp.setTolerances(max_it=_RELAXATION)
         x, b = map(objects.add, matrix.createVecs())
         x.array[:] = u.ravel()
-        for _ in range(_LOOKS):
-            b.array[:] = (base + term.right_hand_side(status.active)).ravel()
+        for _ in range(_UPDATES):
+            b.array[:] = (base + term.of(status.active).load()).ravel()
             ksp.setOperators(matrix)
             ksp.solve(b, x)
             u = x.array.reshape(-1, 3).copy()
-            before, wanted = status.active, status.wanted(term.force(u), 0.0)
+            before, wanted = status.active, status.wanted(term.forces(u), 0.0)
             if not status.differs(wanted) or status.cycles(wanted):
                 break
             status.update(wanted)
-            term.change(matrix, before, status.active)
+            term.of(status.active.astype(float) - before).add_to(matrix)
     return u

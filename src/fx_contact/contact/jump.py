@@ -9,6 +9,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.linalg.matrix import distributed
+from fx_contact.linalg.operator import Array
 
 
 class Products:
@@ -65,11 +66,21 @@ class Products:
             values: (n,) float64, of this rank's rows [N].
             y: (owned, 3) float64 [N], contiguous; changed in place.
         """
+        self._add(self._transposed @ values, y)
+
+    def squares(self, weights: Array) -> Array:
+        """The diagonal of B^T k B, (owned, 3), for weights k of the rows, (n,).  Collective."""
+        result = np.zeros((self._prolongation.owned, 3))
+        self._add(self._transposed.power(2) @ weights, result)
+        return result
+
+    def _add(self, values: Array, y: Array) -> None:
+        """Add values at the unknowns of the rows to y."""
         if self._local:
-            y.reshape(-1)[self._dofs] += self._transposed @ values
+            y.reshape(-1)[self._dofs] += values
             return
         result = vector(self._prolongation.index_map, 3)
-        result.array[self._dofs] = self._transposed @ values
+        result.array[self._dofs] = values
         result.scatter_reverse(InsertMode.add)
         y += result.array[: y.size].reshape(-1, 3)
 

@@ -22,7 +22,7 @@ class Projection:
 
     Args:
         jump: Jump.
-        stiffness: (n,) float64, of springs by which closed rows yield [N/m]; None: they are rigid.
+        stiffness: (n,) float64, of a penalty by which closed rows yield [N/m]; None: they are rigid.
 
     Attributes:
         closed: (n,) bool, the rows with B P = 0.

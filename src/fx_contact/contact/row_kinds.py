@@ -85,7 +85,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
         symmetry=scene.symmetry,
         **columns,
     )
-    found = bool((rows.entries.node < 0).any()), float(rows.relative_stiffness.max(initial=0.0))
+    found = bool((rows.entries.node < 0).any()), float(rows.penalty_factor.max(initial=0.0))
     missing, stiffest = prolongation.comm.allreduce(found, op=MPI.MAX)
     if missing:
         raise SceneError("rows of contact need nodes that the Prolongation lacks: make it with `needed_keys`")

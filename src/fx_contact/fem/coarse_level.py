@@ -9,26 +9,18 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, identity, kron
 
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.flat_cells import strong_blocks
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.problem import hexahedron
 
 
-def create_coarse_level(elasticity, supports):
-    """The level of degree 1 of an elasticity of degree 2.
-
-    Collective.
-
-    Args:
-        elasticity: Elasticity.
-        supports: Supports at the owned conforming nodes.
-
-    Returns:
-        CoarseLevel.
-    """
+def create_coarse_level(elasticity: Elasticity, supports: Supports) -> CoarseLevel:
+    """The level of degree 1 of an elasticity of degree 2, with supports at its owned conforming nodes.  Collective."""
     fine = elasticity.prolongation
     coarse = Prolongation(Space(fine.space.forest, 1))
     place = coarse.injected(fine.find(coarse.space.keys))
@@ -44,8 +36,8 @@ def create_coarse_level(elasticity, supports):
     return CoarseLevel(matrix, _interpolation(fine, coarse, below), strong_blocks(elasticity))
 
 
-def _interpolation(fine, coarse, below):
-    """I from what supports leave free of the coarse unknowns: PETSc AIJ."""
+def _interpolation(fine: Prolongation, coarse: Prolongation, below: Supports) -> PETSc.Mat:
+    """I from the coarse unknowns that supports leave free: AIJ."""
     leaf, node = fine.injected(fine.space.example).T
     corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
     weights = np.kron(corners, np.kron(corners, corners))[node]

@@ -6,10 +6,12 @@ takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and Appli
 """
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.mpi import hashed
 from fx_contact.problem import hexahedron
 
@@ -18,17 +20,14 @@ from fx_contact.problem import hexahedron
 FLAT = 3.0
 
 
-def strong_blocks(elasticity):
+def strong_blocks(elasticity: Elasticity) -> npt.NDArray[np.int64] | None:
     """Blocks of the conforming nodes: those on a line along the short axes of flat cells, from cell to cell.
 
-    Collective.  Nodes that hang have no unknowns.  A block may have nodes of several ranks.
-
-    Args:
-        elasticity: Elasticity.
+    Collective.  A block may have nodes of several ranks.
 
     Returns:
-        (owned,) int64, block of each owned node: a number drawn among its nodes, of which the remainder by comm.size is
-        the rank that owns that node, and solves for the block.  None where no cell of any rank is flat.
+        (owned,), block of each owned node: a number drawn among its nodes, whose remainder by comm.size is the rank
+        that owns that node, and solves for the block.  None where no cell of any rank is flat.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm
@@ -39,11 +38,11 @@ def strong_blocks(elasticity):
         return None
     side = space.degree + 1
     nodes = space.cells.reshape(-1, side, side, side)
-    links = []
+    neighbours = []
     for axis in range(3):
-        along = np.moveaxis(nodes[short[:, axis]], 3 - axis, 1)
-        links.append(np.stack([along[:, :-1].ravel(), along[:, 1:].ravel()]))
-    links = np.concatenate(links, axis=1)
+        line = np.moveaxis(nodes[short[:, axis]], 3 - axis, 1)
+        neighbours.append(np.stack([line[:, :-1].ravel(), line[:, 1:].ravel()]))
+    links = np.concatenate(neighbours, axis=1)
     links = links[:, ~prolongation.hanging[links].any(axis=0)]
     graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(len(space),) * 2)
     count, piece = connected_components(graph, directed=False)

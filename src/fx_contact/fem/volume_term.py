@@ -10,30 +10,43 @@ Element Methods, 1991).  For waves inside a body, D A^-1 D^T = 1 / (2 mu + lambd
 """
 
 import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags, identity, kron, vstack
 
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import add_blocks
+from fx_contact.linalg.mixed_form import PressureOperator
+from fx_contact.linalg.operator import Array
 
 
-class VolumeTerm:
-    """D and C on this rank's cells.
+class VolumeTerm(PressureOperator):
+    """D^T C D on this rank's cells.
 
     Local.
 
     Args:
-        prolongation: Prolongation.
-        moments: list of parts of the cells: (n,) int64 nodes of the space (n, k) and D of each cell (n, q, 3 k).
-        missing: (m,) float64, C of each row [Pa].
-        wave: (m,) float64, 2 mu + lambda_A [Pa].
-        supports: Supports at the owned conforming nodes.
+        prolongation: of the unknowns.
+        moments: parts of the cells: their nodes of the space (n, k) and D of each cell (n, q, 3 k).
+        missing: (m,), C of each row [Pa].
+        wave: (m,), 2 mu + lambda_A [Pa].
+        supports: at the owned conforming nodes.
 
     Attributes:
-        comm: MPI communicator.
+        comm: of the run.
         missing: as given.
-        schur: (m,) float64, S^-1 of the Schur complement's approximation S = C^-1 + (2 mu + lambda_A)^-1 [Pa].
+        schur: (m,), S^-1 of the Schur complement's approximation S = C^-1 + (2 mu + lambda_A)^-1 [Pa].
     """
 
-    def __init__(self, prolongation, moments, missing, wave, supports):
+    def __init__(
+        self,
+        prolongation: Prolongation,
+        moments: list[tuple[npt.NDArray[np.int64], Array]],
+        missing: Array,
+        wave: Array,
+        supports: Supports,
+    ) -> None:
         self._prolongation, self._supports, self.comm = prolongation, supports, prolongation.comm
         columns = 3 * len(prolongation.space)
         parts = [_rows(nodes, values, columns) for nodes, values in moments]
@@ -42,71 +55,35 @@ class VolumeTerm:
         self._transposed = self._matrix.T.tocsr()
         self.missing, self.schur = missing, 1 / (1 / missing + 1 / wave)
 
-    def __len__(self):
-        return len(self.missing)
+    def strains(self, u: Array) -> Array:
+        """As `PressureOperator.strains`."""
+        strains: Array = self._matrix @ self._prolongation.ghosted(self._supports.along_planes(u)).ravel()
+        return strains
 
-    def strains(self, u):
-        """D u.
+    def forces(self, pressure: Array) -> Array:
+        """As `PressureOperator.forces`."""
+        forces = self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3))
+        return self._supports.free_part(forces)
 
-        Collective.
-
-        Args:
-            u: (owned, 3) float64 [m].
-
-        Returns:
-            (m,) float64 [m^(3/2)].
-        """
-        return self._matrix @ self._prolongation.ghosted(self._supports.along_planes(u)).ravel()
-
-    def forces(self, pressure):
-        """D^T s, 0 in held directions.
-
-        Collective.
-
-        Args:
-            pressure: (m,) float64 [Pa m^(3/2)].
-
-        Returns:
-            (owned, 3) float64 [N].
-        """
-        return self._supports.free_part(self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3)))
-
-    def forces_of_held(self, u):
-        """D^T C D of what conditions prescribe of a displacement.
-
-        Collective.
-
-        Args:
-            u: (owned, 3) float64 [m].
-
-        Returns:
-            (owned, 3) float64, 0 in held directions [N].
-        """
+    def forces_of_held(self, u: Array) -> Array:
+        """As `PressureOperator.forces_of_held`."""
         return self.forces(self.missing * self.strains(u - self._supports.free_part(u)))
 
-    def add_to(self, mat):
-        """Add D^T C D to a matrix that has the entries of K, but for rows and columns of held directions.
-
-        Collective.
-
-        Args:
-            mat: PETSc Mat in blocks of 3.
-        """
-        imap, rows = (
-            self._prolongation.index_map,
-            self._matrix @ self._supports.ghosted(self._prolongation).projector(),
-        )
+    def add_to(self, mat: PETSc.Mat) -> None:
+        """As `PressureOperator.add_to`."""
+        imap = self._prolongation.index_map
+        rows = self._matrix @ self._supports.ghosted(self._prolongation).projector()
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), number)
         mat.assemble()
 
-    def diagonal(self):
-        """The diagonal of D^T C D, on oblique planes without their projector: (owned, 3) float64 [N/m].  Collective."""
-        squares = self._transposed.power(2) @ self.missing
-        return self._supports.free * self._prolongation.summed(squares.reshape(-1, 3))
+    def diagonal(self) -> Array:
+        """As `Operator.diagonal`; on oblique planes without their projector."""
+        squares = self._prolongation.summed((self._transposed.power(2) @ self.missing).reshape(-1, 3))
+        return np.where(self._supports.free, squares, 0.0)
 
 
-def _rows(nodes, values, columns):
+def _rows(nodes: npt.NDArray[np.int64], values: Array, columns: int) -> csr_matrix:
     """Rows of cells as a sparse matrix on the components of all nodes."""
     count, rows, width = values.shape
     where = np.repeat((3 * nodes[:, :, None] + np.arange(3)).reshape(count, 1, width), rows, axis=1)

@@ -5,12 +5,18 @@ Copied into preallocated rows, the matrix exists twice for a moment, and once du
 """
 
 import ctypes
+from collections.abc import Sized
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx.common import IndexMap
+from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, spmatrix
 
+from fx_contact.linalg.petsc_objects import clear_hypre_errors
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
@@ -25,26 +31,34 @@ class BlockMatrix:
     """A square matrix on the conforming unknowns.
 
     Attributes:
-        comm: MPI communicator, the one of the run.
-        mat: PETSc BAIJ matrix with blocks of 3.
-        row_lengths: two (owned,) int32, blocks of each owned row in columns of this rank and of others.
+        comm: of the run.
+        mat: BAIJ with blocks of 3.
+        row_lengths: two (owned,), blocks of each owned row in columns of this rank and of others.
     """
 
-    comm: object
+    comm: MPI.Comm
     mat: PETSc.Mat
-    row_lengths: tuple[np.ndarray, np.ndarray]
+    row_lengths: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
-    def in_hypre_format(self):
-        """A copy in hypre's format.
+    def in_format_of(self, kind: str) -> PETSc.Mat:
+        """The matrix in the format of a type of PC; `mat` is used up.
 
-        Collective on mat.comm.  Its entries can be changed, new ones cannot be added.  Every preallocated entry must
-        have been set, zeros too (`PenaltyTerm.reserve`): PETSc reads rows to their allocated ends.
-
-        Returns:
-            PETSc Mat of type hypre.
+        Collective on mat.comm.
 
         Raises:
             SolveError: PETSc has no memory for it, or no hypre.
+        """
+        if kind == PETSc.PC.Type.MG:
+            return self.mat
+        result = self._in_hypre_format() if kind == PETSc.PC.Type.HYPRE else as_aij(self.mat)
+        self.mat.destroy()
+        return result
+
+    def _in_hypre_format(self) -> PETSc.Mat:
+        """A copy in hypre's format, whose entries can be changed; new ones cannot be added.
+
+        Every preallocated entry must have been set, zeros too (`penalty_term.reserve`): PETSc reads rows to their
+        allocated ends.
         """
         result = PETSc.Mat().create(self.mat.comm)
         result.setSizes(self.mat.getSizes(), bsize=3)
@@ -61,19 +75,34 @@ class BlockMatrix:
         return result
 
 
-def create_matrix(prolongation, cells, rows, copied=True):
+class Numbering(Protocol):
+    """The conforming nodes of cells, as `fem.prolongation.Prolongation`."""
+
+    comm: MPI.Comm
+    space: Sized
+    matrix: spmatrix
+    index_map: IndexMap
+
+
+class Couplings(Protocol):
+    """Rows across the contact, as `contact.constraint_rows.ConstraintRows`."""
+
+    def couplings(self) -> spmatrix:
+        """The conforming nodes that a row couples, square and bool."""
+
+
+def create_matrix(
+    prolongation: Numbering, cells: npt.NDArray[np.int32], rows: Couplings | None, copied: bool = True
+) -> BlockMatrix:
     """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
 
     Collective on prolongation.comm.
 
     Args:
-        prolongation: Prolongation.
-        cells: (ncells, k) int32, position in the prolongation's space of each local cell's nodes.
-        rows: ConstraintRows or None.
+        prolongation: of the unknowns.
+        cells: (ncells, k), position in the prolongation's space of each local cell's nodes.
+        rows: of contact.
         copied: whether the preconditioner will need a copy of it; p-multigrid does not.
-
-    Returns:
-        BlockMatrix.
 
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
@@ -94,34 +123,31 @@ def create_matrix(prolongation, cells, rows, copied=True):
     return BlockMatrix(prolongation.comm, mat, lengths)
 
 
-def add_blocks(mat, product, number):
+def add_blocks(mat: PETSc.Mat, product: spmatrix, number: npt.NDArray[np.int32]) -> None:
     """Add a product on this rank's unknowns to a matrix, zeros too.  Local.
 
     Args:
-        mat: PETSc Mat in blocks of 3.
-        product: (3 n, 3 n) scipy sparse float64.
-        number: (n,) int32, global number of each block.
+        mat: in blocks of 3.
+        product: (3 n, 3 n).
+        number: (n,), global number of each block.
     """
-    product = product.tobsr((3, 3))
-    rows = np.flatnonzero(np.diff(product.indptr))
-    indptr = np.append(product.indptr[rows], len(product.indices)).astype(np.int32)
+    blocks = product.tobsr((3, 3))
+    rows = np.flatnonzero(np.diff(blocks.indptr))
+    indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
     mat.setValuesBlockedIJV(
-        indptr, number[product.indices], product.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
+        indptr, number[blocks.indices], blocks.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
     )
 
 
-def distributed(comm, matrix, columns):
-    """This rank's rows of a matrix as a part of one of PETSc's.
+def distributed(comm: MPI.Comm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
+    """This rank's rows of a matrix as a part of an AIJ matrix.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        matrix: (n, 3 m) scipy CSR float64, rows of this rank.
-        columns: IndexMap of m nodes, owned and ghosts, of three unknowns each.
-
-    Returns:
-        PETSc Mat of type AIJ.
+        comm: of the run.
+        matrix: (n, 3 m), rows of this rank.
+        columns: m nodes, owned and ghosts, of three unknowns each.
     """
     number = columns.local_to_global(np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32))
     number = (3 * number[:, None] + np.arange(3)).ravel().astype(PETSc.IntType)
@@ -130,15 +156,18 @@ def distributed(comm, matrix, columns):
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
-def clear_hypre_errors():
-    """Clear hypre's error flag: it stays after a failure, and every later call would report it.  Local."""
-    clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
-    if clear is not None:
-        clear()
+def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
+    """A copy of a symmetric positive definite matrix in PETSc's own format.  Collective on mat.comm."""
+    copy = mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    copy.setBlockSizes(*mat.getBlockSizes())  # hypre's rows forget it, blocks are added by it
+    copy.setOption(PETSc.Mat.Option.SPD, True)  # MUMPS need not look for pivots
+    return copy
 
 
-def _row_lengths(prolongation, cells, rows_of_contact):
-    """Blocks of each owned row in columns of this rank and of others, exactly: two (owned,) int32."""
+def _row_lengths(
+    prolongation: Numbering, cells: npt.NDArray[np.int32], rows_of_contact: Couplings | None
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Blocks of each owned row in columns of this rank and of others, exactly."""
     imap, comm = prolongation.index_map, prolongation.comm
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
     nodes = csr_matrix(

@@ -1,87 +1,88 @@
-"""The coarse level of p-multigrid: its matrix, with the springs of closed contact, and the interpolation from it.
-
-Beside it what the smoother above needs to know of the mesh: blocks of nodes to be solved for at once.
+"""The coarse level of p-multigrid: its matrix with the penalty term of contact, the interpolation from it, and the
+blocks of nodes that the smoother above solves for at once.
 """
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
+from fx_contact.linalg.operator import Array
 from fx_contact.parallel.exchange import Exchange
 
 
 class CoarseLevel:
-    """A coarse matrix K_c and the interpolation I from its unknowns; with springs K_c + (B I)^T k B I.
+    """A coarse matrix K_c + (B I)^T k B I and the interpolation I from its unknowns.
 
     Collective.
 
     Args:
-        matrix: PETSc AIJ matrix K_c, without springs; changed when these do.
-        interpolation: PETSc AIJ matrix I, fine unknowns by coarse ones.
-        blocks: (n,) int64, for the smoother the block of each of this rank's fine nodes, as `flat_cells.strong_blocks`
-            gives it; None: a node is a block.
+        matrix: AIJ matrix K_c, without penalty term; changed with that.
+        interpolation: AIJ matrix I, fine unknowns by coarse ones.
+        blocks: (n,) int64, block of each of this rank's fine nodes, as `flat_cells.strong_blocks` gives it; None: a
+            node is a block.
 
     Attributes:
         matrix, interpolation, blocks: as given.
     """
 
-    def __init__(self, matrix, interpolation, blocks=None):
+    def __init__(
+        self, matrix: PETSc.Mat, interpolation: PETSc.Mat, blocks: npt.NDArray[np.int64] | None = None
+    ) -> None:
         self.matrix, self.interpolation, self.blocks = matrix, interpolation, blocks
-        self._rows = self._stiffness = None
+        self._rows: PETSc.Mat | None = None
+        self._stiffness: Array = np.zeros(0)
 
-    def couple(self, rows):
-        """Make room for springs across some rows; at first they are 0.  Collective.
+    def couple(self, rows: PETSc.Mat) -> None:
+        """Make room for the penalty term of some rows; at first it is 0.
 
         Args:
-            rows: PETSc AIJ matrix B, rows by fine unknowns; it is used up.
+            rows: AIJ matrix B, rows by fine unknowns; it is used up.
         """
         self._rows = rows.matMult(self.interpolation)
         rows.destroy()
         self._stiffness = np.zeros(self._rows.getLocalSize()[0])
         self._add(self._stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
 
-    def stiffen(self, stiffness):
-        """Change the springs.  Collective.
-
-        Args:
-            stiffness: (n,) float64, k of this rank's rows [N/m].
-        """
+    def set_penalty(self, stiffness: Array) -> None:
+        """Change the penalty term to (n,) k of this rank's rows [N/m]."""
         self._add(stiffness - self._stiffness, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._stiffness = stiffness
 
-    def _add(self, stiffness, pattern):
+    def _add(self, stiffness: Array, pattern: int) -> None:
+        assert self._rows is not None
         scaled, scale = self._rows.copy(), self._rows.createVecLeft()
         scale.array[:] = stiffness
         scaled.diagonalScale(L=scale)
-        springs = self._rows.transposeMatMult(scaled)
-        self.matrix.axpy(1.0, springs, pattern)
-        for thing in (scaled, scale, springs):
+        penalty = self._rows.transposeMatMult(scaled)
+        self.matrix.axpy(1.0, penalty, pattern)
+        for thing in (scaled, scale, penalty):
             thing.destroy()
 
-    def _things(self):
-        return [thing for thing in (self.matrix, self.interpolation, self._rows) if thing is not None]
+    def _objects(self) -> list[PETSc.Mat]:
+        return [mat for mat in (self.matrix, self.interpolation, self._rows) if mat is not None]
 
-    def destroy(self):
-        """Free what PETSc holds; as `PetscObjects` calls it.  Collective."""
-        for thing in self._things():
-            thing.destroy()
+    def destroy(self) -> None:
+        """Free what PETSc holds; as `PetscObjects` calls it."""
+        for mat in self._objects():
+            mat.destroy()
 
-    def incRef(self):  # noqa: N802, PETSc's name
+    def incRef(self) -> None:  # noqa: N802, PETSc's name
         """Keep what PETSc holds for good; as `PetscObjects` calls it.  Local."""
-        for thing in self._things():
-            thing.incRef()
+        for mat in self._objects():
+            mat.incRef()
 
 
-def within_blocks(matrix, blocks):
+def within_blocks(matrix: PETSc.Mat, blocks: npt.NDArray[np.int64]) -> PETSc.Mat:
     """The entries of a matrix that couple unknowns of one block.
 
     Collective.
 
     Args:
-        matrix: PETSc BAIJ matrix of nodes, in blocks of 3 x 3.
-        blocks: (n,) int64, block of each of this rank's nodes, as `CoarseLevel` has them.
+        matrix: BAIJ matrix of nodes, in blocks of 3 x 3.
+        blocks: as those of `CoarseLevel`.
 
     Returns:
-        PETSc AIJ matrix of the same layout.
+        AIJ matrix of the same layout.
     """
     aij = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     indptr, indices, values = aij.getValuesCSR()
@@ -91,26 +92,23 @@ def within_blocks(matrix, blocks):
     return PETSc.Mat().createAIJ(matrix.getSizes(), bsize=3, csr=csr, comm=matrix.comm)
 
 
-def solved_here(matrix, blocks):
-    """The unknowns of the blocks that this rank solves for.
+def solved_here(matrix: PETSc.Mat, blocks: npt.NDArray[np.int64]) -> PETSc.IS:
+    """Global numbers of the unknowns in the blocks that this rank solves for; arguments as of `within_blocks`.
 
     Collective.
-
-    Args:
-        matrix, blocks: as in `within_blocks`.
-
-    Returns:
-        PETSc IS of global numbers.
     """
     nodes = matrix.getOwnershipRange()[0] // 3 + np.arange(len(blocks))
     nodes = Exchange(matrix.comm.tompi4py(), blocks % matrix.comm.size).forward(nodes)
     return PETSc.IS().createBlock(3, np.sort(nodes).astype(PETSc.IntType), PETSc.COMM_SELF)
 
 
-def _of_nodes(matrix, blocks, nodes):
-    """The blocks, (k,) int64, of nodes of any ranks, (k,) int global numbers.  Collective."""
+def _of_nodes(
+    matrix: PETSc.Mat, blocks: npt.NDArray[np.int64], nodes: npt.NDArray[np.integer]
+) -> npt.NDArray[np.int64]:
+    """The blocks of nodes of any ranks, given by global numbers."""
     first = matrix.getOwnershipRange()[0] // 3
-    result, foreign = np.empty(len(nodes), dtype=np.int64), (nodes < first) | (nodes >= first + len(blocks))
+    result = np.empty(len(nodes), dtype=np.int64)
+    foreign = (nodes < first) | (nodes >= first + len(blocks))
     result[~foreign] = blocks[nodes[~foreign] - first]
     asked, back = np.unique(nodes[foreign], return_inverse=True)
     everywhere = PETSc.Vec().createWithArray(blocks.astype(float), comm=matrix.comm)  # exact below 2^53

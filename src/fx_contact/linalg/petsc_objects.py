@@ -1,6 +1,32 @@
 """Objects of PETSc that all ranks free together: on several ranks petsc4py does not free what Python drops."""
 
-from fx_contact.parallel.errors import FxContactError
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact.parallel.errors import FxContactError, SolveError
+from fx_contact.parallel.mpi import together
+
+#: How long a rank on which PETSc has failed waits for the others, which may never come back from PETSc [s].
+_TIMEOUT = 10.0
+
+
+class _Freed(Protocol):
+    """An object of PETSc, or one that has some."""
+
+    def destroy(self) -> Any:
+        """Free it."""
+
+    def incRef(self) -> Any:  # noqa: N802, PETSc's name
+        """Keep it for good."""
+
+
+_Thing = TypeVar("_Thing", bound=_Freed)
 
 
 class PetscObjects:
@@ -10,26 +36,28 @@ class PetscObjects:
     not wait for the rest: then nothing is freed.
 
     Args:
-        things: objects of PETSc, or None; they may be destroyed before.
+        things: to be freed; they may be destroyed before.
     """
 
-    def __init__(self, *things):
+    def __init__(self, *things: _Freed | None) -> None:
         self._things = [thing for thing in things if thing is not None]
 
-    def __enter__(self):
+    def __enter__(self) -> "PetscObjects":
         return self
 
-    def __exit__(self, kind, error, trace):
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if kind is None or issubclass(kind, FxContactError):
             for thing in reversed(self._things):
                 thing.destroy()
 
-    def add(self, thing):
+    def add(self, thing: _Thing) -> _Thing:
         """One more of them: the thing itself.  Local."""
         self._things.append(thing)
         return thing
 
-    def leak(self):
+    def leak(self) -> None:
         """Never free them: PETSc has failed, perhaps on one rank alone, whose objects differ from those of the others.
 
         Local, but on all ranks.  Freeing is collective, here and in PETSc's own clean-up at the end of the program, and
@@ -39,3 +67,44 @@ class PetscObjects:
             if thing:  # not destroyed before
                 thing.incRef()
         self._things.clear()
+
+
+@contextmanager
+def petsc_errors(comm: MPI.Comm, prefix: str, objects: PetscObjects) -> Iterator[None]:
+    """PETSc's errors become SolveError on all ranks; those of Python inside our callbacks are raised as they are.
+
+    Collective on comm.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  Then its
+    objects differ from rank to rank, and cannot be freed.
+
+    Args:
+        comm: of the run.
+        prefix: of the options that PETSc may have failed with.
+        objects: never freed after a failure.
+
+    Raises:
+        SolveError: PETSc has failed on any rank.
+    """
+    try:
+        with together(comm, _TIMEOUT):
+            try:
+                yield
+            except PETSc.Error as error:
+                clear_hypre_errors()
+                cause: BaseException = error
+                while isinstance(cause, PETSc.Error) and cause.__cause__ is not None:
+                    cause = cause.__cause__
+                if not isinstance(cause, PETSc.Error):
+                    raise cause from None
+                raise SolveError(
+                    f"PETSc cannot work with the solver's options, under the prefix {prefix}, as they are: {cause}"
+                ) from error
+    except BaseException:
+        objects.leak()
+        raise
+
+
+def clear_hypre_errors() -> None:
+    """Clear hypre's error flag: it stays after a failure, and every later call would report it.  Local."""
+    clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
+    if clear is not None:
+        clear()

@@ -1,8 +1,11 @@
 """PETSc options under a prefix: defaults that the user's dict replaces, which the command line replaces."""
 
 import ctypes
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.parallel.agreement import check_alike
@@ -15,19 +18,20 @@ class PetscOptions:
     Collective on comm.  PETSc takes no notice of case in names: here they are in small letters.
 
     Args:
-        comm: MPI communicator of the ranks that have the object.
+        comm: of the ranks that have the object.
         prefix: of the object.
-        defaults: dict of the program's options; another `pc_type` of the user replaces all of them.
-        given: dict of the user's options.
+        defaults: the program's options; another `pc_type` of the user replaces all of them.
+        given: the user's options.
 
     Attributes:
-        of_user: dict of the options that the user has given, in the dict or on the command line, without prefix.
+        prefix: as given.
+        of_user: options that the user has given, as arguments or on the command line, without prefix.
 
     Raises:
         SceneError: ranks have different options under the prefix on the command line; PETSc would hang.
     """
 
-    def __init__(self, comm, prefix, defaults, given):
+    def __init__(self, comm: MPI.Comm, prefix: str, defaults: dict[str, Any], given: dict[str, Any]) -> None:
         self._comm, self.prefix = comm, prefix
         typed = {name: value for name, value in _database().items() if name.startswith(prefix)}
         check_alike(comm, {f"PETSc's option -{name}": value for name, value in typed.items()})
@@ -39,16 +43,16 @@ class PetscOptions:
         self._ours = {name: value for name, value in (defaults | given).items() if name not in typed}
         self._unread = set(self.of_user)
 
-    def check_free(self, reserved, advice):
-        """Raises SceneError if the user gave an option that is not theirs; the advice says what to do instead."""
+    def check_free(self, reserved: set[str], advice: str) -> None:
+        """Raises SceneError, with advice, if the user gave a reserved option."""
         for name in sorted(reserved & self.of_user.keys()):
             raise SceneError(
                 f"the PETSc option {name!r} (on the command line -{self.prefix}{name}) is not the user's: {advice}"
             )
 
     @contextmanager
-    def there(self):
-        """The options are in PETSc's database for as long as the block runs, which reads them.  Local."""
+    def there(self) -> Iterator[None]:
+        """Hold the options in PETSc's database while the block runs, which reads them.  Local."""
         database = PETSc.Options(self.prefix)
         for name, value in self._ours.items():
             database[name] = value
@@ -59,8 +63,8 @@ class PetscOptions:
             for name in self._ours:
                 database.delValue(name)
 
-    def check_read(self):
-        """See that all options of the user were read in the blocks.
+    def check_read(self) -> None:
+        """Check that the blocks have read all options of the user.
 
         Collective on comm.
 
@@ -74,18 +78,18 @@ class PetscOptions:
             )
 
 
-def _unread_anywhere(comm, unread):
-    """Options that no rank has read, for solvers inside others are on some: sorted list.  Collective on comm."""
+def _unread_anywhere(comm: MPI.Comm, unread: set[str]) -> list[str]:
+    """Options that no rank has read: solvers inside others are on some."""
     return sorted(set.intersection(*map(set, comm.allgather(sorted(unread)))))
 
 
-def _database():
-    """All options that PETSc has, by their whole names: dict of str.  Local."""
+def _database() -> dict[str, str]:
+    """All options that PETSc has, by their whole names."""
     return {name.lower(): value for name, value in PETSc.Options().getAll().items()}
 
 
-def _is_used(name):
-    """Whether an option in the database has been read; petsc4py does not tell, so PETSc itself is asked.  Local."""
+def _is_used(name: str) -> bool:
+    """Whether an option in the database has been read; petsc4py does not tell, so PETSc itself is asked."""
     used = ctypes.c_int(0)
     ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
     return bool(used.value)

@@ -1,12 +1,13 @@
 """What the user decides of the linear solver: preconditioner, tolerances, further options of PETSc."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_name, check_number
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
-PRECONDITIONERS = {
+PRECONDITIONERS: dict[str, dict[str, Any]] = {
     "boomeramg": {
         "pc_type": "hypre",
         "pc_hypre_type": "boomeramg",
@@ -21,7 +22,7 @@ PRECONDITIONERS = {
     "p-multigrid": {
         "pc_type": "mg",
         "pc_mg_levels": 2,
-        "pc_use_amat": False,  # the operator may have stiff springs besides
+        "pc_use_amat": False,  # the operator may have a stiff penalty term besides
         "mg_levels_ksp_type": "chebyshev",
         "mg_levels_ksp_max_it": 2,
         "mg_levels_pc_type": "pbjacobi",
@@ -62,19 +63,16 @@ _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_str
 _LOOSEST = 1e-3
 
 
-def preconditioner_options(name, unknowns, cycles=1, blocks=False):
+def preconditioner_options(name: str, unknowns: int, cycles: int = 1, blocks: bool = False) -> dict[str, Any]:
     """PETSc options of a preconditioner for a system of some size, without prefix.
 
     Local.
 
     Args:
         name: a key of `PRECONDITIONERS`.
-        unknowns: int, on all ranks.
+        unknowns: on all ranks.
         cycles: of BoomerAMG below p-multigrid.
         blocks: whether the smoother of p-multigrid solves for blocks of nodes.
-
-    Returns:
-        dict.
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
@@ -92,7 +90,7 @@ class Solver:
         preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.
             Where PCG fails with it, it goes on with Cholesky's factors if they fit into the memory, else with
             "boomeramg-robust".  For nearly incompressible bodies at degree 2 it is that of the mixed form's matrix
-            (`mixed_solver`), and FGMRES takes the place of PCG.
+            (`mixed_form`), and FGMRES takes the place of PCG.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
             holds for any penalty; the default leaves an error below 1e-7 in the contact force, or what rounding
@@ -112,9 +110,9 @@ class Solver:
     loose_tolerance: float = 1e-3
     max_krylov: int = 500
     max_contact: int = 50
-    options: dict = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.preconditioner is not None:
             check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
         for name in ("tolerance", "loose_tolerance"):

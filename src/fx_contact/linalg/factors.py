@@ -1,0 +1,57 @@
+"""The size of Cholesky factors, which MUMPS computes: predicted from the number of unknowns, or by its analysis."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact.linalg.solver_options import PRECONDITIONERS
+from fx_contact.parallel.memory import shortage
+
+#: Bytes of the factors of n unknowns over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates
+#: (`studies.cost.flat --factors`).
+_BYTES = 300
+#: Kinds of preconditioner that factorise the whole matrix.
+FACTORISATIONS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
+
+
+def predicted_bytes(unknowns: int) -> float:
+    """Memory for the factors of a solid body, on all ranks.  Local."""
+    return _BYTES * unknowns ** (4 / 3)
+
+
+def can_be_made(comm: MPI.Comm, size: float) -> bool:
+    """Whether PETSc has MUMPS, and the hosts have so many bytes for all ranks.  Collective on comm."""
+    return PETSc.Sys.hasExternalPackage("mumps") and shortage(comm, size / comm.size) is None
+
+
+def fit(comm: MPI.Comm, matrix: PETSc.Mat, most: float) -> bool:
+    """Whether the factors of an AIJ matrix have at most so many bytes on all ranks, and can be made.
+
+    Collective on comm.
+    """
+    size, memory = analysed(matrix)
+    return size <= most and can_be_made(comm, memory)
+
+
+def analysed(matrix: PETSc.Mat) -> tuple[float, float]:
+    """The size of the factors by MUMPS' analysis, without factorising.
+
+    Collective on matrix.comm.  Ordering and estimate hardly depend on the number of ranks; the memory grows with it.
+
+    Args:
+        matrix: AIJ, symmetric positive definite.
+
+    Returns:
+        Bytes of the entries, and of all memory that MUMPS needs, each the sum over ranks.
+    """
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor = pc.getFactorMatrix()
+    factor.setMumpsIcntl(14, PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"])
+    factor.setMumpsIcntl(23, 1)  # memory [MB], too little to go on after the analysis
+    pc.setUp()
+    entries, megabytes = factor.getMumpsInfog(20), factor.getMumpsInfog(17)
+    pc.destroy()
+    return 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes

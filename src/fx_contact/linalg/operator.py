@@ -1,0 +1,120 @@
+"""Symmetric operators on displacements, and the equations (A + T) u = b that a linear solver is given.
+
+A `LinearSolver` has the stiffness A; a term T stands beside it and is never assembled.  A matrix-free stiffness is one
+more subclass of `Operator`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from fx_contact.linalg.petsc_objects import PetscObjects
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+class Operator(ABC):
+    """A symmetric operator from displacements to forces, (owned, 3) arrays.  Collective."""
+
+    @abstractmethod
+    def add_product(self, u: Array, y: Array) -> None:
+        """y := y + A u; both contiguous, u [m], y [N]."""
+
+    @abstractmethod
+    def diagonal(self) -> Array:
+        """The diagonal, (owned, 3) [N/m]."""
+
+
+class AffineOperator(Operator):
+    """An operator A with forces A u - a, which are evaluated without the rounding of A u and a."""
+
+    @abstractmethod
+    def add_force(self, u: Array, y: Array) -> None:
+        """y := y + A u - a; as `add_product`."""
+
+
+class MatrixOperator(Operator):
+    """A PETSc matrix in any format.
+
+    Args:
+        mat: three unknowns a node.
+        objects: free what is made here.
+
+    Attributes:
+        mat: as given.
+    """
+
+    def __init__(self, mat: PETSc.Mat, objects: PetscObjects) -> None:
+        self.mat = mat
+        self._x, self._y = map(objects.add, mat.createVecs())
+
+    def add_product(self, u: Array, y: Array) -> None:
+        """As `Operator.add_product`."""
+        self._x.array[:] = u.ravel()
+        self.mat.mult(self._x, self._y)
+        y += self._y.array_r.reshape(-1, 3)
+
+    def diagonal(self) -> Array:
+        """As `Operator.diagonal`."""
+        self.mat.getDiagonal(self._y)
+        return self._y.array_r.reshape(-1, 3).copy()
+
+
+class Sum(Operator):
+    """The sum of operators; None is left out."""
+
+    def __init__(self, terms: Sequence[Operator | None]) -> None:
+        self._terms = [term for term in terms if term is not None]
+
+    def add_product(self, u: Array, y: Array) -> None:
+        """As `Operator.add_product`."""
+        for term in self._terms:
+            term.add_product(u, y)
+
+    def diagonal(self) -> Array:
+        """As `Operator.diagonal`."""
+        return np.sum([term.diagonal() for term in self._terms], axis=0)
+
+
+class Projector(Protocol):
+    """A constraint projector P with B P = 0, as `contact.projection.Projection`."""
+
+    rigid: bool
+
+    def apply(self, u: Array) -> None:
+        """u := P u."""
+
+    def apply_transpose(self, f: Array) -> Array:
+        """f := P^T f; the forces of the constraints that balance what is projected away."""
+
+    def add_yielding(self, forces: Array, u: Array) -> None:
+        """Add the displacement by which constraints that are not rigid yield to their forces."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """(A + T) u = b with the stiffness A of a solver, on the displacements that satisfy linear constraints.
+
+    Attributes:
+        load: (owned, 3), b without the load a of the term [N].
+        term: T, whose forces are T u - a; None: 0.
+        projector: P with B P = 0; a first guess satisfies B u = D.  None: no constraints.
+    """
+
+    load: Array
+    term: AffineOperator | None = None
+    projector: Projector | None = None
+
+    def residual(self, stiffness: Operator, u: Array) -> Array:
+        """b + a - (A + T) u, (owned, 3) [N].  Collective."""
+        forces = np.zeros_like(u)
+        stiffness.add_product(u, forces)
+        if self.term is not None:
+            self.term.add_force(u, forces)
+        return self.load - forces
