@@ -90,7 +90,8 @@ def contact_error(state: SolvedState, between: GapBetweenNodes, forces: dict[int
 def penalty_share(state: SolvedState, force: Goal) -> float:
     """The share of a contact pair's force that the penetration of a penalty takes [-].
 
-    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F.
+    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F; where the
+    exact force is F_e, about 1 - F / F_e.
 
     Args:
         state: SolvedState.

@@ -10,12 +10,13 @@ volume (not kept in the study), and the projection:
     manufactured, degree 1,   1,968 unknowns    16.0    15.8    13.6    7.50 %
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
 
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_recovery import six
@@ -45,25 +46,31 @@ def projected_stress(
         Six components a node (`VOIGT`) [Pa].
     """
     prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
-    scalar = fem.functionspace(elasticity.mesh, ("Lagrange", prolongation.space.degree))
-    stress = ufl.inner(ufl.as_vector(six(elasticity.stress(field))), ufl.TestFunction(space))
-    mass = ufl.TrialFunction(scalar) * ufl.TestFunction(scalar)
+    result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
+    stress = ufl.as_vector(six(elasticity.stress(field)))
     with stages("compile"):
-        moments, products = (compiled(prolongation.comm, form * elasticity.measure()) for form in (stress, mass))
+        moments, products = (
+            compiled(prolongation.comm, ufl.inner(function, test) * elasticity.measure())
+            for function in (stress, result)
+        )
+
+    def mass(nodal: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Moments of values at the conforming nodes (owned, 6).  Collective."""
+        result.x.array[:] = elasticity.at_blocks(prolongation.prolong(nodal))
+        return prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(products).array))
+
     load = prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(moments).array))
-    matrix = fem.assemble_matrix(products)
-    nodal = elasticity.at_conforming(matrix.to_scipy(ghosted=True))
-    conforming = _solved(elasticity, nodal, load)
+    conforming = _solved(prolongation.comm, mass, load)
     shear_free.remove_shear(conforming)
-    result = fem.Function(space, name="stress")
     result.x.array[:] = elasticity.at_blocks(prolongation.prolong(conforming))
     return result
 
 
-def _solved(elasticity: Elasticity, mass: csr_matrix, load: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The values (owned, 6) whose moments are given, by conjugate gradients scaled by the diagonal.  Collective."""
-    prolongation = elasticity.prolongation
-    comm, scale = prolongation.comm, 1 / prolongation.summed(mass.diagonal()[:, None])
+def _solved(
+    comm: MPI.Comm, mass: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]], load: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """The values (owned, 6) whose moments are given, by conjugate gradients scaled by row sums.  Collective."""
+    scale = 1 / mass(np.ones_like(load))
 
     def dot(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Scalar products of the columns on all ranks: (6,)."""
@@ -75,7 +82,7 @@ def _solved(elasticity: Elasticity, mass: csr_matrix, load: npt.NDArray[np.float
     for _ in range(_MOST):
         if (size <= _TOLERANCE**2 * start.max()).all():
             break
-        image = prolongation.summed(mass @ prolongation.ghosted(direction))
+        image = mass(direction)
         step = _ratio(size, dot(direction, image))
         x += step * direction
         residual -= step * image

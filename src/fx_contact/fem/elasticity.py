@@ -144,11 +144,6 @@ class Elasticity:
         """
         return self._gather @ blocks.reshape(len(self.node_of_block), -1)
 
-    def at_conforming(self, blocks: csr_matrix) -> csr_matrix:
-        """P^T M P of a scalar matrix M of this rank's cells, (nblocks, nblocks), not summed over ranks.  Local."""
-        on_blocks = self._gather.T @ self.prolongation.matrix
-        return (on_blocks.T @ blocks @ on_blocks).tocsr()
-
     def at_leaves(self, function: fem.Function) -> npt.NDArray[np.float64]:
         """Values of a Function of a nodal space at the nodes of this rank's leaves: (n, (p+1)^3, k).  Local."""
         values = function.x.array.reshape(len(self.node_of_block), -1)[function.function_space.dofmap.list]
