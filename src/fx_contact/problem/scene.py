@@ -42,8 +42,8 @@ class Scene:
         tractions: surface forces; those on one surface add up.
         symmetry: number of symmetric parts, one of which is modelled (4 for a quarter model).  Total forces in the
             records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
-        contact_centre: reference point of `contact_radius` and of moments [m], moved onto the symmetry planes; None:
-            the centroid of the contact forces.
+        contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
+            planes; None: the centroid of the contact forces.
         body_forces: those on one body add up.
 
     Raises:
