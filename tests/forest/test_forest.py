@@ -111,10 +111,12 @@ def test_marked_leaves_and_no_others_without_need(scene):
     """Marked leaves are refined by one level; on a uniform forest only partners and rim neighbours follow."""
     forest = grown(roots(scene), 2)
     marked = chosen(forest, 0.1, 5)
-    fine, glue = forest.refined(marked)
-    everywhere((glue.child[marked[glue.parent]] >= 0).all(), "a marked leaf was not refined")
-    everywhere((fine.level == forest.level[glue.parent] + (glue.child >= 0)).all(), "a level grew by more than one")
-    everywhere((fine.cell == forest.cell[glue.parent]).all(), "a leaf left its root cell")
+    fine, children = forest.refined(marked)
+    everywhere((children.child[marked[children.parent]] >= 0).all(), "a marked leaf was not refined")
+    everywhere(
+        (fine.level == forest.level[children.parent] + (children.child >= 0)).all(), "a level grew by more than one"
+    )
+    everywhere((fine.cell == forest.cell[children.parent]).all(), "a leaf left its root cell")
     start = roots(scene)
     fine, _ = start.refined(start.cell == np.flatnonzero((scene.contact_surfaces.contact < 0).all(axis=1))[0])
     assert fine.size_global == start.size_global + 7, "an unpaired root cell away from the rim took others along"
@@ -202,8 +204,8 @@ def hangs_alike(forest):
     assert (first == second).all()
 
 
-def test_glue_carries_trilinear_fields():
-    """Glue.carry is exact for fields trilinear in a root cell, over several refinements."""
+def test_refinement_interpolates_trilinear_fields():
+    """RefinementMap.interpolated is exact for fields trilinear in a root cell, over several refinements."""
     forest = grown(roots(pressed(two_boxes())), 1)
 
     def field(forest):
@@ -213,10 +215,10 @@ def test_glue_carries_trilinear_fields():
 
     values, before = field(forest), forest.size_global
     for salt in range(3):
-        forest, glue = forest.refined(chosen(forest, 0.3, salt))
-        values = glue.carry(values)
+        forest, children = forest.refined(chosen(forest, 0.3, salt))
+        values = children.interpolated(values)
     assert forest.size_global > 2 * before
-    everywhere(np.abs(values - field(forest)).max(initial=0) < 1e-12, "a carried field differs")
+    everywhere(np.abs(values - field(forest)).max(initial=0) < 1e-12, "an interpolated field differs")
 
 
 def test_same_forest_on_any_number_of_ranks(scene):

@@ -100,8 +100,8 @@ def test_same_parts_in_serial(kind):
         home = part[units.of_leaf]
         assert np.array_equal(rank_of(forest), home[np.argsort(code_of(alone))]), f"refined {salt} times"
         forest, _ = forest.refined(chosen(forest, 0.4, salt))
-        alone, glue = alone.refined(chosen(alone, 0.4, salt))
-        home = home[glue.parent]
+        alone, children = alone.refined(chosen(alone, 0.4, salt))
+        home = home[children.parent]
     assert len(alone) > 300 * WORLD.size
 
 

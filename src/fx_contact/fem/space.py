@@ -10,7 +10,7 @@ from numbers import Integral
 
 import numpy as np
 
-from fx_contact.forest.forest import LatticePoints
+from fx_contact.forest.lattice_points import LatticePoints
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import shown
 from fx_contact.problem import hexahedron

@@ -1,29 +1,26 @@
-"""Coarser forests: leaves merged with their siblings, by the rules of refinement."""
+"""Coarsening of a forest: leaves merged with their siblings, by the rules of refinement."""
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import leaf_side
 
 
-def coarsened(forest, level, kind="contact-sfc"):
-    """The coarsest forest in which each leaf of another one has the level that it needs.
+def coarsened(forest: Forest, level: IntArray, kind: str = "contact-sfc") -> Forest:
+    """The coarsest forest in which each leaf of `forest` has at least the given level.
 
-    Collective on forest.comm.  It is refined from the root cells, so that the rules of `Forest.refined` hold: a leaf
-    stays where one of its siblings needs it, or balance, or a partner.  No leaf is finer than before.
+    Collective on forest.comm.  It is refined from the root cells by the rules of `Forest.refined`: siblings, balance
+    and partners may keep a leaf.  No leaf is finer than before.
 
     Args:
-        forest: Forest.
-        level: (n,) int, the level that each leaf needs, at most its own.
+        level: (n,), required level of each leaf, at most its own.
         kind: of partition, a key of `partition.KINDS`.
-
-    Returns:
-        Forest.
     """
     comm = forest.comm
     result = Forest.of_roots(comm, forest.mesh, forest.pairing, forest.contact_surfaces)

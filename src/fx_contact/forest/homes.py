@@ -1,115 +1,97 @@
-"""Homes of keys: the ranks on which facts about a key are brought together, near the leaves that have it.
+"""Home ranks of keys, where the values registered for a key meet (`parallel.mpi.Directory`): near the leaves.
 
-The home of a lattice point is the rank whose piece of the space-filling curve holds it, as the last partition along the
-curve has cut it: the key names a root entity and integer coordinates there, a root cell of that entity gives the place
-on the curve, and the cuts, which all ranks know, the rank.  So a rank exchanges facts with its neighbours alone,
-however many ranks there are.  Refinement moves leaves away from home, not far.
+The home of a lattice point is the rank whose piece of the space-filling curve contains it, by the cuts of the last
+partition, which all ranks know.  The key gives a root entity and integer coordinates there; a root cell of that entity
+gives the key on the curve.  So a rank communicates with its neighbours only.  Refinement keeps leaves near their homes.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fx_contact.forest.root_curve import RootCurve
+from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
-from fx_contact.problem.facet_pairing import decode_leaf
-from fx_contact.problem.lattice import part_faces
+from fx_contact.problem.facet_pairing import Pairing, decode_leaf
+from fx_contact.problem.lattice import Lattice, part_faces
+from fx_contact.problem.root_mesh import RootMesh
+
+if TYPE_CHECKING:
+    from fx_contact.forest.forest import Forest
 
 
 class Homes:
-    """The homes of the keys of a forest.  Local.
+    """Homes of the lattice points and leaves of a forest, as numbers of parts.  Local.
 
     Args:
-        forest: Forest.
-        cuts: (parts - 1,) int64, cuts of its curve, ascending; None: a hash gives the homes.
-        parts: number of parts: of ranks in a run, any in a study.
+        cuts: (parts - 1,), cuts of the curve; None: homes by a hash.
+        parts: number of ranks in a run, any number in a study.
     """
 
-    def __init__(self, forest, cuts, parts):
+    def __init__(self, forest: Forest, cuts: Int64Array | None, parts: int) -> None:
         self._cuts, self._parts = cuts, parts
         if cuts is not None:
-            self._places, self._curve = _of_roots(forest.mesh, forest.lattice, forest.pairing)
+            self._places, self._curve = _root_places(forest.mesh, forest.lattice, forest.pairing)
 
-    def of_points(self, keys):
-        """Home of each lattice point; two points that face each other have one, unless they face others too.
-
-        Local.
-
-        Args:
-            keys: (n,) int64, lattice keys.
-
-        Returns:
-            (n,) int32 parts.
-        """
+    def of_points(self, keys: Int64Array) -> Int32Array:
+        """Homes (n,) of lattice points with keys (n,); the same for two points that face only each other.  Local."""
         if self._cuts is None:
             return hashed(keys, self._parts)
-        return self._along_curve(*self._places.of(keys))
+        return self._on_curve(self._cuts, *self._places.of(keys))
 
-    def of_leaves(self, codes):
-        """Home of each leaf.
-
-        Local.
-
-        Args:
-            codes: (n,) int64, as `facet_pairing.leaf_code` gives them.
-
-        Returns:
-            (n,) int32 parts.
-        """
+    def of_leaves(self, codes: Int64Array) -> Int32Array:
+        """Homes (n,) of leaves with codes (n,) (`facet_pairing.leaf_code`).  Local."""
         if self._cuts is None:
             return hashed(codes, self._parts)
         cell, anchor = decode_leaf(codes)
-        return self._along_curve(cell, anchor + 1)
+        return self._on_curve(self._cuts, cell, anchor + 1)
 
-    def _along_curve(self, cell, points):
-        """The part whose piece of the curve has the finest leaf that ends at points.
+    def _on_curve(self, cuts: Int64Array, cell: IntArray, points: Int32Array) -> Int32Array:
+        """Parts (n,) that contain the finest leaf whose high corner is the point (n, 3).
 
-        Of eight around a corner this one gives the fewest partners, up to 40 at 8192 parts; 44 the one that begins
-        there, 113 the corner of a leaf of twice the side (studies/partition, a million leaves).
+        Of the eight leaves at a point this one gives the fewest partners, up to 40 at 8192 parts; the one whose low
+        corner is the point gives 44, the corner of a leaf of twice the side 113 (studies/partition, a million leaves).
         """
         keys = self._curve.keys(cell, np.maximum(points - 1, 0))
-        return np.searchsorted(self._cuts, keys, side="right").astype(np.int32)
+        return np.searchsorted(cuts, keys, side="right").astype(np.int32)
 
 
 @lru_cache(maxsize=1)  # the forests of a run have one root mesh
-def _of_roots(mesh, lattice, pairing):
-    """What homes need to know of the root mesh."""
+def _root_places(mesh: RootMesh, lattice: Lattice, pairing: Pairing) -> tuple[Places, RootCurve]:
     return Places(lattice, pairing), RootCurve(mesh)
 
 
 class Places:
-    """One root cell, and the coordinates there, for each lattice point; for points that face each other the same.
+    """A unique root cell, with coordinates there, for each lattice point; facing points share it.  Local.
 
-    Local.  It is the lowest cell that has the point, one at a paired surface if there is one, of facing points the
-    lower of the two.
-
-    Args:
-        lattice: Lattice.
-        pairing: Pairing.
+    The lowest cell that has the point, if possible one with a paired facet there; of two facing points the lower cell.
     """
 
-    def __init__(self, lattice, pairing):
+    def __init__(self, lattice: Lattice, pairing: Pairing) -> None:
         self._lattice, self._pairing = lattice, pairing
         paired = pairing.paired
-        touching = (paired[:, None] & part_faces()).any(axis=2)  # (ncells, 27)
+        touching = np.any(paired[:, None] & part_faces(), axis=2)  # (ncells, 27)
         self._entities = lattice.entities(prefer=touching)
         _, cell, part = self._entities
         on = paired[cell] & part_faces()[part]
         self._face = np.where(on.any(axis=1), on.argmax(axis=1), -1)  # a paired facet of each entity
 
-    def of(self, keys):
-        """(n,) int64 root cells, and (n, 3) int32 lattice coordinates, of keys (n,) int64.  Local."""
+    def of(self, keys: Int64Array) -> tuple[Int64Array, Int32Array]:
+        """Root cells (n,) and lattice coordinates (n, 3) of keys (n,).  Local."""
         cell, points, face = self._first(keys)
         facing = np.flatnonzero(face >= 0)
         if len(facing):
-            other, _, there = self._pairing.opposite(cell[facing], face[facing], points[facing, None])
-            there = self._lattice.keys(other, there)[:, 0]
+            neighbour, _, across = self._pairing.opposite(cell[facing], face[facing], points[facing, None])
+            there = self._lattice.keys(neighbour, across)[:, 0]
             other, points_there, _ = self._first(there)
             lower = (other < cell[facing]) | (other == cell[facing]) & (there < keys[facing])
             cell[facing[lower]], points[facing[lower]] = other[lower], points_there[lower]
         return cell, points
 
-    def _first(self, keys):
-        """Cell and coordinates of each key, and the paired facet there on which it lies, -1 if on none."""
+    def _first(self, keys: Int64Array) -> tuple[Int64Array, Int32Array, Int64Array]:
+        """Cells (n,), coordinates (n, 3), and the paired facets (n,) there on which the points lie, -1 if none."""
         entity, points = self._lattice.located(keys, self._entities)
         return self._entities[1][entity], points, self._face[entity]

@@ -1,60 +1,59 @@
-"""Four kinds of partition of the leaves, made anew after every refinement.
+"""Partitions of the leaves, computed anew after each refinement.
 
-    contact-sfc      the Hilbert curve; facing leaves are one super-element with the weight of both (section 3 of the
-                     paper)
-    equidistributed  facing leaves on their own share of the ranks, all leaves dealt out by local number (the paper's
-                     former way)
-    sfc              the Hilbert curve, blind to contact: pairs may be split
-    graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, from where the curve has put them
+    contact-sfc      Hilbert curve; facing leaves form a super-element with the weight of both (section 3 of the paper)
+    equidistributed  facing leaves on a share of the ranks of their own, all leaves in blocks of equal length (the
+                     paper's earlier method)
+    sfc              Hilbert curve that ignores contact: pairs may be split
+    graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, after a partition by the curve
 
-Each is a sequence of stages.  A stage takes `Units` and their present parts, and returns new ones, and where it has cut
-the curve.  A part is a number: of a rank in a run, of any partition in a study.
+A partition is a sequence of stages, each of which redistributes the units.  Parts are the ranks of a run, or any
+number of parts in a study.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
+from fx_contact.forest.forest import Forest
 from fx_contact.forest.super_elements import Units, curve_keys
 from fx_contact.parallel import compat
+from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
 
+#: Maps the units, the number of parts and the present part (m,) of each unit to its new part (m,) and, if the stage
+#: cuts the curve, the cuts (parts - 1,).
+Stage: TypeAlias = Callable[[Units, int, Int32Array], tuple[Int32Array, Int64Array | None]]
+#: Any values (n, ...) carried by the leaves.
+LeafValues: TypeAlias = npt.NDArray[Any]
 
-def along_curve(units, parts, _home):
-    """Pieces of the Hilbert curve of equal weight: (m,) int32 part of each unit, (parts - 1,) int64 the cuts.
 
-    Collective on units.comm.
-    """
+def along_curve(units: Units, parts: int, _present: Int32Array) -> tuple[Int32Array, Int64Array]:
+    """Stage: pieces of equal weight of the Hilbert curve.  Collective on units.comm."""
     cuts = space_filling_curve.cut_curve(units.comm, units.keys, units.weights, parts)
     return np.searchsorted(cuts, units.keys, side="right").astype(np.int32), cuts
 
 
-def by_graph(units, parts, _home):
-    """PT-SCOTCH: (m,) int32 part of each unit, no cuts.  Collective on units.comm."""
+def by_graph(units: Units, parts: int, _present: Int32Array) -> tuple[Int32Array, None]:
+    """Stage: PT-SCOTCH on the graph of the units.  Collective on units.comm."""
     graph = units.graph
     number = np.concatenate([graph.offset + np.arange(graph.size), graph.ghosts])
     return compat.partition_graph(units.comm, parts, graph.matrix.indptr, number[graph.matrix.indices]), None
 
 
-def dealt_out(units, parts, home):
-    """Units with contact on some parts, the others on the rest, block by block of the units' local numbers.
+def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array, None]:
+    """Stage: units with contact on some parts, in proportion to their weight, the other units on the rest.
 
-    Collective on units.comm.  Contact gets its share of the parts by weight.  The units of each present part are cut
-    into as many blocks as there are new parts, one block for each.  Present parts start dealing at different new parts,
-    so that remainders spread.
-
-    Args:
-        units: Units.
-        parts: number of parts.
-        home: (m,) int32, the part on which each unit is now.
-
-    Returns:
-        (m,) int32 part of each unit, and None: no cuts.
+    Collective on units.comm.  The units of each present part are cut into as many blocks of local numbers as there are
+    new parts.  The first block of present part p goes to the new part p, modulo the number of parts, so that remainders
+    spread.
     """
     mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
     contact, total = units.comm.allreduce(mine, op=MPI.SUM)
@@ -62,10 +61,10 @@ def dealt_out(units, parts, home):
     result = np.empty(len(units), dtype=np.int32)
     for chosen, first, count in ((units.contact, 0, share), (~units.contact, share, parts - share)):
         rows = np.flatnonzero(chosen)
-        order = rows[np.argsort(home[rows], kind="stable")]
-        length = np.bincount(home[order], minlength=parts)
-        number = np.arange(len(order)) - (np.cumsum(length) - length)[home[order]]
-        result[order] = first + (number * count // length[home[order]] + home[order]) % max(count, 1)
+        order = rows[np.argsort(present[rows], kind="stable")]
+        length = np.bincount(present[order], minlength=parts)
+        number = np.arange(len(order)) - (np.cumsum(length) - length)[present[order]]
+        result[order] = first + (number * count // length[present[order]] + present[order]) % max(count, 1)
     return result, None
 
 
@@ -74,13 +73,12 @@ class Kind:
     """A kind of partition.
 
     Attributes:
-        pairs: whether it keeps facing leaves together.
-        stages: functions of (units, parts, home) that give the part of each unit, and the cuts of the curve if they
-            make them; each starts from where the one before has put the units.
+        pairs: True if it keeps facing leaves together.
+        stages: applied one after the other.
     """
 
     pairs: bool
-    stages: tuple
+    stages: tuple[Stage, ...]
 
 
 KINDS = {
@@ -91,18 +89,18 @@ KINDS = {
 }
 
 
-def repartition(forest, values, kind="contact-sfc"):
-    """Move leaves, and data they carry, to the ranks that a partition of the given kind assigns.
+def repartition(
+    forest: Forest, values: LeafValues | None, kind: str = "contact-sfc"
+) -> tuple[Forest, LeafValues | None]:
+    """Move leaves, and values (n, ...) carried by them, to the ranks that a partition assigns.
 
-    Collective on forest.comm; on one rank nothing is moved.
+    Collective on forest.comm; one rank only sorts them.
 
     Args:
-        forest: Forest.
-        values: (n, ...) array carried by the leaves, or None.
         kind: a key of `KINDS`.
 
     Returns:
-        The new Forest, each rank's leaves in curve order, and the (m, ...) values or None.
+        The new forest, each rank's leaves in curve order, and the values.
 
     Raises:
         SceneError: unknown kind.
@@ -112,11 +110,11 @@ def repartition(forest, values, kind="contact-sfc"):
     comm, pairs = forest.comm, KINDS[kind].pairs
     if comm.size > 1:
         if pairs:
-            forest, values = _moved(forest, values, _meeting_place(forest))
+            forest, values = _moved(forest, values, _lowest_ranks(forest))
         for stage in KINDS[kind].stages:
             units = Units(forest, pairs)
-            here = np.full(len(units), comm.rank, dtype=np.int32)
-            part, cuts = stage(units, comm.size, here)
+            present = np.full(len(units), comm.rank, dtype=np.int32)
+            part, cuts = stage(units, comm.size, present)
             forest, values = _moved(forest, values, part[units.of_leaf])
             forest = forest if cuts is None else replace(forest, cuts=cuts)
             if comm.allreduce(len(forest), op=MPI.MIN) == 0:
@@ -129,16 +127,10 @@ def repartition(forest, values, kind="contact-sfc"):
     return forest.ordered(order), None if values is None else values[order]
 
 
-def with_cuts(forest):
-    """The same forest with the curve cut through its leaves, so that homes are near them before a repartition.
+def with_cuts(forest: Forest) -> Forest:
+    """The same forest with cuts of the curve through its leaves, for homes near them before a repartition.
 
-    Collective on forest.comm; on few ranks homes need no cuts.
-
-    Args:
-        forest: Forest, its leaves on any ranks.
-
-    Returns:
-        Forest.
+    Collective on forest.comm; few ranks need no cuts.
     """
     if few(forest.comm):
         return forest
@@ -148,16 +140,16 @@ def with_cuts(forest):
     )
 
 
-def _moved(forest, values, destination):
-    """The forest and the values after a move that concerns any leaf.  Collective on forest.comm."""
+def _moved(forest: Forest, values: LeafValues | None, destination: IntArray) -> tuple[Forest, LeafValues | None]:
+    """Forest and values after a migration, unless no leaf moves.  Collective on forest.comm."""
     if not forest.comm.allreduce(bool((destination != forest.comm.rank).any()), op=MPI.LOR):
         return forest, values
     forest, exchange = forest.moved(destination)
     return forest, None if values is None else exchange.forward(values)
 
 
-def _meeting_place(forest):
-    """The lowest rank that has a leaf of the same group of facing leaves: (n,) int32.  Collective on forest.comm."""
+def _lowest_ranks(forest: Forest) -> Int32Array:
+    """Lowest rank (n,) with a leaf of the same group of facing leaves.  Collective on forest.comm."""
     result = np.full(len(forest), forest.comm.rank, dtype=np.int32)
     paired = np.unique(forest.paired_faces()[0])
     groups, group = np.unique(forest.representatives[paired], return_inverse=True)

@@ -1,22 +1,23 @@
-"""The measures of a partition that go into the record of every step."""
+"""Quality of a partition, for the record of each step."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.forest.forest import Forest
 from fx_contact.forest.leaf_graph import create_facing_graph, create_leaf_graph
 
 
 @dataclass(frozen=True)
 class PartitionSummary:
-    """Measures of the partition of a run, the parts being the ranks.
+    """Quality measures of the partition of a run; the parts are the ranks.
 
     Attributes:
         kind: a key of `partition.KINDS`.
-        imbalance: most leaves of a rank over the mean [-].
-        cut_facets: leaf facets between two ranks; where one leaf meets four finer ones, those four.
-        split_pairs: facing leaf facets whose leaves are on different ranks.
+        imbalance: maximum over mean number of leaves per rank [-].
+        cut_facets: number of leaf facets between two ranks; a hanging interface counts with its four fine facets.
+        split_pairs: number of facing leaf facets on different ranks.
     """
 
     kind: str
@@ -25,18 +26,8 @@ class PartitionSummary:
     split_pairs: int
 
     @classmethod
-    def of(cls, forest, kind):
-        """Measure the partition of a forest.
-
-        Collective on forest.comm.
-
-        Args:
-            forest: Forest.
-            kind: name of its partition.
-
-        Returns:
-            PartitionSummary.
-        """
+    def of(cls, forest: Forest, kind: str) -> "PartitionSummary":
+        """Measures of the partition of a forest.  Collective on forest.comm."""
         comm, rank = forest.comm, np.full(len(forest), forest.comm.rank)
         imbalance = comm.allreduce(len(forest), op=MPI.MAX) * comm.size / forest.size_global
         if comm.size == 1:

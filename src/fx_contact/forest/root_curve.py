@@ -1,23 +1,22 @@
-"""The space-filling curve through a root mesh: from cell to cell, and inside each."""
+"""Space-filling curve through a root mesh: Hilbert curve of the cell centres, and one inside each cell."""
 
 import numpy as np
 
 from fx_contact.forest.space_filling_curve import hilbert
+from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.problem.root_mesh import RootMesh
 
 
 class RootCurve:
-    """Hilbert keys of places in root cells.  Local.
+    """Hilbert keys of points in root cells.  Local.
 
-    Root cells follow the Hilbert curve of their centres; inside a root cell the curve runs in axes that are turned to
-    the global ones as closely as the cell allows.  Places are integers only, so all ranks agree to the last bit.
-
-    Args:
-        mesh: RootMesh.
+    The curve inside a root cell runs in local axes aligned with the global ones as closely as possible.  Keys follow
+    from integers, so they are equal on all ranks.
     """
 
-    def __init__(self, mesh):
+    def __init__(self, mesh: RootMesh) -> None:
         corners = mesh.points[mesh.corners]
         centres = corners.mean(axis=1)
         low = centres.min(axis=0)
@@ -33,19 +32,16 @@ class RootCurve:
         self._axis = permutations[alignment.argmax(axis=1)]
         self._flip = np.take_along_axis(slope, self._axis[:, :, None], axis=2)[:, :, 0] < 0
 
-    def keys(self, cell, anchor):
-        """Keys of leaves, or of the finest leaves that hold points.
+    def keys(self, cell: IntArray, anchor: IntArray) -> Int64Array:
+        """Keys (n,) of leaves, or of the finest leaves that contain given points.
 
         Local.
 
         Args:
-            cell: (n,) int, root cells.
-            anchor: (n, 3) int, low corners of leaves, or points, in lattice units, below `lattice.SIDE`.
-
-        Returns:
-            (n,) int64.
+            cell: (n,), root cells.
+            anchor: (n, 3), low corners of leaves, or points, in lattice units, below `lattice.SIDE`.
         """
         local = np.take_along_axis(anchor >> 1, self._axis[cell], axis=1)
+        # The reflection of an anchor is the far corner of the reflected leaf, and lies in that leaf.
         local = np.where(self._flip[cell], (1 << MAX_LEVEL) - 1 - local, local)
-        # Flipping an anchor gives the far corner of the leaf, which lies in the same leaf: the order is that of leaves.
         return self._position[cell] << 3 * MAX_LEVEL | hilbert(local, MAX_LEVEL)

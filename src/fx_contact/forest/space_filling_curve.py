@@ -1,20 +1,15 @@
-"""Space-filling curves: Hilbert keys, and cutting a weighted curve that is spread over the ranks."""
+"""Space-filling curves: Hilbert keys, and the partition of a distributed weighted curve."""
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.parallel.arrays import Int64Array, IntArray
 
-def hilbert(points, bits):
-    """Position of integer points along the Hilbert curve of a cube.
 
-    Local.  J. Skilling, "Programming the Hilbert curve", AIP Conf. Proc. 707 (2004).
+def hilbert(points: IntArray, bits: int) -> Int64Array:
+    """Positions (n,), below 2^(3 bits), of integer points (n, 3), below 2^bits, along the Hilbert curve of a cube.
 
-    Args:
-        points: (n, 3) int in 0..2^bits - 1.
-        bits: levels of the curve, at most 21.
-
-    Returns:
-        (n,) int64 in 0..2^(3 bits) - 1; neighbours on the curve are neighbours in space.
+    Local.  At most 21 bits.  J. Skilling, "Programming the Hilbert curve", AIP Conf. Proc. 707 (2004).
     """
     x = [np.ascontiguousarray(column, dtype=np.int64) for column in points.T]
     bit = 1 << bits - 1
@@ -36,8 +31,8 @@ def hilbert(points, bits):
     return _spread(x[0] ^ twist) << 2 | _spread(x[1] ^ twist) << 1 | _spread(x[2] ^ twist)
 
 
-def _spread(x):
-    """Put two zero bits between the bits of integers below 2^21."""
+def _spread(x: Int64Array) -> Int64Array:
+    """Two zero bits between the bits of integers below 2^21."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),
@@ -49,22 +44,21 @@ def _spread(x):
     return x
 
 
-def cut_curve(comm, keys, weights, parts):
-    """Cut a weighted curve into parts of nearly equal weight; equal keys are never cut apart.
+def cut_curve(comm: MPI.Intracomm, keys: Int64Array, weights: Int64Array, parts: int) -> Int64Array:
+    """Cuts of a weighted curve into parts of nearly equal weight; equal keys stay together.
 
-    Collective on comm.  A bisection for all cuts at once, in which no rank receives another rank's keys: each round is
-    one reduction of the weights under all thresholds, of which many cuts share one at first.  A cut is found once less
-    than twice the lightest weight is between its bounds, which is one key's: for 8192 parts of a million leaves these
-    are nine numbers a part, not one a part for each bit of the keys (studies/partition).
+    Collective on comm.  Bisection for all cuts at once: each round is one reduction of the weights below all distinct
+    thresholds, few at first.  A cut is found once the weight between its bounds, less than twice the lightest weight,
+    is that of one key.  For 8192 parts of a million leaves this takes nine numbers a part in all, instead of one a part
+    for each bit of the keys (studies/partition).
 
     Args:
-        comm: MPI communicator.
-        keys: (n,) int64 non-negative, this rank's share of the curve in any order.
-        weights: (n,) int64 positive.
+        keys: (n,), non-negative, this rank's share of the curve in any order.
+        weights: (n,), positive.
         parts: number of parts.
 
     Returns:
-        (parts - 1,) int64 ascending: part p holds the keys k with cuts[p-1] <= k < cuts[p].
+        (parts - 1,), ascending: part p holds the keys k with cuts[p-1] <= k < cuts[p].
     """
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
@@ -84,8 +78,8 @@ def cut_curve(comm, keys, weights, parts):
     return np.where(target - weight_low < weight_high - target, low, high)
 
 
-def _below(comm, keys, weight_below, thresholds):
-    """Weight of all keys under each threshold, over all ranks: (n,) int64.  Collective on comm."""
+def _below(comm: MPI.Intracomm, keys: Int64Array, weight_below: Int64Array, thresholds: Int64Array) -> Int64Array:
+    """Weights (n,) of the keys of all ranks below each threshold (n,).  Collective on comm."""
     total = weight_below[np.searchsorted(keys, thresholds)]
     comm.Allreduce(MPI.IN_PLACE, total, op=MPI.SUM)
     return total

@@ -7,21 +7,18 @@ from typing import Any
 
 from mpi4py import MPI
 
-from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.errors import FxContactError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path
 
 
 def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
-    """See that all ranks are asked for the same.
+    """Raises SceneError, with the differences, unless all ranks have the same settings.
 
     Collective on comm.
 
     Args:
-        settings: what this rank is asked for by name, as JSON can hold it.
-
-    Raises:
-        SceneError: ranks differ; it says in what.
+        settings: JSON values by name.
     """
     first = comm.bcast(settings)
     with together(comm):
@@ -32,21 +29,21 @@ def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
 def shared_path(
     comm: MPI.Intracomm,
     what: str,
-    value: Any,
-    error: type[Exception] = SceneError,
-    kind: Callable[[str, Any, type[Exception]], Path] = as_path,
+    value: object,
+    error: type[FxContactError] = SceneError,
+    kind: Callable[[str, object, type[FxContactError]], Path] = as_path,
 ) -> Path:
-    """A path from what the user gave, the same on all ranks.
+    """The value as a path, the same on all ranks.
 
     Collective on comm.
 
     Args:
         what: its name in the message.
-        error: raised where it is no path.
-        kind: `as_path`, or `as_folder` where files will be in it.
+        kind: `as_path`, or `as_folder` for the path of a folder.
 
     Raises:
-        SceneError, or the error given: it is none on some rank, or not the same on all.
+        SceneError: ranks differ.
+        FxContactError: of the type `error`, if the value is no such path on some rank.
     """
     with together(comm):
         path = kind(what, value, error)
@@ -55,11 +52,9 @@ def shared_path(
 
 
 def differences(one: Mapping[str, Any], other: Mapping[str, Any], here: str, there: str) -> str:
-    """Entries in which two settings differ, as a sentence has them; empty if in none.  Local.
+    """Differences of two settings, JSON values by name, as part of a sentence; empty if there are none.  Local.
 
-    Args:
-        one, other: as JSON can hold them.
-        here, there: what follows the values of each.
+    The words `here` and `there` follow the values of each.
     """
     one, other = (json.loads(json.dumps(settings, default=float)) for settings in (one, other))
     return "; ".join(
@@ -70,7 +65,7 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any], here: str, the
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Two values are equal, or written alike: NaN is not equal to itself."""
+    """Equal values; NaN is equal to NaN."""
     return one == other or json.dumps(one) == json.dumps(other)
 
 

@@ -1,9 +1,9 @@
-"""Meetings: before a call that all ranks must make, they agree on its name; a rank whose program ends says so.
+"""Agreement of all ranks on the next collective call, and notice of ranks whose program ends.
 
-A meeting is a nonblocking reduction of the names' checksums over a duplicate of the user's communicator, where neither
-messages of the user nor collective calls of PETSc, which begin when a program ends, can be taken for it.  The names
-are brought together where they differ.  The duplicate for PETSc's world is made when the package is imported, where the
-exit function is registered too: a rank that ends before its first call could not be told from a late one otherwise.
+A meeting is a nonblocking reduction of the checksums of the calls' names; if these differ, the names are gathered.  It
+uses a duplicate of the user's communicator, apart from messages of the user and from the collective calls of PETSc at
+the end of a program.  The duplicate for PETSc's world is made, and the exit function registered, when the package is
+imported, so that a rank that ends before its first call is told from a late one.
 """
 
 import atexit
@@ -24,34 +24,33 @@ from petsc4py import PETSc
 
 from fx_contact.parallel.errors import CallError
 
-#: Seconds after which those who have not come are named.
+#: Waiting time after which late ranks are named [s].
 _PATIENCE = 30.0
-#: Seconds in which ranks that wait have said so to each other, after that.
+#: Time for the waiting ranks to notify each other after that [s].
 _PROMPT = 1.0
-#: Seconds that a rank which fails alone, where others may wait for it inside a call, gives them before it aborts all.
+#: Waiting time of a rank that failed alone before it aborts all, since others may wait for it inside a call [s].
 _GRACE = 10.0
-#: Tag of messages from ranks that wait.
+#: Tag of the notices of waiting ranks.
 _WAITING = 1203
-#: What a rank says when its program ends.
+#: Name of the last meeting of a rank, when its program ends.
 _END = "the end of the program"
 
 _LOG = logging.getLogger("fx_contact")  # without a handler Python writes warnings to stderr; the user may change that
 _all: list["Meetings"] = []
-_keyval = MPI.Comm.Create_keyval()  # under which communicators keep their Meetings
+_keyval = MPI.Comm.Create_keyval()  # attribute of the communicators that keeps their Meetings
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: all ranks of a communicator must make this call; otherwise it raises CallError on all of them.
+    """Decorator of a collective function: CallError on all ranks unless all of them call it.
 
-    Calls differ if their names do, or the numbers of the Steps.  Calls inside this one, and those on one rank, have no
-    meeting of their own.
+    Calls differ if their names or the numbers of their Steps do.  Nested calls and calls on one rank have no meeting.
 
     Args:
         comm: place of the communicator: name of an argument, and of its attributes, "step.forest.comm".
-        what: name of the call for errors; None: that of the function, or of the class that it makes.
+        what: name of the call in errors; None: that of the function, or of the class for `__init__`.
     """
     argument, *attributes = comm.split(".")
 
@@ -78,16 +77,15 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
 
 @contextmanager
 def calling(comm: Any, what: str) -> Iterator[None]:
-    """A block that all ranks of a communicator must enter together, as `collective` has it.
+    """Context of a collective call, as for `collective`.
 
-    Collective on comm.
+    Collective on comm.  Anything but a communicator has no meeting: the call itself will raise an error.
 
     Args:
-        comm: communicator; anything else has no meeting: the block will say what is wrong.
         what: name of the call.
 
     Raises:
-        CallError: other ranks make another call, have failed in the one before, or have ended their program.
+        CallError: other ranks make another call, failed in the previous one, or have ended their program.
     """
     meetings = meetings_of(comm)
     if meetings is None or meetings.inside:
@@ -101,16 +99,16 @@ def calling(comm: Any, what: str) -> Iterator[None]:
         meetings.fail(what, error)
         raise
     except BaseException:  # an interrupt: the others may be anywhere
-        meetings.torn = True
+        meetings.interrupted = True
         raise
     finally:
         meetings.inside = False
 
 
 def expect_end() -> None:
-    """From now on the others hear when the program of this rank ends; on one rank there are none.
+    """Register the notice to the other ranks at the end of the program.
 
-    Collective on PETSc's world.  After PETSc is imported, for the last exit function that is registered comes first.
+    Collective on PETSc's world.  To be called after the import of PETSc: exit functions are called in reverse order.
     """
     world = meetings_of(PETSc.COMM_WORLD.tompi4py())
     if world is not None and world.link:
@@ -118,25 +116,25 @@ def expect_end() -> None:
 
 
 def leave(error: BaseException | None = None) -> None:
-    """Say that the program of this rank ends, and wait until that of the others does or has heard of it.
+    """Notify the other ranks of the end of this rank's program, and wait until they have ended or taken note.
 
-    Collective on the communicators that have Meetings.  Where this rank ends by an error and the others do not come, as
-    they wait for it in messages of their own, all are aborted.
+    Collective on the communicators that have Meetings.  All ranks are aborted if this one ends by an error and the
+    others do not answer, since they may wait for it in messages of their own.
 
     Args:
-        error: that ends it; None: the one that Python has shown last, if any.
+        error: that ends the program; None: the last one that Python has printed, if any.
     """
     if MPI.Is_finalized():
         return
     error = error or getattr(sys, "last_value", None)
-    said = f"{_END} by {type(error).__name__}" if error else _END
-    left = [meetings for meetings in _all if not meetings.over]
-    if any(meetings.torn for meetings in left):
+    what = f"{_END} by {type(error).__name__}" if error else _END
+    left = [meetings for meetings in _all if not meetings.ended]
+    if any(meetings.interrupted for meetings in left):
         _abort("it was interrupted inside a call that all ranks must make")
     for meetings in left:
-        meetings.say(said)
+        meetings.begin(what)
     if not _wait(left, _GRACE if error else np.inf):
-        _abort(f"it has come to {said}, and others do not answer")
+        _abort(f"it has come to {what}, and others do not answer")
 
 
 def _abort(why: str) -> None:
@@ -146,7 +144,7 @@ def _abort(why: str) -> None:
 
 
 def meetings_of(comm: Any) -> "Meetings | None":
-    """The Meetings of a communicator; None if it is none or has one rank.  Local."""
+    """The Meetings of a communicator; None for anything else, or for one rank.  Local."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
     known: Any = comm.Get_attr(_keyval)
@@ -158,77 +156,71 @@ def meetings_of(comm: Any) -> "Meetings | None":
 
 
 class Meetings:
-    """The meetings of the ranks of a communicator, one after the other.
+    """Successive meetings of the ranks of a communicator.
 
-    Local when made.
+    The constructor is local.
 
     Attributes:
-        inside: this rank is inside a call on which all have agreed.
-        torn: it was interrupted there, or in a meeting: nobody can know then where the others are.
-        over: a rank has come to its end; there are no more meetings.
+        inside: this rank is inside a call agreed by all.
+        interrupted: in a call or a meeting, so that the state of the other ranks is unknown.
+        ended: the program of a rank has ended; there are no more meetings.
         turns: number of exchanges over `link` so far.
     """
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self._comm, self._number = comm, 0
         self._link: MPI.Intracomm | None = None
-        self._told: list[MPI.Request] | None = None  # messages to the others that this rank waits
-        self.inside, self.torn, self.over, self.turns = False, False, False, 0
+        self._notices: list[MPI.Request] | None = None  # messages to the others that this rank waits
+        self.inside, self.interrupted, self.ended, self.turns = False, False, False, 0
         self._difference = ""  # between the calls of the last meeting, as a sentence
 
     @property
     def link(self) -> MPI.Intracomm:
-        """Duplicate of the communicator, for messages of this package alone.  Collective when first asked for."""
+        """Duplicate of the communicator for messages of this package.  Collective at first use."""
         if self._link is None:
             self._link = self._comm.Dup()
         return self._link
 
     def agree(self, what: str) -> None:
-        """See that all ranks make the same call.
-
-        Collective on comm.
-
-        Raises:
-            CallError: they do not.
-        """
-        if not self.over:
-            self.torn = True
-            self.say(what)
+        """Raises CallError unless all ranks make the same call.  Collective on comm."""
+        if not self.ended:
+            self.interrupted = True
+            self.begin(what)
             _wait([self], name_late=True)
-            self.torn = False
+            self.interrupted = False
         if self._difference:
             raise CallError(self._difference)
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Say that a call has failed on this rank.  If it has on all, that is all; others inside it are aborted."""
-        self.say(f"an error in {what}")
+        """Notice of a call that failed on this rank; aborts all if others stay inside the call."""
+        self.begin(f"an error in {what}")
         if not _wait([self], _GRACE):
             traceback.print_exception(error)
             _abort(f"{what} has failed on it alone")
 
-    def say(self, what: str) -> None:
-        """Begin a meeting.  Local; it ends when `answered` says so."""
-        self._what, self._lowest, self._told = what, np.empty(2, dtype=np.int64), None
+    def begin(self, what: str) -> None:
+        """Begin a meeting.  Local; the meeting ends when `completed` is True."""
+        self._what, self._lowest, self._notices = what, np.empty(2, dtype=np.int64), None
         checksum = zlib.crc32(what.encode())
         self._request = self.link.Iallreduce(np.array([checksum, -checksum]), self._lowest, MPI.MIN)
 
-    def answered(self) -> bool:
-        """All ranks have come to the meeting, and it is known on what they agree."""
+    def completed(self) -> bool:
+        """Test for completion, which determines the difference of the calls."""
         if not self._request.Test():
             return False
         alike = self._lowest.sum() == 0  # the lowest checksum is the highest one
-        said = [self._what] if alike else self.link.allgather(self._what)
-        self._difference = "" if alike else _sentence(said)
-        self._number, self.over = self._number + 1, any(what.startswith(_END) for what in said)
+        calls = [self._what] if alike else self.link.allgather(self._what)
+        self._difference = "" if alike else _sentence(calls)
+        self._number, self.ended = self._number + 1, any(what.startswith(_END) for what in calls)
         return True
 
     def name_late(self, waited: float) -> None:
-        """After so many seconds, let all who wait know of each other; then the lowest of them names the others."""
+        """After long waiting [s] notify the other ranks; the lowest waiting rank then names those not waiting."""
         rank, link = self.link.rank, self.link
-        if self._told is None and waited > _PATIENCE:
-            self._told = [link.isend(self._number, other, _WAITING) for other in range(link.size) if other != rank]
-        if self._told and waited > _PATIENCE + _PROMPT:
-            self._told, here, status = [], {rank}, MPI.Status()
+        if self._notices is None and waited > _PATIENCE:
+            self._notices = [link.isend(self._number, other, _WAITING) for other in range(link.size) if other != rank]
+        if self._notices and waited > _PATIENCE + _PROMPT:
+            self._notices, here, status = [], {rank}, MPI.Status()
             while link.Iprobe(MPI.ANY_SOURCE, _WAITING, status):
                 if link.recv(source=status.source, tag=_WAITING) == self._number:
                     here.add(status.source)
@@ -240,26 +232,27 @@ class Meetings:
 
 
 def _wait(meetings: list[Meetings], limit: float = np.inf, name_late: bool = False) -> bool:
-    """Wait for the answers of some Meetings, up to a limit [s]: bool, all have come."""
+    """Wait for the completion of meetings, up to a limit [s]; True if all are completed."""
     start, waiting = time.monotonic(), meetings
-    while waiting := [one for one in waiting if not one.answered()]:
+    while waiting := [one for one in waiting if not one.completed()]:
         waited = time.monotonic() - start
         if waited > limit:
             return False
-        if waited > 1e-4:  # a wait becomes longer by a tenth, and leaves the processor to others
+        if waited > 1e-4:  # the intervals grow by a tenth, and leave the processor to others
             time.sleep(min(waited / 10, 0.05))
             for one in waiting if name_late else ():
                 one.name_late(waited)
     return True
 
 
-def _sentence(said: list[str]) -> str:
-    """Error message on ranks that say different things, each its own."""
-    calls = ", ".join(
-        f"{what} on {_ranks([r for r, s in enumerate(said) if s == what])}" for what in dict.fromkeys(said)
+def _sentence(calls: list[str]) -> str:
+    """Error message for different calls, one per rank."""
+    named = ", ".join(
+        f"{what} on {_ranks([rank for rank, call in enumerate(calls) if call == what])}"
+        for what in dict.fromkeys(calls)
     )
     return (
-        f"all ranks must make the same calls in the same order, but they differ: {calls}; "
+        f"all ranks must make the same calls in the same order, but they differ: {named}; "
         "take calls out of conditions on the rank, and let all ranks go on or none"
     )
 

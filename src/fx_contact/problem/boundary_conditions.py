@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -264,7 +264,8 @@ def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, c
     shape = (len(points),) if components == 1 else (components, len(points))
     if not len(points):
         return np.empty((0, components))
-    result = np.asarray(np.ma.filled(value(points.T.copy()), np.nan))
+    filled: Any = np.ma.filled  # NumPy's stub has no annotations
+    result = np.asarray(filled(value(points.T.copy()), np.nan))
     if result.shape != shape or result.dtype.kind not in "fiu":
         raise SceneError(
             f"{what} is a function that must give an array of shape {shape} for points of shape {(3, len(points))}, "

@@ -1,40 +1,34 @@
-"""Contacts that a scene asks for.  The kind of a contact decides its rows: `contact/row_kinds.py`."""
+"""Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction
 
 
 class Contact(ABC):
-    """One surface that may touch an obstacle, or two surfaces that may touch each other.
-
-    Attributes:
-        surfaces: names of surfaces of the root mesh, the first one and, if there is a second body, the second one.
-    """
+    """Possible contact of a surface with an obstacle, or of two surfaces."""
 
     @property
     @abstractmethod
     def surfaces(self) -> tuple[str, ...]:
-        """One or two names."""
+        """Names of surfaces of the root mesh: of the first body and, unless there is an obstacle, of the second."""
 
     @property
     @abstractmethod
-    def unit_direction(self) -> npt.NDArray[np.float64] | None:
-        """(3,), out of the first body, along which the force is summed; None: along the normals."""
+    def unit_direction(self) -> FloatArray | None:
+        """(3,), out of the first body, direction of the summed force [-]; None: sum of the normal forces."""
 
     @property
     @abstractmethod
     def data(self) -> list[str | float]:
-        """All that defines it, as JSON can hold it: a checkpoint is compared by it."""
+        """Definition of the contact for JSON, compared with that in a checkpoint."""
 
     @property
     def name(self) -> str:
-        """The names of the surfaces, as records have them."""
+        """Name in records, from those of the surfaces."""
         return " on ".join(self.surfaces)
 
 
@@ -44,9 +38,9 @@ class ContactPair(Contact):
 
     Attributes:
         first, second: names of surfaces of the root mesh.
-        direction: from the first body to the second, the direction in which points face each other, and along which the
-            contact force is summed [-], of any length; None: the closest points face each other, and magnitudes are
-            summed.  The forces act along the surfaces' normals, whatever the direction.
+        direction: from the first body to the second, of any length [-]; points face each other in this direction, and
+            the contact force is summed along it.  None: closest points face each other, and magnitudes are summed.
+            Contact forces are normal to the surfaces in both cases.
 
     Raises:
         SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
@@ -59,25 +53,21 @@ class ContactPair(Contact):
     def __post_init__(self) -> None:
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
-        _ = self.unit_direction  # as it must be
+        _ = self.unit_direction  # raises an error for an invalid direction
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """Both."""
+        """Names of both surfaces."""
         return self.first, self.second
 
     @property
-    def unit_direction(self) -> npt.NDArray[np.float64] | None:
-        """The direction as a unit vector, however long it was given: (3,).  Local.
-
-        Raises:
-            SceneError: it is not a non-zero vector; the pair is then not made.
-        """
+    def unit_direction(self) -> FloatArray | None:
+        """(3,), `direction` normalised [-].  Raises SceneError if it is not a non-zero vector."""
         if self.direction is None:
             return None
         return check_direction(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
 
     @property
     def data(self) -> list[str | float]:
-        """Names, then the direction."""
+        """Names and direction."""
         return [self.first, self.second, *map(float, () if self.direction is None else self.direction)]

@@ -1,45 +1,46 @@
-"""Facing root facets of contact surfaces that are meshed alike, and the partner of a leaf by integer arithmetic.
+"""Facing root facets of contact surfaces that are meshed alike, and the partners of leaves by integer arithmetic.
 
-Facets are paired once, on the root mesh.  The partner of a leaf or of a lattice point then follows from integers alone,
-without search or communication ("éléments appariés", section 2 of the paper).  All is local.
+Facets are paired once, on the root mesh.  The partners of leaves and lattice points follow from integers, without
+search or communication ("éléments appariés", section 2 of the paper).  All is local.
 """
 
 from collections.abc import Sequence
 from itertools import product
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
 from fx_contact.problem.root_mesh import RootMesh
 
-#: The eight ways two quadrilaterals can face each other: swap the tangents, then flip the first, flip the second.
+Coordinate = TypeVar("Coordinate", bound=np.number[Any])
+
+#: The eight relative orientations of two facing quadrilaterals: swap the tangents, then flip the first, the second.
 _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
 
-#: Distance within which nodes coincide, projected along a given direction, over the facet's size.
+#: Largest distance of facing nodes, projected along a given direction, relative to the size of the facet.
 _MATCH = 1e-6
-#: Largest tangential offset t of facing nodes over the facet's size d, where no direction is given.  On a surface of
-#: radius R it changes the gap by t d^2/(2 R), at 0.1 less than half of d^2/(8 R), the distance between the facet and
-#: its chord.  Concentric surfaces with a gap g have t = g/(2 R).
-_ASTRAY = 0.1
+#: Largest tangential offset t of facing nodes without a given direction, relative to the size d of the facet.  On a
+#: surface of radius R it changes the gap by t d^2/(2 R), at 0.1 less than half of d^2/(8 R), the distance between the
+#: facet and its chord.  Concentric surfaces with a gap g have t = g/(2 R).
+_OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the contact surfaces that are meshed alike, replicated on all ranks.
-
-    Local (every rank computes the same).
+    """Facing facets of the contact surfaces that are meshed alike, the same on all ranks.
 
     Args:
-        mesh: RootMesh.
-        contacts: of a scene; facets of those that are no ContactPair have no partners.
+        contacts: of a scene; only facets of a ContactPair have partners.
 
     Attributes:
-        partner: (ncells, 6, 2) int32, facing (root cell, local face) of each local face, -1 where it has none.
-        rim: (ncells, 12) bool, edges of paired faces that cells without a face on the surface have too.
+        partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
+        rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface.
 
     Raises:
         SceneError: an unknown surface.
@@ -48,33 +49,34 @@ class Pairing:
 
     def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:
         ncells = len(mesh.cells)
-        self.partner = np.full((ncells, 6, 2), -1, dtype=np.int32)
-        self.rim = np.zeros((ncells, 12), dtype=bool)
+        self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
+        self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
         for pair in (contact for contact in contacts if isinstance(contact, ContactPair)):
-            facets = mesh.surface(pair.first), mesh.surface(pair.second)
-            match, symmetry = _match(mesh, pair, *facets)
-            facets = facets[0], facets[1][match]
-            for facing, other, code in zip(facets, facets[::-1], (symmetry, _inverse(symmetry))):
+            first, second = mesh.surface(pair.first), mesh.surface(pair.second)
+            match, symmetry = _match(mesh, pair, first, second)
+            second = second[match]
+            for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
                 self._symmetry[facing[:, 0], facing[:, 1]] = code
                 self.rim[facing[:, :1], hexahedron.FACE_EDGES[facing[:, 1]]] |= _rim(mesh, facing)
 
     @property
-    def paired(self) -> npt.NDArray[np.bool_]:
+    def paired(self) -> BoolArray:
         """(ncells, 6), root faces that have a partner."""
         return self.partner[:, :, 0] >= 0
 
-    def opposite(self, cell, face, points):
-        """Lattice points that face given lattice points on paired root facets.
+    def opposite(
+        self, cell: IntArray, face: IntArray, points: npt.NDArray[Coordinate]
+    ) -> tuple[Int32Array, Int32Array, npt.NDArray[Coordinate]]:
+        """Points that face given points on paired root facets.
 
         Args:
-            cell: (n,) int, root cells.
-            face: (n,) int, local faces, all paired.
-            points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
+            cell, face: (n,), root cells and their paired local faces.
+            points: (n, m, 3), on those faces, in lattice coordinates, integer or not.
 
         Returns:
-            (n,) int32 facing root cells, (n,) int32 their faces, (n, m, 3) lattice coordinates there, of that dtype.
+            Facing root cells (n,), their local faces (n,), and the points (n, m, 3) in lattice coordinates there.
         """
         swap, *flips = _SYMMETRIES[self._symmetry[cell, face]].T
         other, other_face = self.partner[cell, face].T
@@ -87,26 +89,15 @@ class Pairing:
         np.put_along_axis(result, hexahedron.FACE_AXIS[other_face][:, None, None], normal[:, None, None], axis=2)
         return other, other_face, result
 
-    def faces(self, cell, level, anchor):
-        """Paired faces of leaves.
+    def faces(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> tuple[Int64Array, Int64Array]:
+        """Paired faces of leaves: indices (m,) of the leaves and local faces (m,), by leaf, then by face."""
+        leaf, face = np.nonzero(root_faces(anchor, level) & self.paired[cell])
+        return leaf, face
 
-        Args:
-            cell, level, anchor: (n,) int32, (n,) int8, (n, 3) int32 leaves.
-
-        Returns:
-            (m,) int64 leaf indices and (m,) int64 local faces, by leaf then face.
-        """
-        return np.nonzero(root_faces(anchor, level) & self.paired[cell])
-
-    def partners(self, cell, level, anchor, face):
-        """The leaf on the other side of paired faces.
-
-        Args:
-            cell, level, anchor, face: (n,) int32, (n,) int8, (n, 3) int32, (n,) int leaves and their paired faces.
-
-        Returns:
-            (n,) int32 root cells and (n, 3) int32 anchors; the level is the same.
-        """
+    def partners(
+        self, cell: Int32Array, level: Int8Array, anchor: Int32Array, face: IntArray
+    ) -> tuple[Int32Array, Int32Array]:
+        """Root cells (n,) and anchors (n, 3) of the leaves, of equal level, that face paired faces (n,) of leaves."""
         ends = hexahedron.FACE_CORNERS[face][:, [0, 3]]
         corners = np.take_along_axis(leaf_corners(anchor, level), ends[:, :, None], axis=1)
         other, other_face, points = self.opposite(cell, face, corners)
@@ -115,15 +106,8 @@ class Pairing:
         low[high_side, hexahedron.FACE_AXIS[other_face[high_side]]] -= leaf_side(level[high_side])
         return other, low
 
-    def representatives(self, cell, level, anchor):
-        """Lowest code (`leaf_code`) among each leaf and those that it faces, directly or through others.
-
-        Args:
-            cell, level, anchor: (n,) int32, (n,) int8, (n, 3) int32 leaves.
-
-        Returns:
-            (n,) int64; its own code for a leaf that faces nothing.
-        """
+    def representatives(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> Int64Array:
+        """Lowest `leaf_code` (n,) in the group of each leaf: all leaves that it faces, directly or through others."""
         result = leaf_code(cell, anchor)
         origin, face = self.faces(cell, level, anchor)
         seen = np.stack([np.arange(len(cell)), result], axis=1)[np.unique(origin)]
@@ -142,32 +126,23 @@ class Pairing:
         return result
 
 
-def leaf_code(cell, anchor):
-    """Code of a leaf: root cell, then anchor.  No two leaves of a forest have the same.
-
-    Args:
-        cell: (n,) int32.
-        anchor: (n, 3) int32.
-
-    Returns:
-        (n,) int64.
-    """
+def leaf_code(cell: Int32Array, anchor: Int32Array) -> Int64Array:
+    """Codes (n,) of leaves, unique in a forest, from root cells (n,) and anchors (n, 3)."""
     x, y, z = (anchor.T >> 1).astype(np.int64)
     return ((cell.astype(np.int64) << MAX_LEVEL | x) << MAX_LEVEL | y) << MAX_LEVEL | z
 
 
-def decode_leaf(code):
-    """Inverse of `leaf_code`: (n,) int32 root cells and (n, 3) int32 anchors."""
+def decode_leaf(code: Int64Array) -> tuple[Int32Array, Int32Array]:
+    """Root cells (n,) and anchors (n, 3) of leaf codes (n,): the inverse of `leaf_code`."""
     mask = (1 << MAX_LEVEL) - 1
     anchor = np.stack([code >> 2 * MAX_LEVEL & mask, code >> MAX_LEVEL & mask, code & mask], axis=1) << 1
     return (code >> 3 * MAX_LEVEL).astype(np.int32), anchor.astype(np.int32)
 
 
-def _match(mesh, pair, first, second):
-    """Partner of each facet of the first surface: (n,) index, and (n,) code in `_SYMMETRIES`; PairingError if none.
+def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
+    """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises PairingError.
 
-    Facets are projected along the direction, if there is one; partners have the nearest centres, each way, and nodes
-    that coincide.
+    Partners have the nearest centres, both ways, and coincident nodes, projected along the direction if one is given.
     """
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
@@ -177,8 +152,8 @@ def _match(mesh, pair, first, second):
         )
     _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]
-    if pair.direction is not None:
-        direction = pair.unit_direction
+    direction = pair.unit_direction
+    if direction is not None:
         points = [x - (x @ direction)[..., None] * direction for x in points]
     size = np.sqrt(
         np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max()
@@ -186,37 +161,35 @@ def _match(mesh, pair, first, second):
     centres = [x.mean(axis=1) for x in points]
     match = cKDTree(centres[1]).query(centres[0])[1]
     back = cKDTree(centres[0]).query(centres[1])[1]
-    astray = back[match] != np.arange(len(match))
-    seen = points[1][match]
-    images = np.stack([seen[:, _face_order(mesh.order, code)] for code in range(8)], axis=1)
-    offset = ((points[0][:, None] - images) ** 2).sum(axis=(2, 3))
-    symmetry = offset.argmin(axis=1)
+    images = np.stack([points[1][match][:, _face_order(mesh.order, code)] for code in range(8)], axis=1)
+    symmetry = ((points[0][:, None] - images) ** 2).sum(axis=(2, 3)).argmin(axis=1)
     difference = points[0] - images[np.arange(len(match)), symmetry]
-    if pair.direction is None:
+    if direction is None:
         normal = mesh.outward_normals(first)
         difference -= np.einsum("nmi,ni,nj->nmj", difference, normal, normal)
-    far = np.linalg.norm(difference, axis=2).max(axis=1)
-    astray |= far > (_MATCH if pair.direction is not None else _ASTRAY) * size
-    if astray.any():
-        cell, face = first[astray][0]
-        centre, alike = mesh.facet_points(first[astray][:1]).mean(axis=(0, 1)), "mesh both surfaces alike"
+    distance = np.linalg.norm(difference, axis=2).max(axis=1)
+    limit = (_OFFSET if direction is None else _MATCH) * size
+    unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
+    if unmatched.any():
+        cell, face = first[unmatched][0]
         if pair.direction is None:
-            advice = f"{alike}, or give the direction in which they face each other"
+            advice = ", or give the direction in which they face each other"
         else:
-            advice = f"{alike}: seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
+            advice = f": seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
         raise PairingError(
-            f"{label}: {astray.sum()} of {len(first)} facets have no partner, the first near {centre} (face {face} of "
-            f"root cell {cell}); nodes are up to {far.max():.3g} apart; {advice}"
+            f"{label}: {unmatched.sum()} of {len(first)} facets have no partner, the first near "
+            f"{mesh.facet_points(first[unmatched][:1]).mean(axis=(0, 1))} (face {face} of root cell {cell}); nodes are "
+            f"up to {distance.max():.3g} apart; mesh both surfaces alike{advice}"
         )
     _check_one_to_one(mesh, label, first, second[match], symmetry)
     return match, symmetry
 
 
-def _check_facing(mesh, label, pair, first, second):
-    """A given direction must lead out of the first body and into the second."""
-    if pair.direction is None:
-        return
+def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Array, second: Int32Array) -> None:
+    """Raises PairingError unless a given direction points out of the first body and into the second."""
     direction = pair.unit_direction
+    if pair.direction is None or direction is None:
+        return
     for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
         if away.any():
@@ -228,8 +201,8 @@ def _check_facing(mesh, label, pair, first, second):
             )
 
 
-def _face_order(order, code):
-    """Node of the second facet that faces each node of the first, for a symmetry code: ((p+1)^2,) int."""
+def _face_order(order: int, code: int) -> Int64Array:
+    """Node ((p+1)^2,) of the second facet that faces each node of the first, for a symmetry code."""
     swap, flip_u, flip_v = _SYMMETRIES[code]
     v, u = np.divmod(np.arange((order + 1) ** 2), order + 1)
     a, b = (v, u) if swap else (u, v)
@@ -237,16 +210,19 @@ def _face_order(order, code):
     return a + (order + 1) * b
 
 
-def _inverse(symmetry):
+def _inverse(symmetry: IntArray) -> Int64Array:
     """Codes of the inverse maps: undo the flips, then the swap."""
     swap, flip_u, flip_v = _SYMMETRIES[symmetry].T
     return 4 * swap + 2 * np.where(swap, flip_v, flip_u) + np.where(swap, flip_u, flip_v)
 
 
-def _check_one_to_one(mesh, label, first, second, symmetry):
-    nodes = hexahedron.face_nodes(mesh.order)
-    one = mesh.cells[first[:, :1], nodes[first[:, 1]]]
-    two = mesh.cells[second[:, :1], nodes[second[:, 1]]]
+def _check_one_to_one(
+    mesh: RootMesh, label: str, first: Int32Array, second: Int32Array, symmetry: Int64Array
+) -> None:
+    """Raises PairingError if a node faces several nodes."""
+    of_face = hexahedron.face_nodes(mesh.order)
+    one = mesh.cells[first[:, :1], of_face[first[:, 1]]]
+    two = mesh.cells[second[:, :1], of_face[second[:, 1]]]
     two = np.take_along_axis(two, np.array([_face_order(mesh.order, code) for code in range(8)])[symmetry], axis=1)
     links = np.unique(np.stack([one.ravel(), two.ravel()], axis=1), axis=0)
     for column in links.T:
@@ -258,11 +234,11 @@ def _check_one_to_one(mesh, label, first, second, symmetry):
             )
 
 
-def _rim(mesh, facets):
-    """Which of the `hexahedron.FACE_EDGES` of facets are on the rim (`Pairing`): (n, 4) bool.
+def _rim(mesh: RootMesh, facets: Int32Array) -> BoolArray:
+    """Mask (n, 4) of the edges of facets (n, 2) that are on the rim (`Pairing`).
 
-    A cell that meets the surface in an edge only need not be refined with the facing leaves: a vertex could hang on one
-    side only.
+    A cell that has only an edge on the surface need not be refined with the facing leaves, so that a vertex could be
+    hanging on one side only.
     """
     edges = mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]]
     around = np.bincount(mesh.edges.ravel())

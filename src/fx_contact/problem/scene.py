@@ -1,4 +1,4 @@
-"""A contact problem: materials, conditions and contact pairs on a root mesh.  Frozen, validated when made; local."""
+"""Contact problem: materials, conditions, loads and contacts on a root mesh; frozen and validated.  All is local."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
 from fx_contact.problem import hexahedron
@@ -22,10 +23,10 @@ from fx_contact.problem.contact import Contact
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
-from fx_contact.problem.mirrors import mirrors_of
+from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene_validation import check_held, check_units
+from fx_contact.problem.scene_validation import check_constrained, check_units
 from fx_contact.problem.summary import scene_summary
 
 
@@ -35,21 +36,20 @@ class Scene:
 
     Attributes:
         name: for records and file names.
-        mesh: RootMesh.
-        materials: body name -> Material, one for each body.
-        dirichlet: prescribed displacements (`Dirichlet`) and symmetry planes (`SymmetryPlane`).
-        contact: contacts (`ContactPair`); each facet is in one of them.
-        tractions: surface forces: `Traction` and `Pressure`; those on one surface add up.
-        body_forces: `BodyForce`; those on one body add up.
-        symmetry: how many copies of the modelled part make the whole (4 for a quarter model); total forces in the
-            records are those of the whole; vectors where symmetry planes say how the copies lie (`mirrors`).
-        contact_centre: a point on the axis about which `contact_radius` is measured, and about which moments are
-            taken [m]; None: the centroid of the contact forces.  Of a part it is moved onto the planes of symmetry.
+        materials: by body name, one for each body.
+        dirichlet: prescribed displacements and symmetry planes.
+        contact: contacts; a facet is in at most one of them.
+        tractions: surface forces; those on one surface add up.
+        symmetry: number of symmetric parts, one of which is modelled (4 for a quarter model).  Total forces in the
+            records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
+        contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
+            planes; None: the centroid of the contact forces.
+        body_forces: those on one body add up.
 
     Raises:
-        SceneError: an unknown body, surface or vertex, a body without material, two values for one component at one
-            place, a prescribed displacement that is not finite or across a symmetry plane, a symmetry plane that is not
-            plane, a number of copies that the planes of symmetry cannot make, a body that nothing holds.
+        SceneError: an unknown body, surface or vertex, a body without material, different values of a component at a
+            node, a prescribed displacement that is not finite or across a symmetry plane, a symmetry plane that is not
+            plane, a number of parts that does not follow from the symmetry planes, an unconstrained body.
     """
 
     name: str
@@ -62,12 +62,12 @@ class Scene:
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         mesh = self.mesh
         check_label("the name of a scene", self.name)
         if not isinstance(mesh, RootMesh):
             raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
-        for name, kinds in _PARTS.items():
+        for name, kinds in _ITEMS.items():
             items = getattr(self, name)
             if not isinstance(items, (tuple, list)) or not all(isinstance(item, kinds) for item in items):
                 wanted = " and ".join(kind.__name__ for kind in kinds)
@@ -85,55 +85,45 @@ class Scene:
         for force in self.body_forces:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
-        check_held(self)
-        _ = self.mirrors  # whether planes can make so many copies
+        check_constrained(self)
+        _ = self.mirrors  # raises an error for an impossible number of parts
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return scene_summary(self)
 
     @cached_property
-    def conditions(self):
-        """Tuple of Dirichlet and ObliquePlane: `dirichlet`, symmetry planes among them as what they hold."""
+    def conditions(self) -> tuple[Dirichlet | ObliquePlane, ...]:
+        """`dirichlet`, with each symmetry plane as a condition on the displacement."""
         return tuple(c.on(self.mesh) if isinstance(c, SymmetryPlane) else c for c in self.dirichlet)
 
     @cached_property
-    def oblique_planes(self):
-        """Tuple of ObliquePlane, those among the `conditions`."""
+    def oblique_planes(self) -> tuple[ObliquePlane, ...]:
+        """Those of the `conditions` that are oblique planes."""
         return tuple(c for c in self.conditions if isinstance(c, ObliquePlane))
 
     @cached_property
-    def mirrors(self):
-        """How copies of the modelled part make the whole (`Mirrors`)."""
+    def mirrors(self) -> Mirrors:
+        """Symmetry group of the scene."""
         return mirrors_of(self)
 
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
-        """Root facets on contact surfaces (`ContactSurfaces`)."""
+        """Root facets on contact surfaces."""
         return ContactSurfaces(self.mesh, self.contact)
 
     @cached_property
     def pairing(self) -> Pairing:
-        """Root facets that face each other (`Pairing`)."""
+        """Root facets that face each other."""
         return Pairing(self.mesh, self.contact)
 
     @cached_property
-    def rigid_motions(self):
-        """Rigid motions of the bodies, and which of them conditions stop (`RigidMotions`)."""
+    def rigid_motions(self) -> RigidMotions:
+        """Rigid motions of the bodies, and the conditions on them."""
         planes = [(self.place(plane.where), np.array(plane.normal)) for plane in self.oblique_planes]
         return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes)
 
-    def place(self, name):
-        """Corner nodes of a named surface, curve or vertex of the root mesh.
-
-        Args:
-            name: of a surface, a curve or a vertex.
-
-        Returns:
-            (n,) int64 nodes.
-
-        Raises:
-            SceneError: nothing has that name.
-        """
+    def place(self, name: str) -> Int64Array:
+        """Corner nodes (n,) of a surface, curve or vertex of the root mesh.  Raises SceneError for an unknown name."""
         mesh = self.mesh
         check_name(
             "surface, curve or vertex", name, [*mesh.surfaces, *mesh.curves, *mesh.vertices], "the root mesh has"
@@ -146,38 +136,21 @@ class Scene:
             return np.unique(mesh.corners[cell[:, None], hexahedron.EDGE_CORNERS[edge]])
         return mesh.vertices[name]
 
-    def samples(self, name):
-        """Points at which a function on a named place or body is checked: a lattice of order 5 on its root cells.
-
-        Args:
-            name: of a surface, a curve, a vertex or a body.
-
-        Returns:
-            (n, 3) float64 [m].
-        """
+    def samples(self, name: str) -> FloatArray:
+        """Sampling points (n, 3) [m] of a surface, curve, vertex or body, for functions of position."""
         mesh = self.mesh
         if name in mesh.surfaces:
             return mesh.facet_points(mesh.surfaces[name], _SAMPLES).reshape(-1, 3)
-        cells, along = np.flatnonzero(mesh.body == mesh.bodies.index(name)) if name in mesh.bodies else None, None
         if name in mesh.curves:
-            cells, along = mesh.curves[name].T
-        if cells is None:
-            return mesh.points[self.place(name)]
-        axes = np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1))
-        points = mesh.evaluate(cells, axes)
-        if along is not None:
-            points = np.take_along_axis(points, hexahedron.edge_nodes(_SAMPLES)[along][:, :, None], axis=1)
-        return points.reshape(-1, 3)
+            cells, edges = mesh.curves[name].T
+            nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
+            return np.take_along_axis(_sampled(mesh, cells), nodes[:, :, None], axis=1).reshape(-1, 3)
+        if name in mesh.bodies:
+            return _sampled(mesh, np.flatnonzero(mesh.body == mesh.bodies.index(name))).reshape(-1, 3)
+        return mesh.points[self.place(name)]
 
-    def contact_directions(self, facets):
-        """Direction in which facets of first surfaces face others: as given, or the mean normal.
-
-        Args:
-            facets: (n, 2) int rows (root cell, local face).
-
-        Returns:
-            (n, 3) float64, unit vectors out of the first body [-].
-        """
+    def contact_directions(self, facets: IntArray) -> FloatArray:
+        """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
         of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
         for index, contact in enumerate(self.contact):
@@ -185,24 +158,18 @@ class Scene:
                 result[of == index] = contact.unit_direction
         return result
 
-    def prescribed(self, points):
-        """Prescribed displacements at the nodes of the root mesh.
-
-        Args:
-            points: (npoints, 3) float64, the nodes' positions [m].
-
-        Returns:
-            (npoints, 3) float64 [m], NaN where free.
+    def prescribed(self, points: FloatArray) -> FloatArray:
+        """Prescribed displacements (npoints, 3) [m] of the root mesh's nodes at `points` (npoints, 3), NaN where free.
 
         Raises:
             SceneError: an unknown place, two values for one component at one node, or one across a symmetry plane.
         """
         conditions = [condition for condition in self.conditions if isinstance(condition, Dirichlet)]
         places = [self.place(condition.where) for condition in conditions]
-        said = [condition.at(points[nodes]) for condition, nodes in zip(conditions, places)]
-        largest = max((np.nanmax(np.abs(values), initial=0.0) for values in said), default=0.0)
+        given = [condition.at(points[nodes]) for condition, nodes in zip(conditions, places)]
+        largest = max((np.nanmax(np.abs(values), initial=0.0) for values in given), default=0.0)
         result = np.full((len(points), 3), np.nan)
-        for condition, nodes, values in zip(conditions, places, said):
+        for condition, nodes, values in zip(conditions, places, given):
             result[nodes] = merged(result[nodes], condition, values, _SAME * largest, points[nodes].__getitem__)
         for plane in self.oblique_planes:
             nodes = self.place(plane.where)
@@ -210,20 +177,25 @@ class Scene:
         return result
 
 
-#: What the parts of a scene may be.
-_PARTS = {
+#: Classes of the items of a scene.
+_ITEMS = {
     "dirichlet": (Dirichlet, SymmetryPlane),
     "contact": (Contact,),
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
 }
-#: Order of the lattice at which functions of position are checked.
+#: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5
 #: Largest difference of two conditions on one component, relative to the largest prescribed displacement.
 _SAME = 1e-12
 
 
-def check_scene(scene):
-    """Raises SceneError unless a value is a Scene.  Local."""
+def _sampled(mesh: RootMesh, cells: IntArray) -> FloatArray:
+    """Sampling points (n, m, 3) [m] of root cells (n,)."""
+    return mesh.evaluate(cells, np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1)))
+
+
+def check_scene(scene: object) -> None:
+    """Raises SceneError unless a value is a Scene."""
     if not isinstance(scene, Scene):
         raise SceneError(f"the scene must be a Scene, got {shown(scene)}")

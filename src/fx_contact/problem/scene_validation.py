@@ -1,26 +1,30 @@
-"""Checks of a scene that need all of it: one system of units, small strains, bodies that are held."""
+"""Consistency of a scene: one system of units, small strains, no unconstrained body.  All is local."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import PLANE
-from fx_contact.problem.contact_surfaces import ContactSurfaces
-from fx_contact.problem.facet_pairing import Pairing
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
 
-#: Largest ratios of two bodies' moduli and sizes that double precision holds in one system [-].
+if TYPE_CHECKING:
+    from fx_contact.problem.scene import Scene
+
+#: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
-#: Difference of two prescribed displacements over the size of all bodies above which no strain can be small [-].
+#: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
 
 
-def check_units(scene):
-    """Raises SceneError for moduli, sizes or displacements that cannot be in one system of units.  Local."""
+def check_units(scene: Scene) -> None:
+    """Raises SceneError for moduli, sizes or displacements that cannot be in one system of units."""
     mesh = scene.mesh
     young = {name: scene.materials[name].young for name in mesh.bodies}
-    soft, hard = min(young, key=young.get), max(young, key=young.get)
+    soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
     if young[hard] > _STIFFEST * young[soft]:
         raise SceneError(
             f"body {hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
@@ -34,24 +38,25 @@ def check_units(scene):
                 f"body {name!r} is {own:.3g} large, all bodies together {size:.3g}: check the units "
                 "and the place of each body"
             )
-    for component, values in zip("xyz", scene.prescribed(mesh.points).T):
-        known = values[~np.isnan(values)]
+    prescribed = scene.prescribed(mesh.points)
+    for component, name in enumerate(COMPONENTS):
+        known = prescribed[~np.isnan(prescribed[:, component]), component]
         if len(known) and np.ptp(known) > _LARGEST_STRAIN * size:
             raise SceneError(
-                f"prescribed displacements along {component} differ by {np.ptp(known):.3g}, and all bodies together "
+                f"prescribed displacements along {name} differ by {np.ptp(known):.3g}, and all bodies together "
                 f"are {size:.3g} large: strains must be small, check the units"
             )
 
 
-def check_held(scene):
-    """Raises SceneError for a rigid motion that neither a condition nor contact resists.  Local."""
-    mesh, motions = scene.mesh, scene.rigid_motions
+def check_constrained(scene: Scene) -> None:
+    """Raises SceneError for a rigid motion that neither a condition nor contact resists."""
+    motions = scene.rigid_motions
     first = scene.contact_surfaces.facets(0)
     direction = scene.contact_directions(first)
-    points = _resisting(scene, first, direction).reshape(-1, 3)
+    points = _resisting_points(scene, first, direction).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
-        for bodies in (mesh.body[first[:, 0]], _bodies_across(mesh, scene.contact_surfaces, scene.pairing, first))
+        for bodies in (scene.mesh.body[first[:, 0]], _opposite_bodies(scene, first))
     )
     resisted = here - there
     loose = motions.unresisted(resisted.T @ resisted)
@@ -63,11 +68,10 @@ def check_held(scene):
         )
 
 
-def _bodies_across(
-    mesh: RootMesh, surfaces: ContactSurfaces, pairing: Pairing, first: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
-    """Bodies across facets (n, 2) of first surfaces: (n,), of partners or the nearest facets; -1: an obstacle."""
-    partner = pairing.partner[first[:, 0], first[:, 1], 0].astype(np.int64)
+def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
+    """Bodies (n,) opposite facets (n, 2) of first surfaces: of partners or nearest facets, -1 for an obstacle."""
+    mesh, surfaces = scene.mesh, scene.contact_surfaces
+    partner = scene.pairing.partner[first[:, 0], first[:, 1], 0].astype(np.int64)
     result = np.where(partner >= 0, mesh.body[partner], -1).astype(np.int64)
     of = surfaces.contact[first[:, 0], first[:, 1]]
     second = surfaces.facets(1)
@@ -79,11 +83,10 @@ def _bodies_across(
     return result
 
 
-def _resisting(scene, facets, direction):
-    """Points at which contact facets resist motions along a direction: (n, 4, 3) float64 [m].
+def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
+    """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3).
 
-    The corners; for a curved facet that faces others along its normals the mean of the corners, four times, since only
-    there the direction is the normal.
+    The corners; for a curved facet without a given direction four times their mean, where `direction` is the normal.
     """
     corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)
