@@ -7,8 +7,8 @@ from model_problems import DISTRIBUTIONS, conforming_positions, discrete, grown,
 
 from fx_contact import Enforcement, Material
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.node_pairs import create_node_pairs
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.krylov import ConjugateGradients
 from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, Sum
@@ -23,7 +23,7 @@ def problem(request):
     forest = DISTRIBUTIONS[request.param](grown(roots(scene), 2, share=0.2))
     elasticity = discrete(scene, forest, degree=2)
     supports = find_supports(scene, forest, elasticity.prolongation)
-    pairs = create_node_pairs(scene, forest, elasticity.prolongation, Enforcement())
+    pairs = create_rows(scene, elasticity.prolongation, Enforcement())
     jump, matrix = Jump(pairs, supports), elasticity.stiffness(pairs, mixed=True, supports=supports).mat
     reserve(matrix, jump)
     matrix.assemble()
