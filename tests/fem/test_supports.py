@@ -70,11 +70,11 @@ def test_matrix_of_what_is_free(problem, degree):
         return y.array.reshape(-1, 3).copy()
 
     u, matrix = noise(position), elasticity.stiffness(supports=supports).mat
-    expected = supports.along_planes(times(elasticity.stiffness().mat, supports.along_planes(u)))
+    expected = supports.tangential(times(elasticity.stiffness().mat, supports.tangential(u)))
     size = WORLD.allreduce(float((expected**2).sum())) ** 0.5
     difference = times(matrix, u) - expected
     assert WORLD.allreduce(float((difference**2).sum())) ** 0.5 < 1e-13 * size
-    across = u - supports.along_planes(u)
+    across = u - supports.tangential(u)
     supports.add_normal_part(matrix, matrix.getDiagonal().array.reshape(-1, 3))
     held = times(matrix, across)
     stiffness = (held * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-30)
@@ -102,7 +102,7 @@ def _check_coarse_level(elasticity, supports):
     other = z.duplicate()
     coarse.matrix.mult(x, other)
     assert (other - z).norm() < 1e-12 * z.norm()
-    moved = frames.along_planes(np.where(frames.free, noise(position), 0.0))
+    moved = frames.tangential(np.where(frames.free, noise(position), 0.0))
     lengths = [(values**2).sum(axis=1) for values in (moved, x.array.reshape(-1, 3))]
     everywhere(np.abs(lengths[0] - lengths[1]).max(initial=0.0) < 1e-13, "frames that are not orthonormal")
 

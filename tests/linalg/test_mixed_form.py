@@ -104,7 +104,7 @@ class Weights(PressureOperator):
         """None of its own."""
         return np.zeros((2, 3))
 
-    strains = forces = forces_of_held = add_to = None
+    strains = forces = prescribed_forces = add_to = None
 
 
 def test_bound_is_of_both_residuals():

@@ -1,50 +1,51 @@
-"""Which rows are closed: the active set, its first guess and its updates.
+"""The active set of closed rows: first guess and updates.
 
 All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
 SIAM J. Optim. 13(3), 2002).  That may cycle.  When a set comes back, single rows change, the lowest key first, until
 fewer rows are wrong than ever before.  Contact is a linear complementarity problem with a positive definite matrix, for
-which this rule ends (K. G. Murty, Math. Program. 7, 1974), and so does the whole (L. F. Portugal, J. J. Judice,
-L. N. Vicente, Math. Comput. 63, 1994).
+which the single changes end (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal,
+J. J. Judice, L. N. Vicente, Math. Comput. 63, 1994).
 """
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import loose_bodies
+from fx_contact.contact.constraint_rows import ConstraintRows, loose_bodies
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
+from fx_contact.problem.scene import Scene
 
 
 class ActiveSet:
-    """The closed rows, from a first guess of the displacement on.
+    """The closed rows, at first those that are closed or closest to touching by a displacement.
 
     Collective on the prolongation's comm.
 
     Args:
-        rows: ConstraintRows.
-        scene: Scene, to see which bodies an active set leaves loose; None: not looked at.
-        u: (owned, 3) float64, first guess of the displacement [m].
-        most: most updates.
+        scene: to find bodies that an active set leaves loose; None: not checked.
+        u: (owned, 3), first guess of the displacement [m].
+        most: largest number of updates.
 
     Attributes:
-        active: (n,) bool, closed rows.
+        active: (n,), closed rows.
         updates: number of active sets tried.
     """
 
-    #: Bands of rows closest to touching that close to hold a loose body, relative to the range of the gaps: from
-    #: rounding to all of them, in factors of 4.
+    #: Bands of rows closest to touching that are closed to support a loose body, relative to the range of the gaps:
+    #: from rounding to all of them, in factors of 4.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
     #: Penetrations and gaps up to this part of the largest displacement are rounding: 1e4 times that of a double.  Rows
     #: that were closed on the coarser mesh have no other: they begin closed.
     _TOUCHING = 1e-12
 
-    def __init__(self, rows, scene, u, most):
+    def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int) -> None:
         self._rows, self._scene, self._most = rows, scene, most
         self._comm = rows.prolongation.comm
-        self.updates, self._loose = 1, []
+        self.updates = 1
         penetration = rows.penetration(u)
         deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = penetration >= min(deepest, 0.0) - rounding
-        self.active = self._held(closed, penetration)
+        self.active = self._supporting(closed, penetration)
         self.reset_cycles()
 
     def reset_cycles(self) -> None:
@@ -52,32 +53,29 @@ class ActiveSet:
         self._tried, self._fewest, self._single = [self.active], np.inf, False
         self._penetrate_when_open = False
 
-    def wanted(self, trial, noise):
-        """The status that each row should have.
+    def wanted(self, trial: FloatArray, noise: float) -> BoolArray:
+        """The status (n,) that each row should have.
 
-        Collective.  A row keeps its status if its trial force is below the error of the linear solver.  If all are,
-        the bodies touch without force, and all rows open, unless they have penetrated by more when all were open.
-        Where a body is left loose, the rows closest to touching are closed; `check_held` tells whether they press.
+        A row keeps its status if its trial force is below the error of the linear solver.  If all are, the bodies touch
+        without force, and all rows open, unless they have penetrated by more when all were open.  Where a body is left
+        loose, the rows closest to touching are closed; `check_supported` tells if they pull.
 
         Args:
-            trial: (n,) float64, force of closed rows, and k (B u - D) of open ones [N].
+            trial: (n,), force of closed rows, and k (B u - D) of open ones [N].
             noise: error of the displacement in the energy norm [J^(1/2)].
-
-        Returns:
-            (n,) bool.
         """
         pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
         hardest = self._max(pressure)
         self._penetrate_when_open |= hardest > noise and not self.differs(np.zeros_like(self.active))
         press = hardest > noise or self._penetrate_when_open
         wanted = pressure > (np.where(self.active, -noise, noise) if press else hardest)
-        return self._held(wanted, trial / self._rows.capped_stiffness)
+        return self._supporting(wanted, trial / self._rows.capped_stiffness)
 
-    def check_held(self):
-        """See that the rows that hold the bodies press.  Local.
+    def check_supported(self) -> None:
+        """See that the rows that support the bodies press.  Local.
 
         Raises:
-            SolveError: the last status wanted needs rows that pull, to hold a body.
+            SolveError: the last status wanted needs rows that pull, to support a body.
         """
         if self._loose:
             raise SolveError(
@@ -86,29 +84,24 @@ class ActiveSet:
                 "with the resultant inside the contact surface"
             )
 
-    def differs(self, other):
-        """Number of rows on all ranks whose status differs.  Collective."""
+    def differs(self, other: BoolArray) -> int:
+        """Number of rows on all ranks whose status differs."""
         return self._comm.allreduce(int((self.active != other).sum()))
 
-    def cycles(self, wanted):
-        """Whether a set, (n,) bool, was tried before.  Collective."""
+    def cycles(self, wanted: BoolArray) -> bool:
+        """True for a set (n,) that was tried before."""
         same = np.array([np.array_equal(wanted, tried) for tried in self._tried], dtype=np.int8)
         self._comm.Allreduce(MPI.IN_PLACE, same, op=MPI.MIN)
         return bool(same.any())
 
-    def update(self, wanted):
-        """Change all rows that are wrong, or one of them if all at once would lead back to a set that was tried.
-
-        Collective.
-
-        Args:
-            wanted: (n,) bool, not the present set.
+    def update(self, wanted: BoolArray) -> None:
+        """Change all rows (n,) that are wrong, or one of them if all at once lead back to a set that was tried.
 
         Raises:
-            SolveError: there were too many updates, or nothing holds a body but rows that pull.
+            SolveError: there were too many updates, or a body is supported by rows that pull alone.
         """
         if self.cycles(wanted):
-            self.check_held()
+            self.check_supported()
         self.updates += 1
         if self.updates > self._most:
             raise SolveError(
@@ -127,19 +120,19 @@ class ActiveSet:
         self.active = wanted
         self._tried.append(wanted)
 
-    def _held(self, active, penetration):
-        """An active set, with the rows closest to touching that it needs to hold all bodies."""
+    def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
+        """An active set, with the rows closest to touching that it needs to support all bodies."""
         self._loose = self._loose_bodies(active)
         if self._loose:
             top, bottom = self._max(penetration), -self._max(-penetration)
             for band in self._BANDS:
-                more = active | (penetration >= top - band * (top - bottom))
+                more: BoolArray = active | (penetration >= top - band * (top - bottom))
                 if not self._loose_bodies(more):
                     return more
         return active
 
-    def _loose_bodies(self, active):
+    def _loose_bodies(self, active: BoolArray) -> list[str]:
         return [] if self._scene is None else loose_bodies(self._scene, self._rows, active)
 
-    def _max(self, values):
+    def _max(self, values: FloatArray) -> float:
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)

@@ -13,37 +13,36 @@ from fx_contact.contact.initial_guess import relax
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.fem.supports import Supports
-from fx_contact.linalg.operator import Array, Mask
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import ROUNDING
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """The end of the contact loop, on this rank's nodes and rows.
+    """Result of the contact loop, on this rank's nodes and rows.
 
     Attributes:
         displacement: (owned, 3), conforming [m].
         active: (n,), closed rows.
-        force: (n,), contact force of each row, compression positive [N]; 0 where conditions hold all its vertices: they
-            carry it.
-        pressure: (n,), as from `ConstraintRows.pressure` [Pa].
+        force: (n,), contact force of each row, compression positive [N]; 0 where all its nodes are constrained.
+        pressure: (n,), from `ConstraintRows.pressure` [Pa].
         penetration: (n,), B u - D, positive where the bodies penetrate [m].
         contact_iterations: number of active sets tried.
         krylov_iterations: of each linear solve.
-        preconditioner: name of that of the last solve, as `LinearSolver` has it.
-        energy_error: bound of the linear solver's error in the norm of the operator [J^(1/2)].
-        rounding: energy norm (4) that rounding may leave of a rigid motion [J^(1/2)].
+        preconditioner: of the last solve, as `LinearSolver.preconditioner`.
+        energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
+        rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
     """
 
-    displacement: Array
-    active: Mask
-    force: Array
-    pressure: Array
-    penetration: Array
+    displacement: FloatArray
+    active: BoolArray
+    force: FloatArray
+    pressure: FloatArray
+    penetration: FloatArray
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
@@ -51,35 +50,36 @@ class ContactSolution:
     rounding: float
 
 
-def solve_contact(problem: ContactProblem, start: Array, options: SolveOptions, stages: Stages) -> ContactSolution:
+def solve_contact(
+    problem: ContactProblem, start: FloatArray, options: SolveOptions, stages: Stages
+) -> ContactSolution:
     """The solution of `solve_system`, whose system is freed.  Collective on problem.matrix.comm."""
     with PetscObjects(problem.matrix.mat, problem.coarse) as objects:
         return solve_system(problem, start, options, stages, objects)[0]
 
 
 def solve_system(
-    problem: ContactProblem, start: Array, options: SolveOptions, stages: Stages, objects: PetscObjects
+    problem: ContactProblem, start: FloatArray, options: SolveOptions, stages: Stages, objects: PetscObjects
 ) -> tuple[ContactSolution, ContactSystem | LinearSystem]:
     """Solve a contact problem: a linear system for each active set, until the set repeats itself.
 
     Collective on problem.matrix.comm.
 
     Args:
-        problem: its matrix is used up.
+        problem: its matrix belongs to the system from now on.
         start: (owned, 3), first guess of the displacement, whose penetrations are the first active set [m].
-        options: of the user.
-        stages: for the times.
         objects: free the system.
 
     Returns:
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets, nothing holds a body once the contact opens,
-            or conditions press nodes into each other.
+        SolveError: a linear solve fails, there are too many active sets, a body is loose once the contact opens, or
+            prescribed displacements force nodes to penetrate.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
+    active: BoolArray
     u = problem.supports.admissible(start)
     with stages("system"):
         jump = None if rows is None else Jump(rows, problem.supports)
@@ -88,7 +88,9 @@ def solve_system(
         matrix.assemble()
         load, root = _impose(matrix, problem.load, problem.supports)
     if rows is None or jump is None:
-        u, system = _solve_linear(problem, load, u, options.solver, stages, objects)
+        system = LinearSystem(problem, options.solver, stages, objects)
+        with stages("solve"):
+            u = system.solve(load, u, options.solver.tolerance)
         active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
     else:
         with stages("solve"):
@@ -115,26 +117,10 @@ def solve_system(
     return solution, system
 
 
-def _solve_linear(
-    problem: ContactProblem, load: Array, u: Array, options: Solver, stages: Stages, objects: PetscObjects
-) -> tuple[Array, LinearSystem]:
-    """The displacement without contact, and its system."""
-    with stages("system"):
-        solver = problem.linear_solver(options, objects)
-    with stages("setup"):
-        solver.set_up()
-    with stages("solve"):
-        system = LinearSystem(solver, problem.supports, options)
-        return system.solve(load, u, options.tolerance), system
-
-
 def _first_guess(
-    problem: ContactProblem, load: Array, jump: Jump, u: Array, options: Solver, carried: bool
-) -> tuple[ActiveSet, Array]:
-    """The first active set, whose capped penalty term the matrix then has, and a displacement close to its own.
-
-    Bodies without displacement are moved as a whole; a displacement carried from another mesh is relaxed.
-    """
+    problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: Solver, carried: bool
+) -> tuple[ActiveSet, FloatArray]:
+    """First active set, whose capped penalty term is added to the matrix, and a displacement close to its solution."""
     rows, matrix = jump.rows, problem.matrix.mat
     status = ActiveSet(rows, problem.scene, u, options.max_contact)
     capped = PenaltyTerm(jump, rows.capped_stiffness)
@@ -147,14 +133,10 @@ def _first_guess(
     return status, u
 
 
-def _find_active_set(system: ContactSystem, status: ActiveSet, u: Array, options: Solver) -> tuple[Array, Array]:
-    """Change the active set until it repeats itself: with the loose tolerance of the linear solver, then the tight one.
-
-    A cycle ends the loose phase.
-
-    Returns:
-        Displacement (owned, 3) [m] and trial forces (n,) [N].
-    """
+def _find_active_set(
+    system: ContactSystem, status: ActiveSet, u: FloatArray, options: Solver
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (owned, 3) [m] and trial forces (n,) [N] of the final set: loose tolerance first, then the tight."""
     tolerance = options.loose_tolerance
     while True:
         u = system.solve(status.active, u, tolerance)
@@ -168,22 +150,18 @@ def _find_active_set(system: ContactSystem, status: ActiveSet, u: Array, options
             tolerance = options.tolerance
             status.reset_cycles()
         else:
-            status.check_held()
+            status.check_supported()
             return u, trial
 
 
-def _impose(matrix: PETSc.Mat, load: Array, supports: Supports) -> tuple[Array, Array]:
-    """Eliminate held unknowns symmetrically, with identity rows scaled like the others.
+def _impose(matrix: PETSc.Mat, load: FloatArray, supports: Supports) -> tuple[FloatArray, FloatArray]:
+    """Eliminate prescribed unknowns symmetrically, with identity rows scaled like the others.
 
-    Returns:
-        Right-hand side [N], and the roots of the diagonal, both (owned, 3).
-
-    Raises:
-        SolveError: the matrix is not finite.
+    Returns the right-hand side [N], and the roots of the diagonal, both (owned, 3).
     """
     with PetscObjects() as objects:
         x, b = map(objects.add, matrix.createVecs())
-        x.array[:], b.array[:] = supports.values.ravel(), supports.along_planes(load).ravel()
+        x.array[:], b.array[:] = supports.values.ravel(), supports.tangential(load).ravel()
         rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~supports.free.ravel()).astype(np.int32)
         diagonal = objects.add(matrix.getDiagonal())
         scale = diagonal.sum() / diagonal.getSize()

@@ -1,4 +1,4 @@
-"""The linear system of an active set, with a preconditioner that is kept from one set to the next."""
+"""The linear system of an active set, whose preconditioner outlives changes of the set."""
 
 import numpy as np
 from mpi4py import MPI
@@ -7,42 +7,38 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.contact.projection import Projection
-from fx_contact.fem.supports import Supports
-from fx_contact.linalg.linear_solver import LinearSolver
-from fx_contact.linalg.operator import Array, Equations, Mask
+from fx_contact.linalg.operator import Equations
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
-#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver: a hundred times
-#: its default tolerance,
-_OF_APPROACH = 1e-6
-#: or up to this part of the largest displacement, rounding: 1e4 times that of a double.
-_OF_DISPLACEMENT = 1e-12
-#: Relative tolerance of dual solutions.  They steer refinement, which is to be the same on any number of ranks.
+#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver (a hundred times
+#: its default tolerance), and up to this part of the largest displacement rounding (1e4 times that of a double).
+_OF_APPROACH, _OF_DISPLACEMENT = 1e-6, 1e-12
+#: Relative tolerance of dual solutions: tight enough for the same refinement on any number of ranks.
 _DUAL = 1e-6
 
 
-def dual_tolerance(solver: Solver) -> float:
-    """Relative tolerance of dual solutions [-].  Local."""
-    return max(_DUAL, solver.tolerance)
-
-
 class LinearSystem:
-    """K u = L without contact: displacements and dual solutions, as `ContactSystem`, with a solver that is set up."""
+    """K u = L without contact: displacements and dual solutions, as `ContactSystem`."""
 
-    def __init__(self, solver: LinearSolver, supports: Supports, options: Solver) -> None:
-        self.solver, self._supports, self._options = solver, supports, options
+    def __init__(self, problem: ContactProblem, options: Solver, stages: Stages, objects: PetscObjects) -> None:
+        self._supports, self._dual_tolerance = problem.supports, max(_DUAL, options.tolerance)
+        with stages("system"):
+            self.solver = problem.linear_solver(options, objects)
+        with stages("setup"):
+            self.solver.set_up()
 
-    def solve(self, load: Array, u: Array, tolerance: float) -> Array:
+    def solve(self, load: FloatArray, u: FloatArray, tolerance: float) -> FloatArray:
         """The displacement [m] for a load [N], from a first guess [m], all (owned, 3)."""
-        return self._supports.along_planes(self.solver.solve(Equations(load), u, tolerance))
+        return self._supports.tangential(self.solver.solve(Equations(load), u, tolerance))
 
-    def dual(self, load: Array, _: Array | None = None) -> tuple[Array, Array]:
+    def dual(self, load: FloatArray, _: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """As `ContactSystem.dual`, without rows."""
         load = self._supports.free_part(load)
-        return self.solve(load, np.zeros_like(load), dual_tolerance(self._options)), np.zeros(0)
+        return self.solve(load, np.zeros_like(load), self._dual_tolerance), np.zeros(0)
 
 
 class ContactSystem:
@@ -55,24 +51,18 @@ class ContactSystem:
     Collective.
 
     Args:
-        problem: its matrix holds the capped penalty term of `active`; it is used up.
+        problem: its matrix, with the capped penalty term of `active`, belongs to the system from now on.
         load: (owned, 3), right-hand side without contact [N].
-        jump: B and D.
         active: (n,), closed rows.
-        options: of the user.
-        stages: for the times.
-        objects: free what is made here.
-
-    Attributes:
-        solver: of K with the capped penalty term.
+        objects: free the system.
     """
 
     def __init__(
         self,
         problem: ContactProblem,
-        load: Array,
+        load: FloatArray,
         jump: Jump,
-        active: Mask,
+        active: BoolArray,
         options: SolveOptions,
         stages: Stages,
         objects: PetscObjects,
@@ -93,19 +83,21 @@ class ContactSystem:
         self._is_set_up = False
 
     def _projection_of(self, jump: Jump) -> Projection | None:
-        """The Projection of projected rows; None: there are none."""
+        """Projection of the projected rows; None: there are none."""
         if self._exact:
             return Projection(jump)
         return Projection(jump, self._stiffness) if self._any(self._projected) else None
 
-    def _equations(self, jump: Jump, load: Array, stiffness: Array, projection: Projection | None) -> Equations:
-        """The equations of the active set with a penalty of the closed rows."""
+    def _equations(
+        self, jump: Jump, load: FloatArray, stiffness: FloatArray, projection: Projection | None
+    ) -> Equations:
+        """Equations of the active set with a penalty of the closed rows."""
         in_matrix = self._in_matrix * self._capped
         difference = self._active * stiffness - in_matrix
         term = PenaltyTerm(jump, difference) if self._any(difference) else None
         return Equations(load + PenaltyTerm(jump, in_matrix).load(), term, projection)
 
-    def solve(self, active: Mask, u: Array, tolerance: float) -> Array:
+    def solve(self, active: BoolArray, u: FloatArray, tolerance: float) -> FloatArray:
         """The displacement for closed rows (n,), from a first guess, both (owned, 3) [m]."""
         late = tolerance <= self._options.tolerance and self._disturbs(active)
         if not self._is_set_up or late or self.solver.is_slow:
@@ -120,9 +112,9 @@ class ContactSystem:
                 u = self._projection.onto_closed(u)
             equations = self._equations(self._jump, self._load, self._stiffness, self._projection)
         with self._stages("solve"):
-            return self._supports.along_planes(self.solver.solve(equations, u, tolerance))
+            return self._supports.tangential(self.solver.solve(equations, u, tolerance))
 
-    def _set_up(self, active: Mask) -> None:
+    def _set_up(self, active: BoolArray) -> None:
         """Build the preconditioner with the capped penalty term of an active set."""
         with self._stages("setup"):
             change = active * self._capped - self._in_matrix * self._capped
@@ -132,26 +124,19 @@ class ContactSystem:
             self.solver.set_up()
         self._in_matrix, self._is_set_up = active, True
 
-    def _disturbs(self, active: Mask) -> bool:
-        """Whether rows changed since the set-up of the preconditioner that are not projected now.
+    def _disturbs(self, active: BoolArray) -> bool:
+        """True if the status of rows that are not projected differs from that in the preconditioner.
 
-        Each is an outlier of the spectrum and costs iterations.  A penalty that only the preconditioner has makes the
-        penetration there look small in its norm, so the last solve allows none.
+        Each costs iterations, as an outlier of the spectrum, and hides the error of its penetration in the norm.
         """
         return self._any((self._in_matrix != active) & ~(active & self._projected))
 
-    def dual(self, load: Array, penetration: Array) -> tuple[Array, Array]:
-        """The dual solution z of K z + B^T f = l, B z = d on the closed rows, with nothing prescribed.
+    def dual(self, load: FloatArray, penetration: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Dual solution z (owned, 3) [m] of K z + B^T f = l, B z = d on the closed rows, and their forces f (n,) [N].
 
-        With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with l = B^T g and forces g on
-        open rows that of the gaps there.
-
-        Args:
-            load: (owned, 3), l; held directions are ignored [N].
-            penetration: (n,), d [m].
-
-        Returns:
-            z (owned, 3) [m], and the forces f of closed rows (n,) [N].
+        With d (n,) [m] equal to 1 on the closed rows of a contact pair, it is the adjoint of their force; with
+        l = B^T g and forces g on open rows that of the gaps there.  Constrained components of l (owned, 3) [N] are
+        ignored.
         """
         jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
         z, projection = np.zeros_like(load), self._projection_of(jump)
@@ -159,30 +144,21 @@ class ContactSystem:
             projection.close(self._active & self._projected)
             z = projection.onto_closed(z)
         equations = self._equations(jump, load, self._stiffness, projection)
-        z = self.solver.solve(equations, z, dual_tolerance(self._options))
+        z = self.solver.solve(equations, z, max(_DUAL, self._options.tolerance))
         force = PenaltyTerm(jump, self._capped).forces(z)
         if projection is not None:
             force += self._projected_forces(jump, load, projection, z)
-        return self._supports.along_planes(z), self._active * force
+        return self._supports.tangential(z), self._active * force
 
-    def _projected_forces(self, jump: Jump, load: Array, projection: Projection, u: Array) -> Array:
-        """Forces of projected rows beside those of the capped penalty, (n,) [N].
-
-        They balance the residual of the last solution, so that rounding of B u - D does not matter.
-        """
+    def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
+        """Forces (n,) [N] of projected rows beside the capped penalty, which balance the residual of the solution."""
         residual = self.solver.residual(self._equations(jump, load, self._capped, projection), u)
         return projection.apply_transpose(residual)
 
-    def trial(self, u: Array) -> Array:
-        """Force of closed rows, and of open ones the force k (B u - D) that a penalty would exert.
+    def trial(self, u: FloatArray) -> FloatArray:
+        """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Projected rows whose gap no displacement closes, because others at their nodes hold it open, count as open.
-
-        Args:
-            u: (owned, 3), the last solution [m].
-
-        Returns:
-            (n,), compression positive [N].
+        Compression is positive [N].  Projected rows that other rows at their nodes keep from closing count as open.
         """
         force = PenaltyTerm(self._jump, self._capped).forces(u)
         if self._projection is None:
@@ -192,15 +168,11 @@ class ContactSystem:
         closed = self._projection.closed & (penetration >= -self._rounding(projected, u))
         return np.where(closed, projected, force)
 
-    def check_apart(self, trial: Array, u: Array) -> None:
-        """See that conditions do not press closed rows into each other: no force could keep the bodies apart.
+    def check_apart(self, trial: FloatArray, u: FloatArray) -> None:
+        """See that prescribed displacements do not force closed rows to penetrate.
 
-        They do if the nearest displacement with B u = D leaves penetrations and no gaps.  A gap may be that of a row
-        that will open, and is waited for.
-
-        Args:
-            trial: (n,), as from `trial` [N].
-            u: (owned, 3), the last solution [m].
+        They do if the nearest displacement with B u = D leaves penetrations and no gaps: a row with a gap may open
+        later.  Forces are those of `trial` for the last solution u.
 
         Raises:
             SolveError: they do, by more than rounding.
@@ -219,20 +191,15 @@ class ContactSystem:
                 "one of them free"
             )
 
-    def _rounding(self, trial: Array, u: Array) -> float:
-        """Gaps and penetrations of closed rows up to which they are rounding [m].
-
-        Bodies approach by about energy over force, and no more than the largest displacement.
-        """
+    def _rounding(self, trial: FloatArray, u: FloatArray) -> float:
+        """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
         pressed = self._comm.allreduce(float(np.maximum(trial, 0.0)[self._active].sum()))
         moved = self._largest(u)
         approach = min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)
 
-    def _any(self, values: Mask | Array) -> bool:
-        """Whether one of the values on any rank is not 0."""
+    def _any(self, values: BoolArray | FloatArray) -> bool:
         return bool(self._comm.allreduce(bool(values.any()), op=MPI.LOR))
 
-    def _largest(self, values: Array) -> float:
-        """The largest absolute value on all ranks."""
+    def _largest(self, values: FloatArray) -> float:
         return float(self._comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))

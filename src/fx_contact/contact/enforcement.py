@@ -15,24 +15,24 @@ FACTOR = 100.0
 #: are rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
 #: Factor of the penalty in the preconditioner matrix in exact contact, and its cap for a penalty: stiffer rows are
-#: constrained by a projection.  A softer one tells the preconditioner too little of contact, a stiffer one couples the
-#: directions of oblique normals, which BoomerAMG does not see.  Measured by studies/cost/contact_constants.py.
+#: constrained by a projection.  A softer one misses the coupling of the bodies, a stiffer one couples the directions of
+#: oblique normals, which BoomerAMG ignores.  Measured by studies/cost/contact_constants.py.
 CAP = 10.0
 
 
 @dataclass(frozen=True)
 class Enforcement:
-    """How penetration is resisted.
+    """Method and stiffness by which contact resists penetration.
 
     Attributes:
         method: "exact": closed rows are eliminated, there is no penetration, the contact force is the residual;
-            "penalty": the force is k_N times the penetration, as in equation (1).
-        factor: c of the surface stiffness c E*/h [-], consistent under refinement, h the size of the facet; None: 100.
-        node_stiffness: k_N [N/m], the same for every node pair as in equation (1), instead of a factor.
+            "penalty": the force is k_N times the penetration (1).
+        factor: c of the surface stiffness c E*/h, h the size of the facet, consistent under refinement [-]; None: 100.
+        node_stiffness: k_N [N/m] of every node pair as in (1), instead of a factor.
 
     Raises:
-        SceneError: an unknown method, a value that is not positive, a penalty where the method takes none, a factor and
-            a node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
+        SceneError: an unknown method, a value that is not positive, a penalty in exact contact, both a factor and a
+            node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
     """
 
     method: str = METHODS[0]

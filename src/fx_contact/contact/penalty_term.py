@@ -1,51 +1,50 @@
 """The penalty term B^T k B: as entries of a matrix, and as an operator beside it."""
 
+from __future__ import annotations
+
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import bsr_matrix
 
 from fx_contact.contact.jump import Jump
 from fx_contact.linalg.matrix import add_blocks
-from fx_contact.linalg.operator import AffineOperator, Array, Mask
+from fx_contact.linalg.operator import Operator
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 
 
-class PenaltyTerm(AffineOperator):
-    """B^T k B, of forces B^T k (B u - D).
+class PenaltyTerm(Operator):
+    """B^T k B, with the forces B^T k (B u - D), for k (n,) of the rows, of any sign [N/m].
 
     Collective on the prolongation's comm.
-
-    Args:
-        jump: B and D.
-        stiffness: (n,), k of each row, of any sign [N/m].
     """
 
-    def __init__(self, jump: Jump, stiffness: Array) -> None:
+    def __init__(self, jump: Jump, stiffness: FloatArray) -> None:
         self._jump, self._stiffness = jump, stiffness
 
-    def of(self, rows: Mask | Array) -> "PenaltyTerm":
+    def of(self, rows: BoolArray | FloatArray) -> PenaltyTerm:
         """The term of some rows, or with k times factors (n,).  Local."""
         return PenaltyTerm(self._jump, rows * self._stiffness)
 
-    def add_product(self, u: Array, y: Array) -> None:
+    def add_product(self, u: FloatArray, y: FloatArray) -> None:
         """As `Operator.add_product`."""
         self._jump.matrix.add_transposed(self._stiffness * self._jump.matrix.times(u), y)
 
-    def add_force(self, u: Array, y: Array) -> None:
-        """As `AffineOperator.add_force`."""
+    def add_force(self, u: FloatArray, y: FloatArray) -> None:
+        """As `Operator.add_force`."""
         penetration = self._jump.matrix.times(u) - self._jump.gap
         self._jump.matrix.add_transposed(self._stiffness * penetration, y)
 
-    def diagonal(self) -> Array:
+    def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`."""
         return self._jump.matrix.squares(self._stiffness)
 
-    def load(self) -> Array:
+    def load(self) -> FloatArray:
         """B^T k D, (owned, 3) [N]."""
-        result = np.zeros((self._jump.rows.prolongation.owned, 3))
+        result: FloatArray = np.zeros((self._jump.rows.prolongation.owned, 3))
         self._jump.matrix.add_transposed(self._stiffness * self._jump.gap, result)
         return result
 
-    def forces(self, u: Array) -> Array:
+    def forces(self, u: FloatArray) -> FloatArray:
         """k (B u - D) of a displacement (owned, 3) [m]: (n,), compression positive [N]."""
         return self._stiffness * self._jump.penetration(u)
 
@@ -60,7 +59,7 @@ def reserve(mat: PETSc.Mat, jump: Jump) -> None:
     _add(mat, jump, np.ones(len(jump.gap), dtype=bool), np.zeros_like(jump.gap))
 
 
-def _add(mat: PETSc.Mat, jump: Jump, some: Mask, stiffness: Array) -> None:
+def _add(mat: PETSc.Mat, jump: Jump, some: BoolArray, stiffness: FloatArray) -> None:
     """Add B^T k B of some rows, zeros too."""
     blocks = jump.blocks
     which = some[blocks.row]

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 
-from fx_contact.contact.jump import Products
+from fx_contact.contact.jump import Jump, Products
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 
 
@@ -21,12 +21,11 @@ class Projection:
     Collective on the prolongation's comm.
 
     Args:
-        jump: Jump.
-        stiffness: (n,) float64, of a penalty by which closed rows yield [N/m]; None: they are rigid.
+        stiffness: (n,), penalty of closed rows [N/m]; None: they are rigid.
 
     Attributes:
-        closed: (n,) bool, the rows with B P = 0.
-        rigid: whether closed rows do not yield.
+        closed: (n,), the rows with B P = 0.
+        rigid: closed rows have no penalty.
     """
 
     #: Most iterations and relative residual of the Gram system.  Node pairs that share nodes are small separate blocks
@@ -36,7 +35,7 @@ class Projection:
     #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
 
-    def __init__(self, jump, stiffness=None):
+    def __init__(self, jump: Jump, stiffness: FloatArray | None = None) -> None:
         rows, blocks = jump.rows, jump.blocks
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
@@ -49,68 +48,44 @@ class Projection:
         count.scatter_reverse(InsertMode.add)
         most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
-        self._share = rows.area / rows.node_area if self._shared else 1.0
+        self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
         self.close(np.zeros(len(rows), dtype=bool))
 
-    def close(self, active):
-        """From now on project for other closed rows, but for those whose jump conditions prescribe.  Local.
-
-        Args:
-            active: (n,) bool.
-        """
+    def close(self, active: BoolArray) -> None:
+        """Set the closed rows, without those whose jump conditions prescribe.  Local."""
         self.closed = closed = active & self._jump.movable
         self._inverse = np.divide(1.0, self._diagonal, out=np.zeros(len(closed)), where=closed)
         self._scale = self._inverse * self._share
 
-    def onto_closed(self, u):
-        """The displacement nearest to u, in the norm of W, with B u = D on the closed rows.
+    def onto_closed(self, u: FloatArray) -> FloatArray:
+        """The displacement nearest to u, in the norm of W, with B u = D on the closed rows, both (owned, 3) [m].
 
-        Collective.  Where rows contradict each other, abs(B u - D) is least.
-
-        Args:
-            u: (owned, 3) float64 [m].
-
-        Returns:
-            (owned, 3) float64 [m].
+        Where rows contradict each other, abs(B u - D) is least.
         """
         u = u.copy()
         self._weighted.add_transposed(self._solve_gram(self._jump.gap - self._jump.matrix.times(u)), u)
         return u
 
-    def apply(self, u):
-        """u := P u.  Collective.
-
-        Args:
-            u: (owned, 3) float64 [m], contiguous; changed in place.
-        """
+    def apply(self, u: FloatArray) -> None:
+        """u := P u, (owned, 3) [m], contiguous."""
         self._weighted.add_transposed(-self._solve_gram(self._jump.matrix.times(u)), u)
 
-    def apply_transpose(self, f):
-        """f := P^T f.  Collective.
-
-        Args:
-            f: (owned, 3) float64 [N], contiguous; changed in place.
+    def apply_transpose(self, f: FloatArray) -> FloatArray:
+        """f := P^T f, (owned, 3) [N], contiguous.
 
         Returns:
-            (n,) float64, forces of the closed rows that balance what is projected away, compression positive [N].
+            (n,), forces of the closed rows that balance the rest of f, compression positive [N].
         """
         forces = self._solve_gram(self._weighted.times(f))
         self._jump.matrix.add_transposed(-forces, f)
         return forces
 
-    def add_yielding(self, forces, u):
-        """Add the displacement with B u = f / k on the closed rows, if they yield.
-
-        Collective.
-
-        Args:
-            forces: (n,) float64, f as from `apply_transpose` [N].
-            u: (owned, 3) float64 [m], contiguous; changed in place.
-        """
+    def add_yielding(self, forces: FloatArray, u: FloatArray) -> None:
+        """Add the displacement with B u = f / k on the closed rows, if they have a penalty, to u (owned, 3) [m]."""
         if self._compliance is not None:
             self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)
 
-    def _solve_gram(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _solve_gram(self, values: FloatArray) -> FloatArray:
         """(B W^-1 B^T)^-1 values on the closed rows, by conjugate residuals where it is not diagonal.
 
         Raises:
@@ -119,16 +94,17 @@ class Projection:
         if not self._shared:
             return self._inverse * values
         solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
-        first, past, direction, image = None, np.inf, 0.0, 0.0
+        first, past = -1.0, np.inf
+        direction, image = np.zeros_like(solution), np.zeros_like(solution)
         for _ in range(self._ITERATIONS):
             scaled = self._scale * residual
             product = self._gram_times(scaled)
             size, curvature = self._dots((residual, scaled), (scaled, product))
-            first = size if first is None else first
-            # Done; or what is left lies where rows are equal or contradict each other.
+            first = size if first < 0 else first
+            # Converged; or the residual belongs to equal or contradicting rows.
             if size <= self._RESIDUAL**2 * first or curvature <= self._SINGULAR * size:
                 break
-            direction, image = (new + curvature / past * old for new, old in ((scaled, direction), (product, image)))
+            direction, image = scaled + curvature / past * direction, product + curvature / past * image
             (length,) = self._dots((image, self._scale * image))
             step, past = curvature / length, curvature
             solution, residual = solution + step * direction, residual - step * image
@@ -139,10 +115,10 @@ class Projection:
             )
         return solution
 
-    def _gram_times(self, values):
-        u = np.zeros((self._jump.rows.prolongation.owned, 3))
+    def _gram_times(self, values: FloatArray) -> FloatArray:
+        u: FloatArray = np.zeros((self._jump.rows.prolongation.owned, 3))
         self._weighted.add_transposed(values, u)
         return np.where(self.closed, self._jump.matrix.times(u), 0.0)
 
-    def _dots(self, *factors):
+    def _dots(self, *factors: tuple[FloatArray, FloatArray]) -> FloatArray:
         return self._comm.allreduce(np.array([a @ b for a, b in factors]))

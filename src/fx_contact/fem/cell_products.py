@@ -1,30 +1,27 @@
 """P^T K P from dense cell matrices, many at a time.
 
 With C the rows of P of a cell's nodes, restricted to the columns of their masters, the cell adds C^T K_T C to the
-matrix.  Masters may be nodes of the cell; at degree 2 no master hangs itself and C is square.  Source: P. Munch, K.
-Ljungkvist, M. Kronbichler, ISC High Performance 2022, LNCS 13289.
+matrix.  Masters may be nodes of the cell.  Source: P. Munch, K. Ljungkvist, M. Kronbichler, ISC High Performance 2022,
+LNCS 13289.
 """
 
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 
 
 def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tuple[IntArray, FloatArray]:
-    """Cell matrices of a bilinear form with discontinuous functions, scalar or in blocks of 3.
+    """Matrices of cells with dofmaps (n, k) and (n, l), of a bilinear form over them with discontinuous functions.
 
     Collective on the mesh's communicator.
 
-    Args:
-        form: over the cells of the dofmaps.
-        rows, columns: (n, k) and (n, l), dofmaps of the cells.
-
     Returns:
-        (n,) cells in the order of their rows, as positions in `rows`, and their matrices: (n, k, l, 3, 3), or (n, k, l)
-        of scalars; the k and l nodes in the order of the element.
+        (n,) positions of the cells in `rows`, ordered by rows, and matrices of the element's nodes, (n, k, l, 3, 3), or
+        (n, k, l) of scalars.
     """
     matrix = fem.assemble_matrix(form)
     blocks = () if set(matrix.block_size) == {1} else tuple(matrix.block_size)
@@ -32,11 +29,18 @@ def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tupl
     return np.argsort(rows[:, 0]), data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
 
 
+def node_couplings(prolongation: Prolongation, cells: IntArray) -> csr_matrix:
+    """Couplings of the nodes of an index map by cells (n, k), nodes of the space: bool.  Local."""
+    entries = np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])
+    touches = csr_matrix(entries, (len(cells), len(prolongation.space))) @ prolongation.matrix.astype(bool)
+    return touches.T @ touches
+
+
 def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64Array, FloatArray]:
     """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l).
 
-    Local.  Masters are positions in the prolongation's index map, nodes in its space.  Cells with fewer than l masters
-    repeat one of them with weight 0.
+    Local.  Masters are positions in the index map, nodes in the space.  Cells with fewer masters repeat one with weight
+    0.
     """
     rows = prolongation.matrix[cells.ravel()]
     width = rows.shape[1]

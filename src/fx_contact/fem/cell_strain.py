@@ -1,10 +1,10 @@
-"""Strain and rotation of each cell, by the trilinear maps of its corners before and after: no form to compile."""
+"""Strain and rotation of each cell, by the trilinear maps of its corners, without a form to compile."""
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from fx_contact.parallel import compat
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.hexahedron import CORNERS
 
 #: Differences of the values at the corners along each axis of a cell, in the mean: the derivatives in its middle.
@@ -13,15 +13,10 @@ _DIFFERENCES = (2 * CORNERS.T - 1) / 4
 _CHUNK = 1 << 12
 
 
-def cell_strains(
-    displacement: fem.Function,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Strain, rotation and volume of this rank's cells.
+def cell_strains(displacement: fem.Function) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Strain, rotation and volume of this rank's cells, of a displacement on a leaf mesh [m].
 
     Local.  Of grad u in the middle of a cell, exact where u and the map of the cell are linear.
-
-    Args:
-        displacement: u at the nodes of a leaf mesh [m].
 
     Returns:
         three (ncells,): |sym grad u|, the Frobenius norm of the strain [-]; |curl u| / 2, the angle of the

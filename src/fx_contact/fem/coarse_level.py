@@ -2,7 +2,7 @@
 
 Conforming functions of degree 1 are conforming functions of degree 2, on hanging nodes and curved cells too.  So the
 interpolation I takes the values of the former at the conforming nodes of the latter, and the coarse matrix is I^T K I,
-here assembled at degree 1.  The idea: E. M. Ronquist, A. T. Patera, J. Sci. Comput. 2(4), 1987.
+here assembled at degree 1.  Source: E. M. Ronquist, A. T. Patera, J. Sci. Comput. 2(4), 1987.
 """
 
 import numpy as np

@@ -6,14 +6,14 @@ from mpi4py import MPI
 
 from fx_contact.parallel.errors import CompilationError
 
-#: Flags of the C compiler that allow reordered sums, so that loops over basis functions are vectorised.  The stiffness
-#: of a cell of degree 2 takes 390 microseconds with -O2, DOLFINx's default, and 135 with these.
+#: Flags of the C compiler that allow reordered sums, to vectorise loops over basis functions.  The stiffness of a cell
+#: of degree 2 takes 390 microseconds with -O2, DOLFINx's default, and 135 with these.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-signed-zeros", "-fno-trapping-math", "-fassociative-math"]
 _ARGS = "cffi_extra_compile_args"
 
 
 def _flags() -> list[str]:
-    """These flags, followed by those of the user's file of JIT options if it changes DOLFINx's default."""
+    """Flags, followed by those of the user's file of JIT options if it changes DOLFINx's default."""
     given = jit.get_options()[_ARGS]
     return _FLAGS if given == jit.DOLFINX_DEFAULT_JIT_OPTIONS[_ARGS][0] else [*_FLAGS, *given]
 
@@ -22,7 +22,7 @@ def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
     """Compile a form, or take it from FFCx's cache.
 
     Collective on comm, the user's communicator with the ranks of the form's mesh.  A run killed during compilation
-    leaves a file in the cache for which FFCx waits in vain (10 s); the error names it.
+    leaves a file in the cache that makes FFCx fail after 10 s; the error names it.
 
     Raises:
         CompilationError: the form cannot be compiled, cached or loaded on some rank.

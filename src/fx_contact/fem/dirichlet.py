@@ -90,22 +90,22 @@ def _span(matrices: FloatArray, free: BoolArray) -> FloatArray:
 
 
 def shared_forces(
-    conditions: Sequence[Dirichlet | ObliquePlane], held: Sequence[IntArray], forces: FloatArray
+    conditions: Sequence[Dirichlet | ObliquePlane], supported: Sequence[IntArray], forces: FloatArray
 ) -> FloatArray:
     """Minimum-norm distribution of reaction forces r (owned, 3) [N] over the conditions at each node: G^+ r.
 
     Local.  The force of a condition is H G^+ r with H its `across` and G the sum of H over the conditions of the node:
-    in the direction of an axis equal parts of r.  The nodes of each condition are `held`, from `held_nodes`.
+    in the direction of an axis equal parts of r.  The nodes of each condition come from `held_nodes`.
     """
     count: FloatArray = np.zeros(forces.shape)
     tilted = np.zeros(len(forces), dtype=bool)
-    for nodes, condition in zip(held, conditions):
+    for nodes, condition in zip(supported, conditions):
         count[nodes] += np.diag(condition.across)
         tilted[nodes] |= isinstance(condition, ObliquePlane)
     result = np.where(count > 0, forces, 0.0) / np.maximum(count, 1)
     if tilted.any():
         total, place = np.zeros((tilted.sum(), 3, 3)), np.cumsum(tilted) - 1
-        for nodes, condition in zip(held, conditions):
+        for nodes, condition in zip(supported, conditions):
             total[place[nodes[tilted[nodes]]]] += condition.across
         inverse = np.linalg.pinv(total, rcond=SAME_PLANE, hermitian=True)
         result[tilted] = np.einsum("nij,nj->ni", inverse, forces[tilted])

@@ -1,20 +1,19 @@
-"""Displacement fields, and integrals over the cells of a mesh that depend on such fields."""
+"""Displacement fields, and integrals over the cells of a mesh that depend on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.fem.compilation import compiled
+from fx_contact.parallel.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """A displacement and its volume strain, as `Elasticity.field` makes them.
+    """A displacement and its volume strain, from `Elasticity.field`.
 
     Attributes:
         function: displacement, continuous across hanging facets [m].
@@ -39,14 +38,16 @@ class Integral:
 
     Args:
         comm: the user's communicator.
-        form: of UFL, a linear form or a functional.
-        arguments: coefficients of the form that stand for the fields; they have no other use than in such forms.
+        form: a linear form or a functional.
+        arguments: coefficients of the form in the place of the fields, for no other use.
     """
 
-    def __init__(self, comm: MPI.Comm, form: ufl.Form, arguments: Sequence[DisplacementField | fem.Function]) -> None:
+    def __init__(
+        self, comm: MPI.Intracomm, form: ufl.Form, arguments: Sequence[DisplacementField | fem.Function]
+    ) -> None:
         self._form, self._arguments = compiled(comm, form), [_functions(argument) for argument in arguments]
 
-    def vector(self, *fields: DisplacementField | fem.Function) -> npt.NDArray[np.float64]:
+    def vector(self, *fields: DisplacementField | fem.Function) -> FloatArray:
         """The linear form for some fields, this rank's cells alone: (n,).  Local."""
         self._set(fields)
         return fem.assemble_vector(self._form).array

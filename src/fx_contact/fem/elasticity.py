@@ -1,18 +1,19 @@
 """Linear elasticity in UFL, and its stiffness on the conforming unknowns, P^T K P, assembled without K."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import Any
+from typing import Protocol
 
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 import ufl
 from basix import CellType
 from dolfinx import fem
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained
+from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained, node_couplings
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
@@ -21,6 +22,7 @@ from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
 
@@ -28,43 +30,38 @@ from fx_contact.parallel.timing import Stages
 LOCKING_POISSON = 0.4
 #: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3
-#: Entries of the matrices of cells that are made at once: 32 MB, and as much three times more on hanging nodes.
+#: Entries of the cell matrices that are assembled at once: 32 MB, four times as much on hanging nodes.
 _CHUNK = 1 << 22
+
+
+class Rows(Protocol):
+    """Rows of contact: `contact.constraint_rows.ConstraintRows`."""
+
+    def couplings(self) -> csr_matrix:
+        """Couplings of the nodes of the index map by a row: bool."""
 
 
 class Elasticity:
     """Displacements of degree p on a leaf mesh with one material a body.
 
-    Collective on mesh.comm.  It has no displacement of its own: what needs one is given a `field`.
+    Collective on mesh.comm.  Displacements are arguments, as a `field` or conforming values.
 
     Args:
-        leaf_mesh: LeafMesh.
-        materials: (nbodies, 2) rows (E [Pa], nu [-]), in the order of the bodies.
+        materials: (nbodies, 2), rows (E [Pa], nu [-]), in the order of the bodies.
         body: (ncells,), body of each local cell.
-        prolongation: Prolongation of the forest.
-        stages: Stages, for the times.
 
     Attributes:
-        leaf_mesh: as given.
-        mesh: its dolfinx mesh.
-        prolongation: as given.
         function_space: of displacements, a block of 3 a node.
         quadrature_degree: of the Gauss rule on curved cells, 2p + 1: (p+1)^3 points.
-        cells: (ncells, (p+1)^3) int32, position in the Space of the nodes of each local cell.
-        node_of_block: (nblocks,) int64, the same of each local block of `function_space`; several blocks may be a node.
-        lame: the two Lame coefficients, Functions constant on cells [Pa].
-        argument: stands for a displacement in an `Integral`, which gives it values.
-        projects: whether there are nearly incompressible bodies; the energy of a displacement then depends on the
-            cells.
+        cells: (ncells, (p+1)^3), position in the Space of the nodes of each local cell.
+        node_of_block: (nblocks,), the same of each local block of `function_space`; several blocks may be a node.
+        lame: the two Lame coefficients, constant on cells [Pa].
+        argument: coefficient in the place of a displacement in an `Integral`.
+        projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
     """
 
     def __init__(
-        self,
-        leaf_mesh: LeafMesh,
-        materials: npt.NDArray[np.float64],
-        body: npt.NDArray[np.int32],
-        prolongation: Prolongation,
-        stages: Stages,
+        self, leaf_mesh: LeafMesh, materials: FloatArray, body: IntArray, prolongation: Prolongation, stages: Stages
     ) -> None:
         self._bodies = materials, body
         self.mesh = mesh = leaf_mesh.mesh
@@ -73,8 +70,9 @@ class Elasticity:
         self.function_space = self.nodal_space(3)
         constant = fem.functionspace(mesh, ("DG", 0))
         self.leaf_mesh, self._stages = leaf_mesh, stages
-        imap, self.cells = self.function_space.dofmap.index_map, prolongation.space.cells[leaf_mesh.leaf]
-        self.node_of_block = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
+        imap = self.function_space.dofmap.index_map
+        self.cells: Int32Array = prolongation.space.cells[leaf_mesh.leaf]
+        self.node_of_block: Int64Array = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
         self._order = basix_order(CellType.hexahedron, prolongation.space.degree)
         self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self._order]
         count = len(self.node_of_block)
@@ -104,7 +102,7 @@ class Elasticity:
         projected = fem.Function(self._projection.space)
         return DisplacementField(u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * projected, projected)
 
-    def field(self, conforming: npt.NDArray[np.float64]) -> DisplacementField:
+    def field(self, conforming: FloatArray) -> DisplacementField:
         """The displacement at all nodes from the owned conforming values (owned, 3) [m].  Collective."""
         field = self.blank()
         field.function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
@@ -115,36 +113,23 @@ class Elasticity:
             field.projected.x.array[:] = self._projection.projected(moments.vector(field))
         return field
 
-    def on(self, prolongation: Prolongation) -> "Elasticity":
-        """The same bodies with displacements of another degree: Elasticity.  Collective.
-
-        Args:
-            prolongation: Prolongation of a Space on the same forest.
-        """
+    def on(self, prolongation: Prolongation) -> Elasticity:
+        """The same bodies with displacements of another degree, on the same forest.  Collective."""
         return Elasticity(self.leaf_mesh, *self._bodies, prolongation, self._stages)
 
     def nodal_space(self, components: int) -> fem.FunctionSpace:
         """Continuous functions of the displacement's degree with some components.  Collective."""
         return fem.functionspace(self.mesh, ("Lagrange", self.prolongation.space.degree, (components,)))
 
-    def at_blocks(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Values at all nodes (m, k) as the array of a Function of a nodal space: (nblocks * k,).  Local."""
+    def at_blocks(self, values: FloatArray) -> FloatArray:
+        """Array (nblocks * k,) of a Function of a nodal space, of values (m, k) at all nodes.  Local."""
         return values[self.node_of_block].ravel()
 
-    def at_nodes(self, blocks: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """What this rank's cells contribute to their nodes, not summed over ranks.
-
-        Local.
-
-        Args:
-            blocks: (nblocks * k,), an assembled vector of a nodal space.
-
-        Returns:
-            (m, k); the blocks of one node are added.
-        """
+    def at_nodes(self, blocks: FloatArray) -> FloatArray:
+        """Contributions (m, k) of this rank's cells to the nodes, of an assembled vector (nblocks * k,).  Local."""
         return self._gather @ blocks.reshape(len(self.node_of_block), -1)
 
-    def at_leaves(self, function: fem.Function) -> npt.NDArray[np.float64]:
+    def at_leaves(self, function: fem.Function) -> FloatArray:
         """Values of a Function of a nodal space at the nodes of this rank's leaves: (n, (p+1)^3, k).  Local."""
         values = function.x.array.reshape(len(self.node_of_block), -1)[function.function_space.dofmap.list]
         result = np.empty_like(values)
@@ -156,41 +141,19 @@ class Elasticity:
         return self.hooke(field.function, field.volume_strain)
 
     def hooke(self, u: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr | None = None) -> ufl.core.expr.Expr:
-        """Hooke's law: the Cauchy stress [Pa] of a displacement in UFL.
-
-        Local.
-
-        Args:
-            u: displacement [m].
-            volume_strain: if not the divergence of u [-].
-        """
+        """Hooke's law: the Cauchy stress [Pa] of a displacement, by default with the volume strain div u.  Local."""
         volume_strain = ufl.div(u) if volume_strain is None else volume_strain
         return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * ufl.sym(ufl.grad(u))
 
-    def energy_norm(self, conforming: npt.NDArray[np.float64]) -> float:
-        """omega (4) of a displacement [J^(1/2)].
-
-        Collective.
-
-        Args:
-            conforming: (owned, 3) [m].
-
-        Returns:
-            The same on all ranks.
-        """
+    def energy_norm(self, conforming: FloatArray) -> float:
+        """omega (4) of a displacement (owned, 3) [m]: [J^(1/2)].  Collective."""
         u = self.argument
         return self._root(self._integral("energy", self._energy(u.function, u.volume_strain**2)), conforming)
 
-    def change_norm(self, conforming: npt.NDArray[np.float64]) -> float:
-        """Energy norm of the difference between solutions on this mesh and on a coarser one [J^(1/2)].
+    def change_norm(self, conforming: FloatArray) -> float:
+        """Energy norm [J^(1/2)] of the difference (owned, 3) [m] of solutions on this mesh and on a coarser one.
 
-        Collective.  Without that of projected volume strains: those of the children of a cell are not the cell's.
-
-        Args:
-            conforming: (owned, 3) [m].
-
-        Returns:
-            The same on all ranks.
+        Collective.  Without projected volume strains: those of the children of a cell differ from the cell's.
         """
         if not self.projects:
             return self.energy_norm(conforming)
@@ -202,11 +165,11 @@ class Elasticity:
         strain = ufl.sym(ufl.grad(u))
         return 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
 
-    def _root(self, energy: Integral, conforming: npt.NDArray[np.float64]) -> float:
+    def _root(self, energy: Integral, conforming: FloatArray) -> float:
         """Root of an energy on all ranks."""
         return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming))), 0.0)))
 
-    def internal_forces(self, field: DisplacementField) -> npt.NDArray[np.float64]:
+    def internal_forces(self, field: DisplacementField) -> FloatArray:
         """P^T K u, integrated from the stress of u without a matrix: (owned, 3) [N].  Collective."""
         strain = ufl.sym(ufl.grad(ufl.TestFunction(self.function_space)))
         forces = self._integral("forces", ufl.inner(self.stress(self.argument), strain)).vector(field)
@@ -214,29 +177,31 @@ class Elasticity:
 
     @property
     def mixed(self) -> bool:
-        """Whether the pressure of nearly incompressible bodies is an unknown: at degree 2, where that is stable."""
+        """True if the pressure of nearly incompressible bodies is an unknown: at degree 2, where the pair is stable."""
         return bool(self.projects and self.prolongation.space.degree > 1)
 
     def stiffness(
-        self, rows: Any = None, copied: bool = True, mixed: bool = False, supports: Supports | None = None
+        self, rows: Rows | None = None, copied: bool = True, mixed: bool = False, supports: Supports | None = None
     ) -> BlockMatrix:
         """P^T K P on the conforming unknowns, with room for contact blocks.
 
         Collective on mesh.comm.
 
         Args:
-            rows: ConstraintRows, or None without contact.
-            copied: as `create_matrix` has it.
-            mixed: whether the volume strain of nearly incompressible bodies has the weight that `volume_term` leaves.
-            supports: Supports at the owned conforming nodes, by which it is projected on oblique planes; None: not.
+            rows: of contact; None: there is none.
+            copied: as in `create_matrix`.
+            mixed: without `volume_term`.
+            supports: at the owned conforming nodes, to project on oblique planes; None: not projected.
 
         Returns:
-            BlockMatrix, not yet assembled: `mat.assemble` ends it.
+            The matrix before `mat.assemble`.
         """
-        matrix, imap = create_matrix(self.prolongation, self.cells, rows, copied), self.prolongation.index_map
+        comm, imap = self.prolongation.comm, self.prolongation.index_map
+        graph = node_couplings(self.prolongation, self.cells)
+        matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, copied)
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         supports = supports.ghosted(self.prolongation) if supports is not None and supports.oblique else None
-        hangs = (self.prolongation.conforming[self.cells] < 0).any(axis=1)
+        hangs = self.prolongation.hanging[self.cells].any(axis=1)
         space = self._discontinuous()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
             for part in self._chunks(some):
@@ -245,7 +210,7 @@ class Elasticity:
                 part = part[order]
                 if self.projects:
                     self._add_projected(matrices, part, space, mixed)
-                nodes = self.prolongation.conforming[self.cells[part][:, self._order]]
+                nodes: IntArray = self.prolongation.conforming[self.cells[part][:, self._order]]
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
                     matrices = constrained(matrices, weights)
@@ -261,55 +226,51 @@ class Elasticity:
         element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
         return fem.functionspace(self.mesh, element)
 
-    def measure(self, cells: npt.NDArray[np.int32] | None = None) -> ufl.Measure:
+    def measure(self, cells: IntArray | None = None) -> ufl.Measure:
         """Volume of this rank's cells, or some of them, by the Gauss rule of `quadrature_degree`.  Local."""
         where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
         return ufl.Measure("dx", self.mesh, where, {"quadrature_degree": self.quadrature_degree}, domain)
 
-    def _compiled(self, integrand: ufl.core.expr.Expr, cells: npt.NDArray[np.int32] | None = None) -> fem.Form:
+    def _compiled(self, integrand: ufl.core.expr.Expr, cells: IntArray | None = None) -> fem.Form:
         """The integral over some cells of this rank, or all."""
         with self._stages("compile"):
             return compiled(self.prolongation.comm, integrand * self.measure(cells))
 
     def _integral(self, name: str, integrand: ufl.core.expr.Expr) -> Integral:
-        """The integral of what depends on a field, `argument`, kept by name."""
+        """Integral of an expression of `argument`, kept by name."""
         if name not in self._integrals:
             with self._stages("compile"):
                 form = integrand * self.measure()
                 self._integrals[name] = Integral(self.prolongation.comm, form, [self.argument])
         return self._integrals[name]
 
-    def _form(self, cells: npt.NDArray[np.intp], space: fem.FunctionSpace) -> fem.Form:
+    def _form(self, cells: IntArray, space: fem.FunctionSpace) -> fem.Form:
         """Stiffness of some cells, but for projected volume strains."""
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
         stress = self.hooke(trial, self._pointwise * ufl.div(trial) if self.projects else None)
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
-        """What the matrix of the mixed form lacks of the stiffness.
+        """The term of the mixed form beside its matrix, with supports at the owned conforming nodes.
 
         Collective on mesh.comm.
-
-        Args:
-            supports: Supports at the owned conforming nodes.
         """
-        space, parts, cells = self._discontinuous(), [], []
-        for part in self._chunks(np.flatnonzero(self._soft)):
-            part, d = self._projection.moments(part, space)
+        space, cells = self._discontinuous(), []
+        parts: list[tuple[IntArray, FloatArray]] = []
+        for some in self._chunks(np.flatnonzero(self._soft)):
+            part, d = self._projection.moments(some, space)
             orthonormal = np.linalg.cholesky(self._projection.inverse_mass[part]).transpose(0, 2, 1)
             parts.append((self.cells[part][:, self._order], orthonormal @ d))
             cells.append(np.repeat(part, d.shape[1]))
         first, second = (np.concatenate([self._of_cells(lame, part) for part in cells]) for lame in self.lame)
-        held = _first_lame(second)
-        return VolumeTerm(self.prolongation, parts, first - held, 2 * second + held, supports)
+        in_matrix = _first_lame(second)
+        return VolumeTerm(self.prolongation, parts, first - in_matrix, 2 * second + in_matrix, supports)
 
-    def _of_cells(self, lame: fem.Function, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def _of_cells(self, lame: fem.Function, cells: IntArray) -> FloatArray:
         """A Lame coefficient of cells: (n,)."""
         return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
 
-    def _add_projected(
-        self, matrices: npt.NDArray[np.float64], cells: npt.NDArray[np.intp], space: fem.FunctionSpace, mixed: bool
-    ) -> None:
+    def _add_projected(self, matrices: FloatArray, cells: IntArray, space: fem.FunctionSpace, mixed: bool) -> None:
         """Add D^T (lambda M^-1) D to the matrices of cells whose volume strain is projected, with m = D u."""
         soft = np.flatnonzero(self._soft[cells])
         place = np.full(len(self._soft), -1)
@@ -321,13 +282,13 @@ class Elasticity:
         product = d.transpose(0, 2, 1) @ (first[:, None, None] * self._projection.inverse_mass[some] @ d)
         matrices[place[some]] += product.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
 
-    def _chunks(self, cells: npt.NDArray[np.intp]) -> Iterator[npt.NDArray[np.intp]]:
+    def _chunks(self, cells: IntArray) -> Iterator[IntArray]:
         """Parts of this rank's cells, as many on all ranks."""
         size = _CHUNK // (3 * self.cells.shape[1]) ** 2
         parts = self.prolongation.comm.allreduce(-(-len(cells) // size), op=MPI.MAX)
         return (cells[part * size : (part + 1) * size] for part in range(parts))
 
 
-def _first_lame(second: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _first_lame(second: FloatArray) -> FloatArray:
     """The first Lame coefficient for `MATRIX_POISSON` and the second one."""
     return 2 * MATRIX_POISSON / (1 - 2 * MATRIX_POISSON) * second

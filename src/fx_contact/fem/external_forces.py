@@ -1,34 +1,37 @@
 """Surface and body forces of a scene on the conforming unknowns, integrated over the curved leaves with NumPy.
 
-Not with UFL: a user's force is a NumPy function of position.  Here it is taken at the integration points.  For UFL it
-would have to be interpolated first, since a quadrature space cannot live on facets, and each new form takes seconds to
-compile.
+A user's force is a NumPy function of position, evaluated at the integration points.  UFL would need its interpolant,
+as quadrature spaces exist on cells alone, and seconds to compile each new form.
 """
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from dolfinx import fem
 
+from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.fem.space import Space
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import BodyForce
+from fx_contact.problem.boundary_conditions import BodyForce, Pressure, Traction
+from fx_contact.problem.scene import Scene
 
 #: Integration points at once: few enough for the processor's cache.
 _CHUNK = 1 << 17
 
+_Load: TypeAlias = Traction | Pressure | BodyForce
+#: Points along an axis of a leaf, in [0, 1], and their weights.
+_Rule: TypeAlias = tuple[FloatArray, FloatArray]
 
-def load(scene, forest, elasticity):
-    """Generalised external forces on the conforming nodes.
+
+def load(scene: Scene, forest: Forest, elasticity: Elasticity) -> FloatArray:
+    """Generalised external forces (owned, 3) [N] on the conforming nodes.
 
     Collective on forest.comm.
-
-    Args:
-        scene: Scene.
-        forest: Forest.
-        elasticity: Elasticity on the forest's mesh.
-
-    Returns:
-        (owned, 3) float64 [N].
 
     Raises:
         SceneError: a force that is a function fails or is not finite somewhere.
@@ -36,17 +39,14 @@ def load(scene, forest, elasticity):
     return load_and_totals(scene, forest, elasticity)[0]
 
 
-def load_and_totals(scene, forest, elasticity):
-    """As `load`, and what each surface and body force adds up to.
+def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tuple[FloatArray, FloatArray]:
+    """Generalised external forces (owned, 3) [N] on the conforming nodes, and the resultants of each load.
 
     Collective on forest.comm.
 
-    Args:
-        scene, forest, elasticity: as `load` takes them.
-
     Returns:
-        (owned, 3) float64 [N]; (k, nbodies, 6) float64 of the k = tractions + body forces of the scene, in this order,
-        and of each body: force [N] and moment about the origin [N m] of this rank's leaves, by the same Gauss rule.
+        The forces; (k, nbodies, 6), of the k = tractions + body forces of the scene, in this order, and of each body:
+        force [N] and moment about the origin [N m] of this rank's leaves, by the same Gauss rule.
 
     Raises:
         SceneError: as `load`.
@@ -68,19 +68,15 @@ def load_and_totals(scene, forest, elasticity):
     return elasticity.prolongation.restrict(forces), totals
 
 
-def finer_totals(scene, elasticity):
-    """What each load that is a function adds up to by a finer rule than that of `load_and_totals`.
+def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
+    """Force of each load that is a function, by a finer rule than that of `load_and_totals`.
 
-    Collective on the mesh's communicator.  It has a Gauss point more along each axis, on facets in each of two halves.
-    So a jump of the load inside a leaf lies between other points of the two.
-
-    Args:
-        scene: Scene.
-        elasticity: Elasticity on the forest's mesh.
+    Collective on the mesh's communicator.  The rule has a Gauss point more along each axis, on facets in each of two
+    halves.  So a jump of the load inside a leaf lies between different points of the two rules.
 
     Returns:
-        (k, 4) float64 of the k = tractions + body forces of the scene, in this order, on this rank's leaves: the force
-        and the integral of its magnitude [N]; 0 for constant loads.
+        (k, 4), of the k = tractions + body forces of the scene, in this order, on this rank's leaves: the force and the
+        integral of its magnitude [N]; 0 for constant loads.
 
     Raises:
         SceneError: as `load`.
@@ -98,17 +94,10 @@ def finer_totals(scene, elasticity):
     return totals
 
 
-def body_force(scene, elasticity):
-    """Density of the body forces of a scene, interpolated at the nodes.
+def body_force(scene: Scene, elasticity: Elasticity) -> fem.Function | None:
+    """Density of the body forces of a scene [N/m^3], interpolated at the nodes; None: there are none.
 
     Collective on the mesh's communicator.
-
-    Args:
-        scene: Scene.
-        elasticity: Elasticity.
-
-    Returns:
-        dolfinx Function of three components [N/m^3]; None: there are no body forces.
 
     Raises:
         SceneError: a force that is a function fails or is not finite somewhere.
@@ -127,40 +116,35 @@ def body_force(scene, elasticity):
     return function
 
 
-def _loads(scene):
-    """All loads of a scene."""
+def _loads(scene: Scene) -> tuple[_Load, ...]:
     return *scene.tractions, *scene.body_forces
 
 
-def _places(forest, force):
-    """Leaves of this rank that a load acts on: (n,) int with each local face, None for the volume."""
+def _places(forest: Forest, force: _Load) -> Iterator[tuple[IntArray, int | None]]:
+    """Leaves (n,) of this rank under a load, with each local face; None for the volume."""
     if isinstance(force, BodyForce):
         yield np.flatnonzero(forest.mesh.body[forest.cell] == forest.mesh.bodies.index(force.body)), None
         return
     leaf, face = forest.boundary_faces(forest.mesh.surface(force.surface))
     for which in np.unique(face):
-        yield leaf[face == which], which
+        yield leaf[face == which], int(which)
 
 
-def _rule(space, order, face, more=0, parts=1):
-    """Points on [0, 1] along an axis, and weights, with so many points more than a load is applied with, in parts."""
+def _rule(space: Space, order: int, face: int | None, more: int = 0, parts: int = 1) -> _Rule:
+    """The rule of loads, with so many points more, in each of so many parts."""
     # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    points, weights = _gauss(space.degree + (1 if face is None else order) + more)
-    return np.add.outer(np.arange(parts), points).ravel() / parts, np.tile(weights, parts) / parts
+    # NumPy has any number of points.  The errors of their last digits matter for gaps alone (`Space.facet_rule`).
+    points, weights = np.polynomial.legendre.leggauss(space.degree + (1 if face is None else order) + more)
+    halves = np.add.outer(np.arange(parts), (points + 1) / 2).ravel()
+    return halves / parts, np.tile(weights / 2, parts) / parts
 
 
-def _integrands(forest, leaves, order, density, face, rule):
-    """Integration points of a load, some leaves after the other, and the force there times its weight.
+def _integrands(
+    forest: Forest, leaves: IntArray, order: int, density: Callable[..., FloatArray], face: int | None, rule: _Rule
+) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+    """Chunks of leaves (n,), positions (n, g, 3) [m] of integration points, and forces times weights (n, g, 3) [N].
 
-    Yields (n,) int leaves, (n, g, 3) float64 positions [m] and (n, g, 3) float64 forces [N].
-
-    Args:
-        forest: Forest.
-        leaves: (n,) int.
-        order: geometry order of the leaves.
-        density: function of points, and of normals where there is a face, that gives the force per volume or area.
-        face: local face, or None for the volume.
-        rule: points along an axis and their weights.
+    The density, force per volume or area, is a function of points, on a face of normals too.
     """
     axes, weights = _on(face, *rule)
     value = [hexahedron.lagrange(order, x) for x in axes]
@@ -182,12 +166,12 @@ def _integrands(forest, leaves, order, density, face, rule):
         else:
             measure = np.linalg.norm(normal, axis=1)
             force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
-        x, force = x.reshape(len(part), -1, 3), (force * measure[:, None]).reshape(len(part), -1, 3)
-        yield part, x, force * weight[:, None]
+        shape = len(part), -1, 3
+        yield part, x.reshape(shape), (force * measure[:, None]).reshape(shape) * weight[:, None]
 
 
-def _on(face, points, weights):
-    """Points and weights along the three axes, on a local face or, without, in the volume."""
+def _on(face: int | None, points: FloatArray, weights: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Points and weights along the three axes, in the volume or on a local face."""
     axes, rules = [points] * 3, [weights] * 3
     if face is not None:
         axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
@@ -195,14 +179,7 @@ def _on(face, points, weights):
     return axes, rules
 
 
-def _gauss(count):
-    """Gauss points on [0, 1] and their weights."""
-    # NumPy has any number of points.  The errors of their last digits matter for gaps alone (`Space.facet_rule`).
-    points, weights = np.polynomial.legendre.leggauss(count)
-    return (points + 1) / 2, weights / 2
-
-
-def _tensor(functions):
+def _tensor(functions: Sequence[FloatArray]) -> FloatArray:
     """Products of 1D functions (m, k) along x, y, z at the tensor product of their points, x fastest: (m^3, k^3)."""
     fx, fy, fz = functions
     return np.kron(fz, np.kron(fy, fx))

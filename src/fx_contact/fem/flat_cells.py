@@ -6,12 +6,12 @@ takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and Appli
 """
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.arrays import Int64Array
 from fx_contact.parallel.mpi import hashed
 from fx_contact.problem import hexahedron
 
@@ -20,14 +20,14 @@ from fx_contact.problem import hexahedron
 FLAT = 3.0
 
 
-def strong_blocks(elasticity: Elasticity) -> npt.NDArray[np.int64] | None:
+def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     """Blocks of the conforming nodes: those on a line along the short axes of flat cells, from cell to cell.
 
     Collective.  A block may have nodes of several ranks.
 
     Returns:
-        (owned,), block of each owned node: a number drawn among its nodes, whose remainder by comm.size is the rank
-        that owns that node, and solves for the block.  None where no cell of any rank is flat.
+        (owned,), block of each owned node: a random number, whose remainder by comm.size is the rank of one of its
+        nodes, which solves for the block.  None: no cell of any rank is flat.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm
@@ -50,11 +50,11 @@ def strong_blocks(elasticity: Elasticity) -> npt.NDArray[np.int64] | None:
     imap, own = prolongation.index_map, prolongation.conforming >= 0
     number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
-    # Two blocks that drew the same number would be solved for as one, which does no harm.
+    # Blocks with the same number would be solved for as one, which is correct too.
     draw = hashed(number, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
-    block = np.full(len(space), np.iinfo(np.int64).max)
+    block: Int64Array = np.full(len(space), np.iinfo(np.int64).max)
     block[own] = draw[prolongation.conforming[own]]
-    while True:  # once for each piece of a line that ranks have cut, and once more
+    while True:  # once for each piece of a line that is cut by ranks, and once more
         lowest = np.full(count, np.iinfo(np.int64).max)
         np.minimum.at(lowest, piece, block)
         before, block = block, space.directory.lowest(lowest[piece])

@@ -38,7 +38,7 @@ class LeafMesh:
     def facets(self, forest: Forest, facets: IntArray) -> Int32Array:
         """Exterior facets (m, 2), (local cell, local facet), on root facets (k, 2), for dolfinx's integrals.
 
-        Local.  Hanging facets, which dolfinx takes for exterior ones, are not among them.
+        Local.  Hanging facets, which are exterior ones for dolfinx, are not among them.
         """
         leaf, face = forest.boundary_faces(facets)
         cell = np.empty(len(self.leaf), dtype=np.int32)
@@ -47,7 +47,7 @@ class LeafMesh:
         return rows[np.lexsort(rows.T[::-1])]
 
     def positions(self, leaf: IntArray, local: IntArray, degree: int) -> FloatArray:
-        """Positions (k, 3) [m] of nodes of leaves in the geometry of order q, over which the mesh is integrated.
+        """Positions (k, 3) [m] of nodes of leaves in the geometry of order q, that of all integrals.
 
         Local.
 
@@ -58,8 +58,8 @@ class LeafMesh:
         """
         cell = np.empty(len(self.leaf), dtype=np.int32)
         cell[self.leaf] = np.arange(len(cell))
-        along = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
-        weights = np.kron(along, np.kron(along, along))[:, basix_order(CellType.hexahedron, self.order)]
+        functions = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
+        weights = np.kron(functions, np.kron(functions, functions))[:, basix_order(CellType.hexahedron, self.order)]
         return np.einsum(
             "kn,kni->ki", weights[local], self.mesh.geometry.x[compat.geometry_nodes(self.mesh)[cell[leaf]]]
         )
@@ -89,10 +89,10 @@ def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:
 def sufficient_order(forest: Forest, tolerance: float) -> int:
     """The lowest geometry order that approximates the root map on every leaf.
 
-    Collective on forest.comm.  The relative error of a map of order q falls like h^q: if it is small enough on an
-    ancestor of leaves, it is so on them.  So the levels are visited from the root cells on, and only descendants of
-    cells with too large an error.  The tolerance is for the distance between both maps, relative to the shortest of the
-    leaf's three lengths (the thickness of a shell).
+    Collective on forest.comm.  The relative error of a map of order q falls like h^q: leaves are accurate if an
+    ancestor is.  So levels are visited from the root cells on, and only descendants of cells with too large an error.
+    The tolerance is for the distance between both maps, relative to the shortest of the leaf's three lengths (the
+    thickness of a shell).
     """
     order, left = 1, np.arange(len(forest))
     for level in range(MAX_LEVEL + 1):
@@ -188,8 +188,8 @@ def _geometry_nodes(forest: Forest, order: int) -> tuple[Int64Array, FloatArray]
 def _edge_places(ends: Int64Array, inner: int) -> Int64Array:
     """Order (n, 12, inner) of the inner nodes of each edge, from its end of lower number."""
     backward = ends[:, :, 1] < ends[:, :, 0]
-    along = np.arange(inner)
-    return np.where(backward[:, :, None], inner - 1 - along, along)
+    forward = np.arange(inner)
+    return np.where(backward[:, :, None], inner - 1 - forward, forward)
 
 
 def _face_places(corners: Int64Array, inner: int) -> Int64Array:

@@ -1,10 +1,12 @@
 """Hanging nodes and the prolongation P from conforming to all nodal unknowns.
 
-A node of a fine leaf that is none of the nodes of a coarser leaf's edge or face on which it lies hangs there: its value
-is that of the coarser leaf's function.  At degree 1 these are the middles of edges and faces, with the weights 1/2 and
-1/4 (section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang
-themselves are replaced by theirs until none does.
+A node of a fine leaf on an edge or face of a coarser leaf, but none of its nodes, hangs there: its value is that of the
+coarser leaf's function.  At degree 1 these are the middles of edges and faces, with the weights 1/2 and 1/4 (section 2
+of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang themselves are
+replaced by theirs.
 """
+
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +14,8 @@ from dolfinx.la import InsertMode, vector
 from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
+from fx_contact.forest.forest import LatticePoints
+from fx_contact.parallel.arrays import FloatArray, Int8Array, Int64Array, IntArray
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
@@ -19,25 +23,26 @@ from fx_contact.problem.lattice import MAX_LEVEL
 
 _NONE = -1
 
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
 
 class Prolongation:
     """P: the values at all nodes of this rank's leaves from those at the conforming nodes.
 
-    Collective on space.forest.comm.  What is carried may have any unit, which it keeps.
+    Collective on space.forest.comm.  Values may have any unit.
 
     Args:
-        space: Space.
-        needed: (k,) int64 keys of nodes of any rank whose values this rank needs, as rows of contact do; they may hang.
+        space: with m nodes on this rank.
+        needed: (k,), keys of further nodes of any rank with values that this rank needs, for rows of contact; they may
+            hang.
 
     Attributes:
-        comm: MPI communicator.
-        space: as given, with m nodes on this rank.
-        hanging: (m,) bool, which of them hang.
-        index_map: IndexMap of the conforming nodes: owned ones first, in the order in which the leaves touch them, then
-            those of other ranks that this rank's nodes and the needed ones take their values from.  A rank that holds a
-            facing pair of leaves owns their facing nodes, both of them.
+        hanging: (m,), True at hanging nodes.
+        index_map: of the conforming nodes: owned ones first, in the order of `Space.keys`, then the masters of this
+            rank's and of needed nodes on other ranks.  A rank with a facing pair of leaves owns the facing nodes of
+            both.
         conforming: (m,) int32, position of each node in `index_map`, -1 where it hangs.
-        matrix: (m, owned + ghosts) scipy CSR float64, P on this rank.
+        matrix: (m, owned + ghosts), P on this rank.
         hanging_global: number of hanging nodes on all ranks.
     """
 
@@ -73,14 +78,10 @@ class Prolongation:
         _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
-    def find(self, keys):
-        """Positions in `index_map` of nodes, ghosts included, by their keys.  Local.
+    def find(self, keys: Int64Array) -> Int64Array:
+        """Positions (k,) in `index_map`, ghosts included, by keys (k,) of nodes, their masters or needed nodes.
 
-        Args:
-            keys: (k,) int64 keys of nodes that this rank's leaves have or hang on, or that are needed.
-
-        Returns:
-            (k,) int64, -1 where a node hangs.
+        Local.  They are -1 where a node hangs.
         """
         place = self.space.find(keys)
         here = place >= 0
@@ -91,89 +92,48 @@ class Prolongation:
         result[away] = size - len(self._away) + np.searchsorted(self._away, keys[away])
         return result
 
-    def rows(self, keys: npt.NDArray[np.int64]) -> csr_matrix:
-        """P at nodes that this rank's leaves have or that are needed: (k, owned + ghosts).  Local."""
+    def rows(self, keys: Int64Array) -> csr_matrix:
+        """P at nodes of this rank's leaves and needed ones by their keys (k,): (k, owned + ghosts).  Local."""
         place = self.space.find(keys)
         away = len(self.space) + np.searchsorted(self._needed, keys)
         return vstack([self.matrix, self._of_needed], format="csr")[np.where(place >= 0, place, away)]
 
     @property
-    def owned(self):
+    def owned(self) -> int:
         """Number of conforming nodes that this rank owns."""
         return self.index_map.size_local
 
-    def zeros(self, k):
-        """(owned + ghosts, k) float64 zeros, to put in what `summed` takes.  Local."""
+    def zeros(self, k: int) -> FloatArray:
+        """(owned + ghosts, k) zeros, for `summed`.  Local."""
         return np.zeros((self.index_map.size_local + self.index_map.num_ghosts, k))
 
-    def injected(self, values):
-        """Owned conforming values out of values at all nodes, R: R P = I.
-
-        Local.
-
-        Args:
-            values: (m, ...) array.
-
-        Returns:
-            (owned, ...) array.
-        """
+    def injected(self, values: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
+        """Owned conforming values (owned, ...) of values (m, ...) at all nodes, R with R P = I.  Local."""
         own = (self.conforming >= 0) & (self.conforming < self.owned)
         result = np.empty((self.owned, *values.shape[1:]), values.dtype)
         result[self.conforming[own]] = values[own]
         return result
 
-    def prolong(self, values):
-        """Values at all nodes from the owned conforming ones.
-
-        Collective on comm.
-
-        Args:
-            values: (owned, k) float64.
-
-        Returns:
-            (m, k) float64.
-        """
+    def prolong(self, values: FloatArray) -> FloatArray:
+        """P: values (m, k) at all nodes from the owned conforming ones (owned, k).  Collective on comm."""
         return self.matrix @ self.ghosted(values)
 
-    def ghosted(self, values):
-        """Owned conforming values and those of the ghosts.  Collective on comm.
-
-        Args:
-            values: (owned, k) float64.
-
-        Returns:
-            (owned + ghosts, k) float64.
-        """
+    def ghosted(self, values: FloatArray) -> FloatArray:
+        """Owned conforming values (owned, k), with those of the ghosts: (owned + ghosts, k).  Collective on comm."""
         k = values.shape[1]
         spread = vector(self.index_map, k)
         spread.array[: values.size] = values.ravel()
         spread.scatter_forward()
         return spread.array.reshape(-1, k)
 
-    def restrict(self, values):
-        """P^T of what this rank's cells contribute to their nodes, summed over the ranks.
-
-        Collective on comm.
-
-        Args:
-            values: (m, k) float64, not summed over ranks.
-
-        Returns:
-            (owned, k) float64.
-        """
+    def restrict(self, values: FloatArray) -> FloatArray:
+        """P^T: (owned, k), of contributions (m, k) of each rank's cells to their nodes.  Collective on comm."""
         return self.summed(self.matrix.T @ values)
 
-    def averaged(self, at, values):
-        """Means over the ranks of what each says of conforming nodes, NaN where none says anything.
+    def averaged(self, at: IntArray, values: FloatArray) -> FloatArray:
+        """Means (owned, k) over the ranks of values (n, k) at distinct positions (n,) in `index_map`, NaN without any.
 
         Collective on comm.
-
-        Args:
-            at: (n,) int, distinct positions in `index_map`.
-            values: (n, k) float64.
-
-        Returns:
-            (owned, k) float64.
         """
         sums = self.zeros(values.shape[1] + 1)
         sums[at] = np.column_stack([values, np.ones(len(at))])
@@ -181,17 +141,8 @@ class Prolongation:
         with np.errstate(invalid="ignore"):
             return sums[:, :-1] / sums[:, -1:]
 
-    def summed(self, values):
-        """Sums over the ranks of what each says of conforming nodes.
-
-        Collective on comm.
-
-        Args:
-            values: (owned + ghosts, k) float64, in the order of `index_map`.
-
-        Returns:
-            (owned, k) float64.
-        """
+    def summed(self, values: FloatArray) -> FloatArray:
+        """Sums (owned, k) over the ranks of values (owned + ghosts, k) at conforming nodes.  Collective on comm."""
         k = values.shape[1]
         gathered = vector(self.index_map, k)
         gathered.array[:] = values.ravel()
@@ -199,14 +150,8 @@ class Prolongation:
         return gathered.array[: self.owned * k].reshape(-1, k).copy()
 
 
-def _masters(space):
-    """What each node hangs on, of this rank or others.
-
-    Collective on space.forest.comm.
-
-    Returns:
-        (m, (p+1)^2) int64 keys of the masters, -1 where there are fewer or none, and their float64 weights.
-    """
+def _masters(space: Space) -> tuple[Int64Array, FloatArray]:
+    """Keys (m, (p+1)^2) of the masters of each node on any rank, -1 where there are fewer, and their weights."""
     masters = np.full((len(space), (space.degree + 1) ** 2), _NONE, dtype=np.int64)
     weights = np.zeros(masters.shape)
     for dimension, entities, nodes in (
@@ -227,11 +172,10 @@ def _masters(space):
     return masters, weights
 
 
-def _hanging_points(degree, dimension):
-    """Points inside an edge or a face that are nodes of its halves or quarters, but none of its own.
+def _hanging_points(degree: int, dimension: int) -> tuple[Int64Array, FloatArray]:
+    """Nodes of the halves or quarters of an edge or a face that hang on it, and their weights (h, (p+1)^dimension).
 
-    Returns:
-        (h, dimension) int64 coordinates in 1..2p-1, last axis first; (h, (p+1)^dimension) float64 weights of the nodes.
+    Coordinates (h, dimension) are in 1..2p-1, last axis first.
     """
     steps = np.indices((2 * degree - 1,) * dimension).reshape(dimension, -1).T + 1
     steps = steps[(steps % 2 == 1).any(axis=1)]
@@ -242,8 +186,10 @@ def _hanging_points(degree, dimension):
     return steps, weights
 
 
-def _points_on(space, entities, nodes, points):
-    """The Directory of such points of edges or faces, and of each (leaf, local entity, point): (k, 3) int64."""
+def _points_on(
+    space: Space, entities: LatticePoints, nodes: Int64Array, points: Int64Array
+) -> tuple[Directory, Int64Array]:
+    """Directory of such points of edges or faces, and of each (leaf, local entity, point): (k, 3)."""
     if space.degree == 1:  # the one point is the middle, by which the entity is named
         return entities.directory, np.column_stack(
             [entities.example, np.zeros(len(entities.example), dtype=np.int64)]
@@ -253,16 +199,18 @@ def _points_on(space, entities, nodes, points):
     leaf, which = coarse.T
     corners = space.points[leaf[:, None], nodes[which][:, [0, space.degree, -1 - space.degree]]].astype(np.int64)
     origin, ends = corners[:, :1], (corners[:, 2:], corners[:, 1:2])[-points.shape[1] :]
-    place = origin + sum((end - origin) * along[:, None] // (2 * space.degree) for end, along in zip(ends, points.T))
+    place = np.repeat(origin, len(points), axis=1)
+    for axis, end in enumerate(ends):
+        place += (end - origin) * points[:, axis, None] // (2 * space.degree)
     keys = forest.lattice.keys(forest.cell[leaf], place.astype(np.int32))
     example = np.column_stack([np.repeat(coarse, len(points), axis=0), np.tile(np.arange(len(points)), len(coarse))])
     return Directory(forest.comm, keys.ravel(), forest.homes.of_points), example
 
 
-def _claims(space: Space) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.int64]]:
-    """For the ownership of each node its claim and ballot.
+def _claims(space: Space) -> tuple[Int8Array, Int64Array]:
+    """Claim and ballot of each node for its ownership.
 
-    A node on a contact surface is owned by a rank that holds a contact face of it; facing nodes are drawn alike.
+    The owner of a node on a contact surface holds a contact face of it; facing nodes are drawn alike.
     """
     forest = space.forest
     claim, ballot = np.zeros(len(space), dtype=np.int8), space.keys.copy()
@@ -275,8 +223,8 @@ def _claims(space: Space) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.int64]]:
 
 
 def _resolve(
-    space: Space, masters: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], needed: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    space: Space, masters: Int64Array, weights: FloatArray, needed: Int64Array
+) -> tuple[Int64Array, Int64Array, FloatArray]:
     """Slave positions, master keys and weights, none of the masters hanging; needed nodes follow this rank's."""
     hanging = np.flatnonzero((masters != _NONE).any(axis=1))
     rows = np.column_stack([masters, weights.view(np.int64)])
@@ -298,7 +246,7 @@ def _resolve(
     return slaves, keys, shares
 
 
-def _expand(slaves, rows, shares):
+def _expand(slaves: Int64Array, rows: Int64Array, shares: FloatArray) -> tuple[Int64Array, Int64Array, FloatArray]:
     """One row for each master of each slave; rows hold keys and, as bits, the weights of the masters."""
     masters, weights = np.split(rows, 2, axis=1)
     valid, weights = masters != _NONE, weights.view(np.float64)

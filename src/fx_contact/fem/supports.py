@@ -28,14 +28,14 @@ class Supports:
 
     Attributes:
         free: (n, 3), components that are not prescribed.
-        oblique: whether the scene has oblique planes.
+        oblique: True in scenes with oblique planes.
     """
 
     def __init__(self, prescribed: FloatArray, oblique: tuple[IntArray, FloatArray] | None = None) -> None:
         self.prescribed, self.free, self.oblique = prescribed, np.isnan(prescribed), oblique is not None
         if oblique is not None:
-            self._nodes, along = oblique
-            self._along = np.concatenate([along, np.eye(3)[None]])  # of other nodes, place -1
+            self._nodes, tangential = oblique
+            self._tangential = np.concatenate([tangential, np.eye(3)[None]])  # of other nodes, place -1
             self._place = np.full(len(prescribed), -1)
             self._place[self._nodes] = np.arange(len(self._nodes))
 
@@ -44,7 +44,7 @@ class Supports:
         """(n, 3), prescribed displacements [m], 0 where free."""
         return np.nan_to_num(self.prescribed)
 
-    def along_planes(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
+    def tangential(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
         """P of vectors (m, 3) at nodes: without components normal to oblique planes; prescribed ones remain.
 
         If there is no oblique plane, the vectors themselves.
@@ -53,16 +53,16 @@ class Supports:
             return vectors
         place, result = self._place[at], vectors.copy()
         some = place >= 0
-        result[some] = np.einsum("nij,nj->ni", self._along[place[some]], vectors[some])
+        result[some] = np.einsum("nij,nj->ni", self._tangential[place[some]], vectors[some])
         return result
 
     def free_part(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
-        """Projection of vectors on the free displacements; arguments as in `along_planes`."""
-        return self.along_planes(np.where(self.free[at], vectors, 0.0), at)
+        """Projection of vectors on the free displacements; arguments as in `tangential`."""
+        return self.tangential(np.where(self.free[at], vectors, 0.0), at)
 
     def admissible(self, u: FloatArray) -> FloatArray:
         """Displacement (n, 3) [m] closest to u, node by node, that satisfies the conditions."""
-        return self.along_planes(np.where(self.free, u, self.prescribed))
+        return self.tangential(np.where(self.free, u, self.prescribed))
 
     def in_cells(self, matrices: FloatArray, nodes: IntArray) -> FloatArray:
         """P_i^T K_ij P_j of cell matrices (n, k, k, 3, 3) at nodes (n, k), in place."""
@@ -70,9 +70,9 @@ class Supports:
             return matrices
         place = self._place[nodes]
         cells = np.flatnonzero((place >= 0).any(axis=1))
-        along = self._along[place[cells]]
-        half = along.swapaxes(2, 3)[:, :, None] @ matrices[cells]
-        matrices[cells] = half @ along[:, None]
+        tangential = self._tangential[place[cells]]
+        half = tangential.swapaxes(2, 3)[:, :, None] @ matrices[cells]
+        matrices[cells] = half @ tangential[:, None]
         return matrices
 
     def add_normal_part(self, mat: PETSc.Mat, diagonal: FloatArray) -> None:
@@ -82,7 +82,7 @@ class Supports:
         """
         if not self.oblique:
             return
-        nodes, normal = self._nodes, np.eye(3) - self._along[:-1]
+        nodes, normal = self._nodes, np.eye(3) - self._tangential[:-1]
         if len(nodes):
             free, rank = self.free[nodes], np.trace(normal, axis1=1, axis2=2)
             scale = np.where(free, diagonal[nodes], 0.0).sum(axis=1) / (free.sum(axis=1) - rank)
@@ -100,9 +100,9 @@ class Supports:
         """
         if not self.oblique:
             return self
-        along, prescribed = self._along[:-1], self.prescribed.copy()
-        line = np.trace(along, axis1=1, axis2=2) < 1.5
-        outer = np.where(line[:, None, None], along, np.eye(3) - along)
+        tangential, prescribed = self._tangential[:-1], self.prescribed.copy()
+        line = np.trace(tangential, axis1=1, axis2=2) < 1.5
+        outer = np.where(line[:, None, None], tangential, np.eye(3) - tangential)
         axis, each = np.einsum("nii->ni", outer).argmax(axis=1), np.arange(len(outer))
         unit = np.eye(3)[axis]
         to = outer[each, axis] / np.sqrt(outer[each, axis, axis])[:, None]
@@ -111,7 +111,7 @@ class Supports:
         rotation -= both[:, :, None] * both[:, None] / (1 + to[each, axis])[:, None, None]
         normal = (np.arange(3) == axis[:, None]) != line[:, None]
         prescribed[self._nodes] = np.where(normal, 0.0, prescribed[self._nodes])
-        return Supports(prescribed, (self._nodes, np.where(normal[:, None], 0.0, along @ rotation)))
+        return Supports(prescribed, (self._nodes, np.where(normal[:, None], 0.0, tangential @ rotation)))
 
     def projector(self) -> spmatrix:
         """Projector (3 n, 3 n) on the free displacements."""
@@ -119,23 +119,23 @@ class Supports:
         if not self.oblique:
             return free
         every, size = np.arange(len(self.free) + 1), 3 * len(self.free)
-        return bsr_matrix((self._along[self._place], every[:-1], every), shape=(size, size)) @ free
+        return bsr_matrix((self._tangential[self._place], every[:-1], every), shape=(size, size)) @ free
 
     def ghosted(self, prolongation: Prolongation) -> Supports:
         """Supports of owned conforming nodes and of the ghosts.  Collective on prolongation.comm."""
-        prescribed, along = prolongation.ghosted(self.prescribed), None
+        prescribed, tangential = prolongation.ghosted(self.prescribed), None
         if self.oblique:
-            along = prolongation.ghosted(self._along[self._place].reshape(-1, 9)).reshape(-1, 3, 3)
-        return _of_all(prescribed, along)
+            tangential = prolongation.ghosted(self._tangential[self._place].reshape(-1, 9)).reshape(-1, 3, 3)
+        return _of_all(prescribed, tangential)
 
     def at(self, nodes: IntArray) -> Supports:
         """Supports of some nodes, in their order."""
-        return _of_all(self.prescribed[nodes], self._along[self._place[nodes]] if self.oblique else None)
+        return _of_all(self.prescribed[nodes], self._tangential[self._place[nodes]] if self.oblique else None)
 
 
-def _of_all(prescribed: FloatArray, along: FloatArray | None) -> Supports:
+def _of_all(prescribed: FloatArray, tangential: FloatArray | None) -> Supports:
     """Supports with P (n, 3, 3) of all nodes, or None."""
-    if along is None:
+    if tangential is None:
         return Supports(prescribed)
-    nodes = np.flatnonzero((along != np.eye(3)).any(axis=(1, 2)))
-    return Supports(prescribed, (nodes, along[nodes]))
+    nodes = np.flatnonzero((tangential != np.eye(3)).any(axis=(1, 2)))
+    return Supports(prescribed, (nodes, tangential[nodes]))

@@ -1,7 +1,7 @@
 """The volume strain of nearly incompressible bodies, projected in each cell.
 
-Nearly incompressible cells lock: their volume strain has more conditions than a cell has freedom.  In bodies that need
-it, it is projected in each cell on the polynomials q of degree p - 1 in reference coordinates.  Its energy is
+Nearly incompressible cells lock: the constraints of their volume strain outnumber the unknowns of a cell.  In such
+bodies it is projected in each cell on the polynomials q of degree p - 1 in reference coordinates.  Its energy is
 
     lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j.
 
@@ -13,15 +13,15 @@ J. R. Rice, Comput. Methods Appl. Mech. Eng. 4(2), 1974).  Linear displacements 
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from fx_contact.fem.cell_products import cell_matrices
+from fx_contact.parallel.arrays import FloatArray, IntArray
 
 #: Compiles an integrand over some of this rank's cells; None: all.
-Compile = Callable[[ufl.core.expr.Expr, npt.NDArray[np.int32] | None], fem.Form]
+Compile = Callable[[ufl.core.expr.Expr, IntArray | None], fem.Form]
 
 
 class VolumeProjection:
@@ -30,7 +30,6 @@ class VolumeProjection:
     Collective on the mesh's communicator.
 
     Args:
-        mesh: of dolfinx.
         degree: p.
         compiled: compiles integrands.
 
@@ -49,23 +48,16 @@ class VolumeProjection:
         self.inverse_mass = np.empty_like(mass)
         self.inverse_mass[order] = np.linalg.inv(mass)
 
-    def projected(self, moments: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def projected(self, moments: FloatArray) -> FloatArray:
         """The array of a Function of `space` that has the moments (n,) m.  Local."""
         cells, result = self.space.dofmap.list, np.empty_like(moments)
         result[cells] = np.einsum("nij,nj->ni", self.inverse_mass, moments[cells])
         return result
 
-    def moments(
-        self, cells: npt.NDArray[np.intp], displacements: fem.FunctionSpace
-    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float64]]:
-        """The matrices D of cells, m = D u, and the order in which they come.  Collective.
+    def moments(self, cells: IntArray, displacements: fem.FunctionSpace) -> tuple[IntArray, FloatArray]:
+        """Cells (n,) in their new order and their matrices D (n, q, 3 k) with m = D u [m^2].  Collective.
 
-        Args:
-            cells: (n,) local cells.
-            displacements: discontinuous displacements of degree p.
-
-        Returns:
-            (n,) the same cells, and (n, q, 3 k) D [m^2].
+        The displacements are discontinuous, of degree p.
         """
         trial, test = ufl.TrialFunction(displacements), ufl.TestFunction(self._terms)
         form = self._compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells)

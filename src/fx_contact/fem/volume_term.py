@@ -10,7 +10,6 @@ Element Methods, 1991).  For waves inside a body, D A^-1 D^T = 1 / (2 mu + lambd
 """
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags, identity, kron, vstack
 
@@ -18,33 +17,27 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import add_blocks
 from fx_contact.linalg.mixed_form import PressureOperator
-from fx_contact.linalg.operator import Array
+from fx_contact.parallel.arrays import FloatArray, IntArray
 
 
 class VolumeTerm(PressureOperator):
     """D^T C D on this rank's cells.
 
-    Local.
+    Local.  The Schur complement is approximated by S = C^-1 + (2 mu + lambda_A)^-1.
 
     Args:
-        prolongation: of the unknowns.
         moments: parts of the cells: their nodes of the space (n, k) and D of each cell (n, q, 3 k).
         missing: (m,), C of each row [Pa].
         wave: (m,), 2 mu + lambda_A [Pa].
         supports: at the owned conforming nodes.
-
-    Attributes:
-        comm: of the run.
-        missing: as given.
-        schur: (m,), S^-1 of the Schur complement's approximation S = C^-1 + (2 mu + lambda_A)^-1 [Pa].
     """
 
     def __init__(
         self,
         prolongation: Prolongation,
-        moments: list[tuple[npt.NDArray[np.int64], Array]],
-        missing: Array,
-        wave: Array,
+        moments: list[tuple[IntArray, FloatArray]],
+        missing: FloatArray,
+        wave: FloatArray,
         supports: Supports,
     ) -> None:
         self._prolongation, self._supports, self.comm = prolongation, supports, prolongation.comm
@@ -55,18 +48,18 @@ class VolumeTerm(PressureOperator):
         self._transposed = self._matrix.T.tocsr()
         self.missing, self.schur = missing, 1 / (1 / missing + 1 / wave)
 
-    def strains(self, u: Array) -> Array:
+    def strains(self, u: FloatArray) -> FloatArray:
         """As `PressureOperator.strains`."""
-        strains: Array = self._matrix @ self._prolongation.ghosted(self._supports.along_planes(u)).ravel()
+        strains: FloatArray = self._matrix @ self._prolongation.ghosted(self._supports.tangential(u)).ravel()
         return strains
 
-    def forces(self, pressure: Array) -> Array:
+    def forces(self, pressure: FloatArray) -> FloatArray:
         """As `PressureOperator.forces`."""
         forces = self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3))
         return self._supports.free_part(forces)
 
-    def forces_of_held(self, u: Array) -> Array:
-        """As `PressureOperator.forces_of_held`."""
+    def prescribed_forces(self, u: FloatArray) -> FloatArray:
+        """As `PressureOperator.prescribed_forces`."""
         return self.forces(self.missing * self.strains(u - self._supports.free_part(u)))
 
     def add_to(self, mat: PETSc.Mat) -> None:
@@ -77,13 +70,13 @@ class VolumeTerm(PressureOperator):
         add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), number)
         mat.assemble()
 
-    def diagonal(self) -> Array:
+    def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`; on oblique planes without their projector."""
         squares = self._prolongation.summed((self._transposed.power(2) @ self.missing).reshape(-1, 3))
         return np.where(self._supports.free, squares, 0.0)
 
 
-def _rows(nodes: npt.NDArray[np.int64], values: Array, columns: int) -> csr_matrix:
+def _rows(nodes: IntArray, values: FloatArray, columns: int) -> csr_matrix:
     """Rows of cells as a sparse matrix on the components of all nodes."""
     count, rows, width = values.shape
     where = np.repeat((3 * nodes[:, :, None] + np.arange(3)).reshape(count, 1, width), rows, axis=1)

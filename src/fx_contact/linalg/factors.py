@@ -1,4 +1,4 @@
-"""The size of Cholesky factors, which MUMPS computes: predicted from the number of unknowns, or by its analysis."""
+"""The size of MUMPS' Cholesky factors: predicted from the number of unknowns, or by its analysis."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -9,7 +9,7 @@ from fx_contact.parallel.memory import shortage
 #: Bytes of the factors of n unknowns over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates
 #: (`studies.cost.flat --factors`).
 _BYTES = 300
-#: Kinds of preconditioner that factorise the whole matrix.
+#: Kinds of preconditioner that factorise the matrix.
 FACTORISATIONS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 
 
@@ -18,30 +18,15 @@ def predicted_bytes(unknowns: int) -> float:
     return _BYTES * unknowns ** (4 / 3)
 
 
-def can_be_made(comm: MPI.Comm, size: float) -> bool:
-    """Whether PETSc has MUMPS, and the hosts have so many bytes for all ranks.  Collective on comm."""
+def can_be_made(comm: MPI.Intracomm, size: float) -> bool:
+    """True if PETSc has MUMPS, and the hosts have so many bytes for all ranks.  Collective on comm."""
     return PETSc.Sys.hasExternalPackage("mumps") and shortage(comm, size / comm.size) is None
 
 
-def fit(comm: MPI.Comm, matrix: PETSc.Mat, most: float) -> bool:
-    """Whether the factors of an AIJ matrix have at most so many bytes on all ranks, and can be made.
-
-    Collective on comm.
-    """
-    size, memory = analysed(matrix)
-    return size <= most and can_be_made(comm, memory)
-
-
 def analysed(matrix: PETSc.Mat) -> tuple[float, float]:
-    """The size of the factors by MUMPS' analysis, without factorising.
+    """Bytes of the factors of an SPD AIJ matrix, and of all memory for them, summed over ranks, by MUMPS' analysis.
 
     Collective on matrix.comm.  Ordering and estimate hardly depend on the number of ranks; the memory grows with it.
-
-    Args:
-        matrix: AIJ, symmetric positive definite.
-
-    Returns:
-        Bytes of the entries, and of all memory that MUMPS needs, each the sum over ranks.
     """
     pc = PETSc.PC().create(matrix.comm)
     pc.setOperators(matrix)

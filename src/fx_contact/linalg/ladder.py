@@ -11,13 +11,12 @@ from fx_contact.linalg import factors
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.solver_options import Solver, preconditioner_options
 
-#: (iterations, bytes an unknown): after so many iterations of one solve Cholesky factors take over if their entries
-#: need at most so much memory.  Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations, and in bodies that bend
-#: PCG takes 400 to more than 2000.  On flat cells 7 to 14 iterations suffice except in bodies that bend; with a check
-#: after 30 those stay within three times the iterations on cubes.  FGMRES takes 19 to 48 on flat cells without bending.
-#: In seconds factors pay where cells are flatter than 1:16 (`studies.cost.preconditioners`, `studies.cost.flat`).
+#: (iterations of one solve, bytes per unknown) at which Cholesky factors take over if their entries need no more.
+#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that bend PCG takes 400 to more than 2000.
+#: On flat cells 7 to 14 iterations suffice except in bodies that bend, FGMRES 19 to 48.  In seconds factors pay where
+#: cells are flatter than 1:16 (`studies.cost.preconditioners`, `studies.cost.flat`).
 FACTORISATION_CHECKS = {"default": ((50, 4.5e3), (200, 6e3)), "flat cells": ((30, 4.5e3), (200, 6e3))}
-#: Preconditioners that replace one that fails: the first if there is memory for its factors, else the second.
+#: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")
 #: Cycles of BoomerAMG below p-multigrid in the mixed form.  The last solve's iterations, and microseconds an unknown of
 #: all solves, with 1, 2, 3: clamped blocks at 0.499 42, 38, 34 and 28, 24, 23; Hertz at 0.49999 26, 23, 22 and 52, 47,
@@ -31,10 +30,8 @@ class Ladder:
     Local, but for `fallback`.
 
     Args:
-        solver: choices of the user.
         unknowns: on all ranks.
-        coarse: level below the matrix, for p-multigrid.
-        mixed: whether pressures are unknowns too.
+        mixed: pressures are unknowns too.
 
     Attributes:
         name: the first preconditioner, a key of `PRECONDITIONERS`.
@@ -51,18 +48,18 @@ class Ladder:
         self._checks = [] if chosen else [check for check in checks if check[0] < self._most]
 
     def limit(self, used: int) -> int:
-        """Most further iterations of a solve after some with the present preconditioner."""
+        """Largest number of further iterations of a solve after some with the present preconditioner."""
         return max((self._checks[0][0] if self._checks else self._most) - used, 1)
 
     def due(self, used: int) -> float | None:
-        """Most bytes of the factors that take over after some iterations; None: no check is due.  Each is made once."""
+        """Bytes that factors may take after some iterations; None: no check is due.  Each is made once."""
         return self._checks.pop(0)[1] * self._unknowns if self._checks and used >= self._checks[0][0] else None
 
     def end_checks(self) -> None:
-        """Make no more checks: the user has chosen, or a replacement is there."""
+        """Make no more checks: the user has chosen, or a replacement is in use."""
         self._checks = []
 
-    def fallback(self, comm: MPI.Comm, present: str) -> str | None:
+    def fallback(self, comm: MPI.Intracomm, present: str) -> str | None:
         """The preconditioner that replaces the present one where it fails; None: there is none.  Collective on comm."""
         name = FALLBACKS[0 if factors.can_be_made(comm, factors.predicted_bytes(self._unknowns)) else 1]
         return None if present in (FALLBACKS[0], name) else name

@@ -6,54 +6,51 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.linalg import factors
-from fx_contact.linalg.krylov import INSTEAD, RESERVED, ConjugateGradients, KrylovSolver
+from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod, KrylovSolver
 from fx_contact.linalg.ladder import FALLBACKS, Ladder
 from fx_contact.linalg.matrix import BlockMatrix, as_aij
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
-from fx_contact.linalg.operator import Array, Equations, MatrixOperator
+from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.petsc_options import PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver
 from fx_contact.linalg.stopping import EnergyNorm
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.memory import check_memory
 
-#: Prefixes of PETSc options: the user's, and that of a replacement, which are not the user's.
+#: Prefixes of PETSc options: of the user, and of a replacement, which the user cannot change.
 _PREFIX, _REPLACEMENT_PREFIX = "fx_", "fx_fallback_"
 _ADVICE = (
     "allow more iterations (Solver.max_krylov) or a looser tolerance, use a finer root mesh or cells of better shape, "
-    "and see that every body is held"
+    "and see that conditions or contact support every body"
 )
-
-Method = ConjugateGradients | FlexibleGmres
 
 
 class LinearSolver:
     """Solves `Equations` with a stiffness A: PCG, or FGMRES if a volume term stands beside the matrix.
 
     The entries of the matrix may change; `set_up` then builds the preconditioner.  Cholesky factors in the place of
-    FGMRES are those of the whole stiffness: in thin bodies that bend the Schur complement is approximated badly.
+    FGMRES include the volume term: in thin bodies that bend the Schur complement is approximated badly.
 
     Collective on matrix.comm.
 
     Args:
-        matrix: A, symmetric positive definite, or A without the volume term; it is used up.
-        solver: choices of the user.
-        energy_norm: omega (4), of the whole stiffness.
-        objects: free what is made here.
+        matrix: A without the volume term, symmetric positive definite; owned by the solver from now on.
+        energy_norm: omega (4), of A.
+        objects: free the solver.
         coarse: level below the matrix, for p-multigrid.
-        volume: what the matrix lacks of the stiffness of nearly incompressible bodies.
+        volume: term of nearly incompressible bodies.
 
     Attributes:
-        preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the one that options
-            have put in its place.
+        preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the user's own.
         iterations: of each solve.
         energy_error: bound of the last solution's error in the energy norm [J^(1/2)].
 
     Raises:
-        SceneError: an option that is not the user's, or that ranks do not share.
-        SolveError: options that PETSc cannot work with, or an unfit method or preconditioner; no memory for factors.
+        SceneError: an option is reserved, is not read by PETSc, or differs between ranks.
+        SolveError: PETSc rejects the options, a method or preconditioner is unfit, or there is no memory for factors.
     """
 
     def __init__(
@@ -70,14 +67,13 @@ class LinearSolver:
         unknowns = matrix.mat.getSize()[0]
         self._ladder = Ladder(solver, unknowns, coarse, volume is not None)
         self._options = PetscOptions(self._comm, _PREFIX, self._ladder.options, solver.options)
-        self._options.check_free(RESERVED, INSTEAD)
         if "pc_type" in self._options.of_user:
             self._ladder.end_checks()
-        krylov = (ConjugateGradients if volume is None else FlexibleGmres).create(self._comm, self._options, objects)
+        krylov = _method(volume).create(self._comm, self._options, objects)
         kind = krylov.preconditioner.pc.getType()
         if kind in factors.FACTORISATIONS:
-            what, need = f"the preconditioner {kind!r} of {unknowns:,} unknowns", factors.predicted_bytes(unknowns)
-            need /= self._comm.size
+            what = f"the preconditioner {kind!r} of {unknowns:,} unknowns"
+            need = factors.predicted_bytes(unknowns) / self._comm.size
             check_memory(self._comm, what, need, "take 'boomeramg', the default, or more hosts")
         self._method = self._method_of(krylov, matrix.in_format_of(kind), volume)
         self.preconditioner = krylov.preconditioner.name(self._ladder.name)
@@ -87,7 +83,7 @@ class LinearSolver:
         self._replaced = False
         self._first: int | None = None  # iterations of the first solve since the set-up
 
-    def _method_of(self, krylov: KrylovSolver, mat: PETSc.Mat, volume: PressureOperator | None) -> Method:
+    def _method_of(self, krylov: KrylovSolver, mat: PETSc.Mat, volume: PressureOperator | None) -> KrylovMethod:
         stiffness = MatrixOperator(self._objects.add(mat), self._objects)
         if volume is None:
             return ConjugateGradients(krylov, stiffness, mat, self._energy_norm, self._objects)
@@ -99,45 +95,24 @@ class LinearSolver:
         return self._method.matrix
 
     def set_up(self) -> None:
-        """Build the preconditioner for the present values of the matrix.
-
-        Raises:
-            SceneError: an option of the user that PETSc does not read.
-            SolveError: PETSc cannot build it.
-        """
+        """Build the preconditioner for the present values of the matrix."""
         self._method.set_up(self._coarse)
         self._first = None
 
     @property
     def is_slow(self) -> bool:
-        """Whether the last solve took so many more iterations than the first that a new set-up is cheaper.  Local."""
+        """True if the last solve took so many more iterations than the first that a new set-up is cheaper.  Local."""
         return self._first is not None and self.iterations[-1] > 2 * self._first + 20
 
-    def residual(self, equations: Equations, u: Array) -> Array:
-        """Residual forces of the last solution.
-
-        Args:
-            equations: of that solution, perhaps with another term.
-            u: (owned, 3) [m].
-
-        Returns:
-            (owned, 3) [N].
-        """
+    def residual(self, equations: Equations, u: FloatArray) -> FloatArray:
+        """Residual forces (owned, 3) [N] of the last solution u (owned, 3) [m], perhaps for another term."""
         return self._method.residual(self._given(equations, u), u)
 
-    def solve(self, equations: Equations, u: Array, tolerance: float) -> Array:
-        """Solve to an error relative to the energy norm of the solution.
-
-        Args:
-            equations: to be solved.
-            u: first guess (owned, 3) that satisfies their constraints [m].
-            tolerance: of the error [-].
-
-        Returns:
-            (owned, 3) [m].
+    def solve(self, equations: Equations, u: FloatArray, tolerance: float) -> FloatArray:
+        """Solution (owned, 3) [m], to an error relative to its energy norm, from a first guess with the constraints.
 
         Raises:
-            SolveError: divergence, or too many iterations, also with a stronger preconditioner, or with one that
+            SolveError: divergence, or too many iterations, also with the last preconditioner; a preconditioner that
                 cannot be set up; an energy that is not finite.
         """
         spent, used = 0, 0  # iterations in all, and with the present preconditioner
@@ -158,62 +133,67 @@ class LinearSolver:
         self.energy_error, self._first = outcome.error, spent if self._first is None else self._first
         return u
 
-    def _given(self, equations: Equations, u: Array) -> Equations:
-        """The equations, to factors of the whole stiffness less the forces of its prescribed displacements."""
+    def _given(self, equations: Equations, u: FloatArray) -> Equations:
+        """The equations; for factors with the volume term less its forces of prescribed displacements."""
         if self._volume is None or isinstance(self._method, FlexibleGmres):
             return equations
-        return replace(equations, load=equations.load - self._volume.forces_of_held(u))
+        return replace(equations, load=equations.load - self._volume.prescribed_forces(u))
 
-    def _whole(self) -> PETSc.Mat:
-        """A copy of the matrix, with the volume term, to factorise."""
+    def _matrix_to_factorise(self) -> PETSc.Mat:
+        """A copy of the matrix, with the volume term."""
         mat = as_aij(self.matrix)
         if self._volume is not None:
             self._volume.add_to(mat)
         return mat
 
     def _factorise(self, most: float) -> bool:
-        """Go on with Cholesky factors if their entries need so many bytes at most: whether it does."""
+        """Change to Cholesky factors if their entries need at most so many bytes; False: they do not."""
         if self._replaced or self.preconditioner in FALLBACKS or not factors.can_be_made(self._comm, most):
             return False
-        mat = self._whole()
-        if factors.fit(self._comm, mat, most):
+        mat = self._matrix_to_factorise()
+        size, memory = factors.analysed(mat)
+        if size <= most and factors.can_be_made(self._comm, memory):
             method = self._replacement("cholesky", mat)
-            if not method.preconditioner.failed:
-                self._method.preconditioner.reset()
+            if not method.preconditioner.pc.getFailedReason():
+                self._method.preconditioner.pc.reset()
                 self._replace("cholesky", method)
                 return True
-            method.preconditioner.reset()
+            method.preconditioner.pc.reset()
         mat.destroy()
         return False
 
     def _fall_back(self) -> bool:
-        """Go on with a stronger preconditioner: whether there is one."""
+        """Change to a stronger preconditioner; False: there is none."""
         name = None if self._replaced else self._ladder.fallback(self._comm, self.preconditioner)
         if name is None:
             return False
         if name == "cholesky":
-            mat = self._whole()
+            mat = self._matrix_to_factorise()
         else:
             mat = self.matrix if self.matrix.type == PETSc.Mat.Type.HYPRE else as_aij(self.matrix)
-        self._method.preconditioner.reset()
+        self._method.preconditioner.pc.reset()
         self._replace(name, self._replacement(name, mat))
         return True
 
-    def _replacement(self, name: str, mat: PETSc.Mat) -> Method:
-        """A method with another preconditioner, set up.  Monitors of the user go on too."""
+    def _replacement(self, name: str, mat: PETSc.Mat) -> KrylovMethod:
+        """A method with another preconditioner, set up, with the monitors of the user."""
         kept = {option: value for option, value in self._options.of_user.items() if option.startswith("ksp_")}
         volume = None if name == "cholesky" else self._volume
         if volume is not self._volume:
             kept.pop("ksp_type", None)  # another method
         options = PetscOptions(self._comm, _REPLACEMENT_PREFIX, kept | PRECONDITIONERS[name], {})
-        create = (ConjugateGradients if volume is None else FlexibleGmres).create
-        method = self._method_of(create(self._comm, options, self._objects), mat, volume)
+        krylov = _method(volume).create(self._comm, options, self._objects)
+        method = self._method_of(krylov, mat, volume)
         method.set_up(self._coarse)
         return method
 
-    def _replace(self, name: str, method: Method) -> None:
+    def _replace(self, name: str, method: KrylovMethod) -> None:
         before = self.matrix
         self.preconditioner, self._method, self._replaced, self._first = name, method, True, None
         self._ladder.end_checks()
         if method.matrix is not before:
             before.destroy()
+
+
+def _method(volume: PressureOperator | None) -> type[KrylovMethod]:
+    return ConjugateGradients if volume is None else FlexibleGmres

@@ -1,22 +1,20 @@
 """The conforming matrix: blocks of 3 x 3 for assembly, then hypre's format if hypre is the preconditioner.
 
 PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
-Copied into preallocated rows, the matrix exists twice for a moment, and once during the solve.
+Copied into preallocated rows, the matrix exists twice during the copy, and once during the solve.
 """
 
 import ctypes
-from collections.abc import Sized
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, spmatrix
 
 from fx_contact.linalg.petsc_objects import clear_hypre_errors
+from fx_contact.parallel.arrays import Int32Array
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
@@ -31,23 +29,16 @@ class BlockMatrix:
     """A square matrix on the conforming unknowns.
 
     Attributes:
-        comm: of the run.
         mat: BAIJ with blocks of 3.
         row_lengths: two (owned,), blocks of each owned row in columns of this rank and of others.
     """
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     mat: PETSc.Mat
-    row_lengths: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
+    row_lengths: tuple[Int32Array, Int32Array]
 
     def in_format_of(self, kind: str) -> PETSc.Mat:
-        """The matrix in the format of a type of PC; `mat` is used up.
-
-        Collective on mat.comm.
-
-        Raises:
-            SolveError: PETSc has no memory for it, or no hypre.
-        """
+        """The matrix in the format of a type of PC, in the place of `mat`.  Collective on comm."""
         if kind == PETSc.PC.Type.MG:
             return self.mat
         result = self._in_hypre_format() if kind == PETSc.PC.Type.HYPRE else as_aij(self.mat)
@@ -55,10 +46,9 @@ class BlockMatrix:
         return result
 
     def _in_hypre_format(self) -> PETSc.Mat:
-        """A copy in hypre's format, whose entries can be changed; new ones cannot be added.
+        """A copy in hypre's format, with the same entries for good.
 
-        Every preallocated entry must have been set, zeros too (`penalty_term.reserve`): PETSc reads rows to their
-        allocated ends.
+        All preallocated ones must be set, zeros too (`penalty_term.reserve`): PETSc reads rows to their allocated ends.
         """
         result = PETSc.Mat().create(self.mat.comm)
         result.setSizes(self.mat.getSizes(), bsize=3)
@@ -75,62 +65,36 @@ class BlockMatrix:
         return result
 
 
-class Numbering(Protocol):
-    """The conforming nodes of cells, as `fem.prolongation.Prolongation`."""
+def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied: bool = True) -> BlockMatrix:
+    """An empty matrix with room for the couplings of nodes, no more.
 
-    comm: MPI.Comm
-    space: Sized
-    matrix: spmatrix
-    index_map: IndexMap
-
-
-class Couplings(Protocol):
-    """Rows across the contact, as `contact.constraint_rows.ConstraintRows`."""
-
-    def couplings(self) -> spmatrix:
-        """The conforming nodes that a row couples, square and bool."""
-
-
-def create_matrix(
-    prolongation: Numbering, cells: npt.NDArray[np.int32], rows: Couplings | None, copied: bool = True
-) -> BlockMatrix:
-    """An empty conforming matrix with room for P^T K P and the contact blocks, no more.
-
-    Collective on prolongation.comm.
+    Collective on comm.
 
     Args:
-        prolongation: of the unknowns.
-        cells: (ncells, k), position in the prolongation's space of each local cell's nodes.
-        rows: of contact.
-        copied: whether the preconditioner will need a copy of it; p-multigrid does not.
+        graph: bool, square, the couplings known to this rank, of the nodes of `imap`, owned and ghosts.
+        copied: the preconditioner will need a copy of the matrix; p-multigrid does not.
 
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
     """
-    imap, lengths = prolongation.index_map, _row_lengths(prolongation, cells, rows)
+    lengths = _row_lengths(comm, graph, imap)
     check_memory(
-        prolongation.comm,
+        comm,
         f"the system of {3 * imap.size_global:,} unknowns",
         (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths),
         "ask for a larger tolerance, or use more hosts",
     )
-    mat = PETSc.Mat().create(prolongation.comm)
+    mat = PETSc.Mat().create(comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
-    return BlockMatrix(prolongation.comm, mat, lengths)
+    return BlockMatrix(comm, mat, lengths)
 
 
-def add_blocks(mat: PETSc.Mat, product: spmatrix, number: npt.NDArray[np.int32]) -> None:
-    """Add a product on this rank's unknowns to a matrix, zeros too.  Local.
-
-    Args:
-        mat: in blocks of 3.
-        product: (3 n, 3 n).
-        number: (n,), global number of each block.
-    """
+def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
+    """Add a product (3 n, 3 n) to a matrix in blocks of 3, zeros too, at n blocks by their global numbers.  Local."""
     blocks = product.tobsr((3, 3))
     rows = np.flatnonzero(np.diff(blocks.indptr))
     indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
@@ -139,16 +103,8 @@ def add_blocks(mat: PETSc.Mat, product: spmatrix, number: npt.NDArray[np.int32])
     )
 
 
-def distributed(comm: MPI.Comm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
-    """This rank's rows of a matrix as a part of an AIJ matrix.
-
-    Collective on comm.
-
-    Args:
-        comm: of the run.
-        matrix: (n, 3 m), rows of this rank.
-        columns: m nodes, owned and ghosts, of three unknowns each.
-    """
+def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
+    """AIJ matrix of each rank's rows (n, 3 m), three columns for each node of an index map.  Collective on comm."""
     number = columns.local_to_global(np.arange(columns.size_local + columns.num_ghosts, dtype=np.int32))
     number = (3 * number[:, None] + np.arange(3)).ravel().astype(PETSc.IntType)
     sizes = (matrix.shape[0], None), (3 * columns.size_local, 3 * columns.size_global)
@@ -159,30 +115,19 @@ def distributed(comm: MPI.Comm, matrix: csr_matrix, columns: IndexMap) -> PETSc.
 def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
     """A copy of a symmetric positive definite matrix in PETSc's own format.  Collective on mat.comm."""
     copy = mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-    copy.setBlockSizes(*mat.getBlockSizes())  # hypre's rows forget it, blocks are added by it
-    copy.setOption(PETSc.Mat.Option.SPD, True)  # MUMPS need not look for pivots
+    copy.setBlockSizes(*mat.getBlockSizes())  # hypre's format has no block size, which adding blocks needs
+    copy.setOption(PETSc.Mat.Option.SPD, True)  # MUMPS needs no pivoting
     return copy
 
 
-def _row_lengths(
-    prolongation: Numbering, cells: npt.NDArray[np.int32], rows_of_contact: Couplings | None
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _row_lengths(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap) -> tuple[Int32Array, Int32Array]:
     """Blocks of each owned row in columns of this rank and of others, exactly."""
-    imap, comm = prolongation.index_map, prolongation.comm
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
-    nodes = csr_matrix(
-        (np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])),
-        shape=(len(cells), len(prolongation.space)),
-    )
-    touches = nodes @ prolongation.matrix.astype(bool)
-    graph = touches.T @ touches
-    if rows_of_contact is not None:
-        graph = graph + rows_of_contact.couplings()
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
 
-    # Rows of which other ranks have a share: their columns are brought together, by global numbers.
+    # Rows with couplings of several ranks: the union of their columns, by global numbers.
     number = imap.local_to_global(np.arange(size, dtype=np.int32))
     theirs = rows >= owned
     exchange = Exchange(comm, imap.owners[rows[theirs] - owned])

@@ -10,57 +10,42 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from fx_contact.linalg.petsc_objects import PetscObjects
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from fx_contact.parallel.arrays import FloatArray
 
 
 class Operator(ABC):
     """A symmetric operator from displacements to forces, (owned, 3) arrays.  Collective."""
 
     @abstractmethod
-    def add_product(self, u: Array, y: Array) -> None:
+    def add_product(self, u: FloatArray, y: FloatArray) -> None:
         """y := y + A u; both contiguous, u [m], y [N]."""
 
     @abstractmethod
-    def diagonal(self) -> Array:
+    def diagonal(self) -> FloatArray:
         """The diagonal, (owned, 3) [N/m]."""
 
-
-class AffineOperator(Operator):
-    """An operator A with forces A u - a, which are evaluated without the rounding of A u and a."""
-
-    @abstractmethod
-    def add_force(self, u: Array, y: Array) -> None:
-        """y := y + A u - a; as `add_product`."""
+    def add_force(self, u: FloatArray, y: FloatArray) -> None:
+        """y := y + A u - a of a term with a load a, evaluated without the rounding of A u and a; here a = 0."""
+        self.add_product(u, y)
 
 
 class MatrixOperator(Operator):
-    """A PETSc matrix in any format.
-
-    Args:
-        mat: three unknowns a node.
-        objects: free what is made here.
-
-    Attributes:
-        mat: as given.
-    """
+    """A PETSc matrix of three unknowns a node, in any format."""
 
     def __init__(self, mat: PETSc.Mat, objects: PetscObjects) -> None:
         self.mat = mat
         self._x, self._y = map(objects.add, mat.createVecs())
 
-    def add_product(self, u: Array, y: Array) -> None:
+    def add_product(self, u: FloatArray, y: FloatArray) -> None:
         """As `Operator.add_product`."""
         self._x.array[:] = u.ravel()
         self.mat.mult(self._x, self._y)
         y += self._y.array_r.reshape(-1, 3)
 
-    def diagonal(self) -> Array:
+    def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`."""
         self.mat.getDiagonal(self._y)
         return self._y.array_r.reshape(-1, 3).copy()
@@ -72,28 +57,28 @@ class Sum(Operator):
     def __init__(self, terms: Sequence[Operator | None]) -> None:
         self._terms = [term for term in terms if term is not None]
 
-    def add_product(self, u: Array, y: Array) -> None:
+    def add_product(self, u: FloatArray, y: FloatArray) -> None:
         """As `Operator.add_product`."""
         for term in self._terms:
             term.add_product(u, y)
 
-    def diagonal(self) -> Array:
+    def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`."""
         return np.sum([term.diagonal() for term in self._terms], axis=0)
 
 
 class Projector(Protocol):
-    """A constraint projector P with B P = 0, as `contact.projection.Projection`."""
+    """A constraint projector P with B P = 0: `contact.projection.Projection`."""
 
     rigid: bool
 
-    def apply(self, u: Array) -> None:
+    def apply(self, u: FloatArray) -> None:
         """u := P u."""
 
-    def apply_transpose(self, f: Array) -> Array:
-        """f := P^T f; the forces of the constraints that balance what is projected away."""
+    def apply_transpose(self, f: FloatArray) -> FloatArray:
+        """f := P^T f; returns the constraint forces that balance the rest of f."""
 
-    def add_yielding(self, forces: Array, u: Array) -> None:
+    def add_yielding(self, forces: FloatArray, u: FloatArray) -> None:
         """Add the displacement by which constraints that are not rigid yield to their forces."""
 
 
@@ -107,11 +92,11 @@ class Equations:
         projector: P with B P = 0; a first guess satisfies B u = D.  None: no constraints.
     """
 
-    load: Array
-    term: AffineOperator | None = None
+    load: FloatArray
+    term: Operator | None = None
     projector: Projector | None = None
 
-    def residual(self, stiffness: Operator, u: Array) -> Array:
+    def residual(self, stiffness: Operator, u: FloatArray) -> FloatArray:
         """b + a - (A + T) u, (owned, 3) [N].  Collective."""
         forces = np.zeros_like(u)
         stiffness.add_product(u, forces)

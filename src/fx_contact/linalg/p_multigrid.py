@@ -1,12 +1,9 @@
-"""The coarse level of p-multigrid: its matrix with the penalty term of contact, the interpolation from it, and the
-blocks of nodes that the smoother above solves for at once.
-"""
+"""Coarse level of p-multigrid: matrix with the penalty term of contact, interpolation, blocks of the smoother."""
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
-from fx_contact.linalg.operator import Array
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 
 
@@ -16,39 +13,29 @@ class CoarseLevel:
     Collective.
 
     Args:
-        matrix: AIJ matrix K_c, without penalty term; changed with that.
+        matrix: AIJ matrix K_c, to which the penalty term is added.
         interpolation: AIJ matrix I, fine unknowns by coarse ones.
-        blocks: (n,) int64, block of each of this rank's fine nodes, as `flat_cells.strong_blocks` gives it; None: a
-            node is a block.
-
-    Attributes:
-        matrix, interpolation, blocks: as given.
+        blocks: (owned,), block of each fine node, from `flat_cells.strong_blocks`; None: a node is a block.
     """
 
-    def __init__(
-        self, matrix: PETSc.Mat, interpolation: PETSc.Mat, blocks: npt.NDArray[np.int64] | None = None
-    ) -> None:
+    def __init__(self, matrix: PETSc.Mat, interpolation: PETSc.Mat, blocks: Int64Array | None = None) -> None:
         self.matrix, self.interpolation, self.blocks = matrix, interpolation, blocks
         self._rows: PETSc.Mat | None = None
-        self._stiffness: Array = np.zeros(0)
+        self._stiffness: FloatArray = np.zeros(0)
 
     def couple(self, rows: PETSc.Mat) -> None:
-        """Make room for the penalty term of some rows; at first it is 0.
-
-        Args:
-            rows: AIJ matrix B, rows by fine unknowns; it is used up.
-        """
+        """Make room for the penalty term of rows B, an AIJ matrix by fine unknowns, which is destroyed."""
         self._rows = rows.matMult(self.interpolation)
         rows.destroy()
         self._stiffness = np.zeros(self._rows.getLocalSize()[0])
         self._add(self._stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
 
-    def set_penalty(self, stiffness: Array) -> None:
+    def set_penalty(self, stiffness: FloatArray) -> None:
         """Change the penalty term to (n,) k of this rank's rows [N/m]."""
         self._add(stiffness - self._stiffness, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._stiffness = stiffness
 
-    def _add(self, stiffness: Array, pattern: int) -> None:
+    def _add(self, stiffness: FloatArray, pattern: int) -> None:
         assert self._rows is not None
         scaled, scale = self._rows.copy(), self._rows.createVecLeft()
         scale.array[:] = stiffness
@@ -62,28 +49,18 @@ class CoarseLevel:
         return [mat for mat in (self.matrix, self.interpolation, self._rows) if mat is not None]
 
     def destroy(self) -> None:
-        """Free what PETSc holds; as `PetscObjects` calls it."""
+        """Free the matrices, for `PetscObjects`."""
         for mat in self._objects():
             mat.destroy()
 
     def incRef(self) -> None:  # noqa: N802, PETSc's name
-        """Keep what PETSc holds for good; as `PetscObjects` calls it.  Local."""
+        """Keep the matrices for good, for `PetscObjects`.  Local."""
         for mat in self._objects():
             mat.incRef()
 
 
-def within_blocks(matrix: PETSc.Mat, blocks: npt.NDArray[np.int64]) -> PETSc.Mat:
-    """The entries of a matrix that couple unknowns of one block.
-
-    Collective.
-
-    Args:
-        matrix: BAIJ matrix of nodes, in blocks of 3 x 3.
-        blocks: as those of `CoarseLevel`.
-
-    Returns:
-        AIJ matrix of the same layout.
-    """
+def within_blocks(matrix: PETSc.Mat, blocks: Int64Array) -> PETSc.Mat:
+    """The entries of a BAIJ matrix that couple unknowns of one block of nodes: AIJ of the same layout.  Collective."""
     aij = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     indptr, indices, values = aij.getValuesCSR()
     aij.destroy()
@@ -92,19 +69,14 @@ def within_blocks(matrix: PETSc.Mat, blocks: npt.NDArray[np.int64]) -> PETSc.Mat
     return PETSc.Mat().createAIJ(matrix.getSizes(), bsize=3, csr=csr, comm=matrix.comm)
 
 
-def solved_here(matrix: PETSc.Mat, blocks: npt.NDArray[np.int64]) -> PETSc.IS:
-    """Global numbers of the unknowns in the blocks that this rank solves for; arguments as of `within_blocks`.
-
-    Collective.
-    """
+def solved_here(matrix: PETSc.Mat, blocks: Int64Array) -> PETSc.IS:
+    """Global numbers of the unknowns in the blocks that this rank solves for.  Collective."""
     nodes = matrix.getOwnershipRange()[0] // 3 + np.arange(len(blocks))
     nodes = Exchange(matrix.comm.tompi4py(), blocks % matrix.comm.size).forward(nodes)
     return PETSc.IS().createBlock(3, np.sort(nodes).astype(PETSc.IntType), PETSc.COMM_SELF)
 
 
-def _of_nodes(
-    matrix: PETSc.Mat, blocks: npt.NDArray[np.int64], nodes: npt.NDArray[np.integer]
-) -> npt.NDArray[np.int64]:
+def _of_nodes(matrix: PETSc.Mat, blocks: Int64Array, nodes: IntArray) -> Int64Array:
     """The blocks of nodes of any ranks, given by global numbers."""
     first = matrix.getOwnershipRange()[0] // 3
     result = np.empty(len(nodes), dtype=np.int64)

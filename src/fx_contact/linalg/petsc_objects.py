@@ -1,10 +1,12 @@
-"""Objects of PETSc that all ranks free together: on several ranks petsc4py does not free what Python drops."""
+"""Objects of PETSc that all ranks free together: on several ranks petsc4py does not free unreferenced ones."""
+
+from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -12,21 +14,10 @@ from petsc4py import PETSc
 from fx_contact.parallel.errors import FxContactError, SolveError
 from fx_contact.parallel.mpi import together
 
-#: How long a rank on which PETSc has failed waits for the others, which may never come back from PETSc [s].
+#: Time that a rank on which PETSc has failed waits for the others, which may hang in PETSc [s].
 _TIMEOUT = 10.0
 
-
-class _Freed(Protocol):
-    """An object of PETSc, or one that has some."""
-
-    def destroy(self) -> Any:
-        """Free it."""
-
-    def incRef(self) -> Any:  # noqa: N802, PETSc's name
-        """Keep it for good."""
-
-
-_Thing = TypeVar("_Thing", bound=_Freed)
+_Thing = TypeVar("_Thing")
 
 
 class PetscObjects:
@@ -36,13 +27,13 @@ class PetscObjects:
     not wait for the rest: then nothing is freed.
 
     Args:
-        things: to be freed; they may be destroyed before.
+        things: objects with `destroy` and `incRef`; they may be destroyed before.
     """
 
-    def __init__(self, *things: _Freed | None) -> None:
+    def __init__(self, *things: Any) -> None:
         self._things = [thing for thing in things if thing is not None]
 
-    def __enter__(self) -> "PetscObjects":
+    def __enter__(self) -> PetscObjects:
         return self
 
     def __exit__(
@@ -53,14 +44,14 @@ class PetscObjects:
                 thing.destroy()
 
     def add(self, thing: _Thing) -> _Thing:
-        """One more of them: the thing itself.  Local."""
+        """Register an object and return it.  Local."""
         self._things.append(thing)
         return thing
 
     def leak(self) -> None:
-        """Never free them: PETSc has failed, perhaps on one rank alone, whose objects differ from those of the others.
+        """Never free them, after a failure of PETSc on some ranks, whose objects then differ from rank to rank.
 
-        Local, but on all ranks.  Freeing is collective, here and in PETSc's own clean-up at the end of the program, and
+        Local, but on all ranks.  Freeing is collective, also in PETSc's own clean-up at the end of the program, and
         would hang; so one reference to each is kept for good.
         """
         for thing in self._things:
@@ -70,16 +61,11 @@ class PetscObjects:
 
 
 @contextmanager
-def petsc_errors(comm: MPI.Comm, prefix: str, objects: PetscObjects) -> Iterator[None]:
-    """PETSc's errors become SolveError on all ranks; those of Python inside our callbacks are raised as they are.
+def petsc_errors(comm: MPI.Intracomm, prefix: str, objects: PetscObjects) -> Iterator[None]:
+    """PETSc's errors become SolveError on all ranks; those of Python inside our callbacks are raised unchanged.
 
-    Collective on comm.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  Then its
-    objects differ from rank to rank, and cannot be freed.
-
-    Args:
-        comm: of the run.
-        prefix: of the options that PETSc may have failed with.
-        objects: never freed after a failure.
+    Collective on comm.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  After a
+    failure the objects are never freed.
 
     Raises:
         SolveError: PETSc has failed on any rank.

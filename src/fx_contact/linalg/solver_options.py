@@ -1,4 +1,4 @@
-"""What the user decides of the linear solver: preconditioner, tolerances, further options of PETSc."""
+"""The user's options of the linear solver: preconditioner, tolerances, further options of PETSc."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -58,21 +58,19 @@ _BLOCKS = {
 #: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity.  Levels cost nothing there, and
 #: aggressive coarsening leaves too few unknowns, 6 of 162, to represent several bodies.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
-#: Loosest tolerance of a last solve: contact forces then err by less than 1e-3.  From 1e-2 on they are wrong by
-#: percents, or active sets do not settle, for the pairs have little of the energy.
+#: Loosest tolerance of a last solve: the error of contact forces is then below 1e-3.  From 1e-2 on it is some per cent,
+#: or active sets do not converge, for the energy of the pairs is small.
 _LOOSEST = 1e-3
 
 
 def preconditioner_options(name: str, unknowns: int, cycles: int = 1, blocks: bool = False) -> dict[str, Any]:
-    """PETSc options of a preconditioner for a system of some size, without prefix.
+    """PETSc options, without prefix, of a key of `PRECONDITIONERS` for so many unknowns on all ranks.
 
     Local.
 
     Args:
-        name: a key of `PRECONDITIONERS`.
-        unknowns: on all ranks.
         cycles: of BoomerAMG below p-multigrid.
-        blocks: whether the smoother of p-multigrid solves for blocks of nodes.
+        blocks: the smoother of p-multigrid solves for blocks of nodes.
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
@@ -84,22 +82,22 @@ def preconditioner_options(name: str, unknowns: int, cycles: int = 1, blocks: bo
 
 @dataclass(frozen=True)
 class Solver:
-    """How the linear systems are solved.
+    """Options of the linear solver.
 
     Attributes:
         preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.
-            Where PCG fails with it, it goes on with Cholesky's factors if they fit into the memory, else with
-            "boomeramg-robust".  For nearly incompressible bodies at degree 2 it is that of the mixed form's matrix
-            (`mixed_form`), and FGMRES takes the place of PCG.
+            If PCG fails with it, Cholesky factors follow if they fit into the memory, else "boomeramg-robust".  For
+            nearly incompressible bodies at degree 2 it is that of the matrix of the mixed form (`mixed_form`), for
+            FGMRES.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
-            holds for any penalty; the default leaves an error below 1e-7 in the contact force, or what rounding
-            does (up to 2e-4 with factors of thin rubber); 1e-3, the largest that is taken, one below 1e-3.
-        loose_tolerance: the same while the active set still changes.
-        max_krylov: most iterations of one linear solve with one preconditioner.
-        max_contact: most updates of the active set.
-        options: further PETSc options, without prefix; the command line, under the prefix `fx_`, wins.  Tolerances and
-            numbers of iterations are not among them: they are above.
+            holds for any penalty.  The default leaves an error below 1e-7 in the contact force, beside rounding (up to
+            2e-4 with factors of thin rubber); the largest tolerance, 1e-3, an error below 1e-3.
+        loose_tolerance: the same while the active set changes.
+        max_krylov: largest number of iterations of a linear solve with one preconditioner.
+        max_contact: largest number of updates of the active set.
+        options: further PETSc options, without prefix, except tolerances and numbers of iterations; the command line,
+            under the prefix `fx_`, overrides them.
 
     Raises:
         SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1.
