@@ -20,17 +20,12 @@ from fx_contact.parallel.timing import Stages
 _OF_APPROACH = 1e-6
 #: or up to this part of the largest displacement, rounding: 1e4 times that of a double.
 _OF_DISPLACEMENT = 1e-12
-#: Relative tolerance of dual solutions.  They steer refinement, which is to be the same on any number of ranks.
-_DUAL = 1e-6
-
-
-def dual_tolerance(solver: Solver) -> float:
-    """Relative tolerance of dual solutions [-].  Local."""
-    return max(_DUAL, solver.tolerance)
 
 
 class LinearSystem:
     """K u = L without contact: displacements and dual solutions, as `ContactSystem`, with a solver that is set up."""
+
+    exact = True
 
     def __init__(self, solver: LinearSolver, supports: Supports, options: Solver) -> None:
         self.solver, self._supports, self._options = solver, supports, options
@@ -39,10 +34,11 @@ class LinearSystem:
         """The displacement [m] for a load [N], from a first guess [m], all (owned, 3)."""
         return self._supports.along_planes(self.solver.solve(Equations(load), u, tolerance))
 
-    def dual(self, load: Array, _: Array | None = None) -> tuple[Array, Array]:
+    def dual(self, load: Array, _: Array | None, tolerance: float, z: Array | None = None) -> tuple[Array, Array]:
         """As `ContactSystem.dual`, without rows."""
         load = self._supports.free_part(load)
-        return self.solve(load, np.zeros_like(load), dual_tolerance(self._options)), np.zeros(0)
+        guess = np.zeros_like(load) if z is None else z
+        return self.solve(load, guess, max(tolerance, self._options.tolerance)), np.zeros(0)
 
 
 class ContactSystem:
@@ -65,6 +61,7 @@ class ContactSystem:
 
     Attributes:
         solver: of K with the capped penalty term.
+        exact: closed rows do not yield.
     """
 
     def __init__(
@@ -81,9 +78,9 @@ class ContactSystem:
         self._supports, self._energy_norm = problem.supports, problem.energy_norm
         self._options, self._comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
         self._capped = self._rows.capped_stiffness
-        self._exact = options.enforcement.method == "exact"
-        self._stiffness = self._capped if self._exact else self._rows.stiffness
-        self._projected = np.ones_like(active) if self._exact else self._stiffness > self._capped
+        self.exact = options.enforcement.method == "exact"
+        self._stiffness = self._capped if self.exact else self._rows.stiffness
+        self._projected = np.ones_like(active) if self.exact else self._stiffness > self._capped
         self._projection = self._projection_of(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
         self.solver = problem.linear_solver(self._options, objects)
@@ -94,7 +91,7 @@ class ContactSystem:
 
     def _projection_of(self, jump: Jump) -> Projection | None:
         """The Projection of projected rows; None: there are none."""
-        if self._exact:
+        if self.exact:
             return Projection(jump)
         return Projection(jump, self._stiffness) if self._any(self._projected) else None
 
@@ -140,7 +137,7 @@ class ContactSystem:
         """
         return self._any((self._in_matrix != active) & ~(active & self._projected))
 
-    def dual(self, load: Array, penetration: Array) -> tuple[Array, Array]:
+    def dual(self, load: Array, penetration: Array, tolerance: float, z: Array | None = None) -> tuple[Array, Array]:
         """The dual solution z of K z + B^T f = l, B z = d on the closed rows, with nothing prescribed.
 
         With d = 1 on the closed rows of a contact pair it is the adjoint of their force, with l = B^T g and forces g on
@@ -149,17 +146,19 @@ class ContactSystem:
         Args:
             load: (owned, 3), l; held directions are ignored [N].
             penetration: (n,), d [m].
+            tolerance: of z, relative to its energy norm; not below that of the solver [-].
+            z: first guess (owned, 3) [m]; None: 0.
 
         Returns:
             z (owned, 3) [m], and the forces f of closed rows (n,) [N].
         """
         jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
-        z, projection = np.zeros_like(load), self._projection_of(jump)
+        z, projection = np.zeros_like(load) if z is None else z, self._projection_of(jump)
         if projection is not None:
             projection.close(self._active & self._projected)
             z = projection.onto_closed(z)
         equations = self._equations(jump, load, self._stiffness, projection)
-        z = self.solver.solve(equations, z, dual_tolerance(self._options))
+        z = self.solver.solve(equations, z, max(tolerance, self._options.tolerance))
         force = PenaltyTerm(jump, self._capped).forces(z)
         if projection is not None:
             force += self._projected_forces(jump, load, projection, z)

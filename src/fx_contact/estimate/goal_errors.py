@@ -71,7 +71,8 @@ def judge_goals(
     """Values and estimated errors of goals, and the leaves to refine for them.
 
     Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  It takes that closed node pairs
-    stay closed.  Goals of one quantity share an adjoint solution.
+    stay closed.  Goals of one quantity share an adjoint solution,
+    as good as the smallest tolerance needs.
 
     Args:
         goals: quantities.
@@ -82,11 +83,12 @@ def judge_goals(
         control: ErrorControl.
     """
     known: dict[str, tuple[Functional, Goal | None]] = {}
-    for quantity in goals:
+    for quantity in sorted(goals, key=lambda goal: goal.tolerance):
         if quantity.name not in known:
             functional = quantity.functional(state, residual)
             wanted = duals is not None and functional.depends(state.forest.comm)
-            known[quantity.name] = functional, duals.of(functional) if wanted else None
+            allowed = theta * quantity.tolerance * functional.size
+            known[quantity.name] = functional, duals.of(functional, allowed) if wanted else None
     return tuple(_judged(goal, *known[goal.name], duals is not None, state, theta, control) for goal in goals)
 
 
