@@ -10,7 +10,7 @@ L. N. Vicente, Math. Comput. 63, 1994).
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import loose_bodies
+from fx_contact.contact.body_contact import loose_bodies
 from fx_contact.parallel.errors import SolveError
 
 
