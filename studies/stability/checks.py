@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.contact.constraint_rows import force_components
+from fx_contact.contact.body_contact import force_components
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load

@@ -25,7 +25,7 @@ def test_how_hard_a_punch_presses(symmetry):
     scene = pressed(two_boxes())
     pairs = replace(pairs_of(scene), symmetry=symmetry)
     pressure, compliance = 0.01, sum(1 / m.plane_strain_modulus for m in scene.materials.values())
-    force, approach = pairs.pressing(pressure * pairs.area, pairs.contact, 2)
+    force, approach = pairs.force_and_approach(pressure * pairs.area, pairs.contact, 2)
     whole = 4 * symmetry  # m^2
     assert np.allclose(force, [4 * pressure, 0.0], rtol=1e-12)
     assert np.allclose(approach, [pressure * whole * compliance / np.sqrt(whole), 0.0], rtol=1e-12)
@@ -35,7 +35,7 @@ def test_only_what_presses_counts():
     """Pairs without force have no part in the area that presses."""
     pairs = pairs_of(pressed(two_boxes()))
     left = pairs.position[:, 0] < 0.5
-    force, approach = pairs.pressing(np.where(left, pairs.area, -1.0), pairs.contact, 1)
+    force, approach = pairs.force_and_approach(np.where(left, pairs.area, -1.0), pairs.contact, 1)
     area = WORLD.allreduce(float(pairs.area[left].sum()))
     compliance = (1 / pairs.modulus).sum(axis=1)
     assert 0 < area < 4 and abs(force[0] / area - 1) < 1e-12

@@ -103,7 +103,7 @@ def test_an_error_is_corrected_by_the_effectivity(theta, marked):
     goal = SimpleNamespace(
         name="force", tolerance=0.1, functional=lambda *_: Functional(2.0, 2.0, penetration=np.ones(1))
     )
-    (judged,) = judge_goals((goal,), SimpleNamespace(of=lambda _: found), state, None, theta, ErrorControl())
+    (judged,) = judge_goals((goal,), SimpleNamespace(of=lambda *_: found), state, None, theta, ErrorControl())
     record, times = judged.record, judged.refine
     assert (record.value, record.reached) == (2.0, marked == 0) and abs(record.error - 0.12 / theta) < 1e-12
     everywhere(np.count_nonzero(times) == marked, f"{times}")

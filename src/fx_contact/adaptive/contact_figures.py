@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import force_components
+from fx_contact.contact.body_contact import force_components
 
 #: Contact is round where the semi-axes of the ellipse with its second moments differ by no more than this part, and its
 #: radius is not longer by more than that of its area: it is then within 6 % of both semi-axes.  A sphere whose pole is

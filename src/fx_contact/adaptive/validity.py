@@ -219,7 +219,7 @@ def _sliding(state: SolvedState) -> list[Doubt]:
     moved = np.divide(moved, pressed, out=np.zeros(count), where=pressed > 0)
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
     (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
-    _, approach = rows.pressing(force, rows.contact, count)
+    _, approach = rows.force_and_approach(force, rows.contact, count)
     doubts = []
     for index in np.flatnonzero(pressed > 0):
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]

@@ -10,7 +10,8 @@ J. J. Judice, L. N. Vicente, Math. Comput. 63, 1994).
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import ConstraintRows, loose_bodies
+from fx_contact.contact.body_contact import loose_bodies
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.problem.scene import Scene

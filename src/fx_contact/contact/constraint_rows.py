@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
@@ -20,48 +19,44 @@ from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
-
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The entries of rows as blocks of 1 x 3, row by row.
+    """The nonzero blocks of B, 1 x 3, one for each row and node.
 
     Attributes:
-        row: (b,) int64, local number of the row, ascending.
-        node: (b,) int64, position in the prolongation's index map.
-        side: (b,) int64, 0 where the node is on the first surface, 1 on the second.
-        values: (b, 3) float64 [-].
+        row: (b,), local number of the row, ascending.
+        node: (b,), position in the prolongation's index map.
+        side: (b,), 0 where the node is on the first surface, 1 on the second.
+        values: (b, 3) [-].
     """
 
-    row: np.ndarray
-    node: np.ndarray
-    side: np.ndarray
-    values: np.ndarray
+    row: Int64Array
+    node: Int64Array
+    side: Int64Array
+    values: FloatArray
 
-    def sums(self, values, count):
-        """Sums of (b,) float64 values over the blocks of each of `count` rows: (count,) float64.  Local."""
+    def sums(self, values: FloatArray, count: int) -> FloatArray:
+        """Sums of values (b,) over the blocks of each of `count` rows: (count,).  Local."""
         return np.bincount(self.row, values, count).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """The jump of the displacement that each row takes: sum of weight times displacement of its nodes, row by row.
+    """Weights of nodes in the jump of the displacement of each row, [u] = sum of weight times u.
 
     Attributes:
-        row: (b,) int64, local number of the row, ascending.
-        node: (b,) int64, position in the prolongation's index map.
-        side: (b,) int64, 0 where the node is on the first surface, 1 on the second.
-        weight: (b,) float64, of a row 1 in all on the first surface, and -1 on the second, if there is one [-].
+        row, node, side: (b,), as in `Blocks`.
+        weight: (b,); the weights of a row add up to 1 on the first surface, and to -1 on the second, if any [-].
     """
 
-    row: Ints
-    node: Ints
-    side: Ints
-    weight: Floats
+    row: Int64Array
+    node: Int64Array
+    side: Int64Array
+    weight: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +69,23 @@ class RowColumns:
         across: (n, 3), the sum of the surfaces' normals times areas, out of the first body [m^2].
     """
 
-    first: Ints
+    first: Int64Array
     entries: Entries
-    across: Floats
-    apart: Floats
-    area: Floats
-    stiffness: Floats
-    position: Floats
-    bodies: npt.NDArray[np.int32]
+    across: FloatArray
+    apart: FloatArray
+    area: FloatArray
+    stiffness: FloatArray
+    position: FloatArray
+    bodies: Int32Array
 
 
 class PressureCorrection(Protocol):
     """A linear correction of force over area in the rows of one contact."""
 
-    def change(self) -> Floats:
+    def change(self) -> FloatArray:
         """What is added to the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
 
-    def transposed(self, weight: Floats) -> Floats:
+    def transposed(self, weight: FloatArray) -> FloatArray:
         """Transpose of the correction as a map of pressures, of weights (n,): (n,).  Collective."""
 
 
@@ -105,11 +100,11 @@ class RowKind(ABC):
     def __init__(self, scene: Scene, index: int) -> None:
         self.scene, self.index, self.contact = scene, index, scene.contact[index]
 
-    def facets(self, forest: Forest) -> tuple[Ints, Ints]:
+    def facets(self, forest: Forest) -> tuple[Int64Array, Int64Array]:
         """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
         return facets_of(self.index, forest)
 
-    def needed(self, space: Space) -> Ints:
+    def needed(self, space: Space) -> Int64Array:
         """Keys of nodes that rows made on this rank will need, beside those of its leaves: (k,).  Collective."""
         return np.empty(0, dtype=np.int64)
 
@@ -118,7 +113,7 @@ class RowKind(ABC):
         """The rows, with the stiffness of the enforcement's springs.  Collective."""
 
     @abstractmethod
-    def apart(self, forest: Forest, leaf: Ints, face: Ints, points: npt.NDArray) -> Floats:
+    def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors from points of the first surface to the second surface or the obstacle, undeformed.
 
         Local.  Along the normal they are the initial gap.
@@ -131,7 +126,7 @@ class RowKind(ABC):
             (n, m, 3) [m].
         """
 
-    def pressure_correction(self, rows: "ConstraintRows", pressure: Floats) -> PressureCorrection | None:
+    def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
         """Correction of force over area; None: there is none.
 
         Collective.
@@ -147,37 +142,37 @@ class ConstraintRows:
     """The rows of B that this rank holds, each row on one rank.
 
     Attributes:
-        prolongation: Prolongation, on whose conforming unknowns B acts.
-        kinds: RowKind of each contact of the scene.
-        first: (n,) int64, the node of each row on the first surface, position in the prolongation's index map.
-        entries: Entries: B u is their jump along the normal.
-        normal: (n, 3) float64, unit direction from the first body to the second, the mean of both surfaces' normals.
-        apart: (n, 3) float64, from the first side to the second, weighed as the row weighs, undeformed [m].
-        gap: (n,) float64, D, initial distance along the normal on the true curved geometry [m].
-        area: (n,) float64, tributary area [m^2].
-        node_area: (n,) float64, sum of the areas of all rows with the same `first` [m^2].
-        stiffness: (n,) float64, k_N, in exact contact that in the preconditioner matrix [N/m].
-        modulus: (n, 2) float64, E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
-        position: (n, 3) float64, undeformed position on the first surface [m].
-        bodies: (n, 2) int32, first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
-        contact: (n,) int32, the contact of the scene that each row belongs to.
-        symmetry: int, copies of the modelled part that make the whole.
+        prolongation: B acts on its conforming unknowns.
+        kinds: of each contact of the scene.
+        first: (n,), the node of each row on the first surface, position in the prolongation's index map.
+        entries: B u is their jump along the normal.
+        normal: (n, 3), unit direction from the first body to the second, the mean of both surfaces' normals.
+        apart: (n, 3), vector from the first side to the second with the weights of the row, undeformed [m].
+        gap: (n,), D, initial distance along the normal on the true curved geometry [m].
+        area: (n,), tributary area [m^2].
+        node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
+        stiffness: (n,), k_N, in exact contact that in the preconditioner matrix [N/m].
+        modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
+        position: (n, 3), undeformed position on the first surface [m].
+        bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
+        contact: (n,), the contact of the scene that each row belongs to.
+        symmetry: number of copies of the modelled part in the bodies.
     """
 
     prolongation: Prolongation
     kinds: tuple[RowKind, ...]
-    first: Ints
+    first: Int64Array
     entries: Entries
-    normal: Floats
-    apart: Floats
-    gap: Floats
-    area: Floats
-    node_area: Floats
-    stiffness: Floats
-    modulus: Floats
-    position: Floats
-    bodies: npt.NDArray[np.int32]
-    contact: npt.NDArray[np.int32]
+    normal: FloatArray
+    apart: FloatArray
+    gap: FloatArray
+    area: FloatArray
+    node_area: FloatArray
+    stiffness: FloatArray
+    modulus: FloatArray
+    position: FloatArray
+    bodies: Int32Array
+    contact: Int32Array
     symmetry: int
 
     def __len__(self) -> int:
@@ -191,14 +186,14 @@ class ConstraintRows:
         return Blocks(entries.row, entries.node, entries.side, values)
 
     @property
-    def key(self):
-        """(n,) int64, number of each row, another for all rows of all ranks.  Local."""
-        node = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
+    def key(self) -> Int64Array:
+        """(n,), unique number of each row, on all ranks.  Local."""
+        node: Int64Array = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
         return node << 32 | self.contact
 
     @property
-    def node_keys(self):
-        """(n,) int64, lattice key of each row's node on the first surface, the same on any number of ranks.  Local."""
+    def node_keys(self) -> Int64Array:
+        """(n,), lattice key of each row's node on the first surface, the same on any number of ranks.  Local."""
         prolongation, keys = self.prolongation, self.prolongation.space.keys
         named = np.empty(len(prolongation.zeros(1)), dtype=np.int64)
         conforming = prolongation.conforming >= 0
@@ -206,36 +201,37 @@ class ConstraintRows:
         return named[self.first]
 
     @property
-    def penalty_factor(self):
-        """(n,) float64, c of k_N = c E* A^(1/2), A the node's area, 1/E* the sum of 1/modulus [-].  Local.
+    def penalty_factor(self) -> FloatArray:
+        """(n,), c of k_N = c E* A^(1/2), A the node's area, 1/E* the sum of 1/modulus [-].  Local.
 
-        Of a node with several rows c is that of all of them, for they share its k_N by their areas.
+        Rows of one node share its k_N by their areas, and have one c.
         """
-        return self.stiffness * (1 / self.modulus).sum(axis=1) * np.sqrt(self.node_area) / self.area
+        compliance = np.asarray((1 / self.modulus).sum(axis=1))
+        return self.stiffness * compliance * np.sqrt(self.node_area) / self.area
 
     @property
-    def capped_stiffness(self):
-        """(n,) float64, k_N in the preconditioner matrix, at most that of the factor `CAP` [N/m].  Local."""
+    def capped_stiffness(self) -> FloatArray:
+        """(n,), k_N in the preconditioner matrix, at most that of the factor `CAP` [N/m].  Local."""
         factor = self.penalty_factor
         return self.stiffness * np.where(factor > CAP, CAP / factor, 1.0)
 
-    def couplings(self):
-        """Which conforming nodes a row couples: (owned + ghosts, owned + ghosts) scipy CSR bool.  Local."""
+    def couplings(self) -> csr_matrix:
+        """Pairs of conforming nodes in one row: (owned + ghosts, owned + ghosts) bool.  Local."""
         imap, blocks = self.prolongation.index_map, self.blocks
         shape = len(self), imap.size_local + imap.num_ghosts
         touched = csr_matrix((np.ones(len(blocks.row), dtype=bool), (blocks.row, blocks.node)), shape=shape)
         return touched.T @ touched
 
-    def jump(self, u):
-        """B u, how far the bodies move towards each other.
+    def jump(self, u: FloatArray) -> FloatArray:
+        """B u, the approach of the bodies.
 
-        Collective.  The displacement of `first` is taken off first, so that long ways of both bodies are no rounding.
+        Collective.  Displacements are relative to that of `first`: common motions make no rounding.
 
         Args:
-            u: (owned, 3) float64, conforming displacement [m].
+            u: (owned, 3), conforming displacement [m].
 
         Returns:
-            (n,) float64 [m].
+            (n,) [m].
         """
         u, blocks, n = self.prolongation.ghosted(u), self.blocks, len(self)
         common = u[self.first]
@@ -243,29 +239,20 @@ class ConstraintRows:
         of_common = np.stack([blocks.sums(column, n) for column in blocks.values.T], axis=1)
         return blocks.sums(relative, n) + np.einsum("ni,ni->n", of_common, common)
 
-    def penetration(self, u):
+    def penetration(self, u: FloatArray) -> FloatArray:
         """B u - D, positive where the bodies penetrate.  Collective; as `jump`."""
         return self.jump(u) - self.gap
 
-    def transposed(self, force):
-        """B^T f.
-
-        Collective.
-
-        Args:
-            force: (n,) float64 [N].
-
-        Returns:
-            (owned, 3) float64, forces on the conforming nodes that it balances [N].
-        """
+    def transposed(self, force: FloatArray) -> FloatArray:
+        """B^T f of forces (n,), at the conforming nodes: (owned, 3) [N].  Collective."""
         blocks, sums = self.blocks, self.prolongation.zeros(3)
         np.add.at(sums, blocks.node, force[blocks.row][:, None] * blocks.values)
         return self.prolongation.summed(sums)
 
-    def closing(self, u: Floats) -> Floats:
-        """Displacement of the first side less that of the second.
+    def closing(self, u: FloatArray) -> FloatArray:
+        """[u], the displacement of the first side less that of the second.
 
-        Collective.  As in `jump`, that of `first` is taken off first.
+        Collective.  As in `jump`.
 
         Args:
             u: (owned, 3), conforming displacement [m].
@@ -278,11 +265,11 @@ class ConstraintRows:
         np.add.at(result, entries.row, entries.weight[:, None] * (u[entries.node] - common[entries.row]))
         return result + np.bincount(entries.row, entries.weight, len(self))[:, None] * common
 
-    def separation(self, u: Floats) -> Floats:
+    def separation(self, u: FloatArray) -> FloatArray:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
         return self.apart - self.closing(u)
 
-    def pressure(self, force: Floats) -> Floats:
+    def pressure(self, force: FloatArray) -> FloatArray:
         """The contact pressure at the nodes of the rows: force over area, corrected as their kinds do.
 
         Collective.
@@ -295,7 +282,7 @@ class ConstraintRows:
         """
         return force / self.area + sum(correction.change() for correction in self._pressure_corrections(force))
 
-    def pressure_weights(self, force: Floats, weight: Floats) -> Floats:
+    def pressure_weights(self, force: FloatArray, weight: FloatArray) -> FloatArray:
         """The linear functional d of the forces that is a weighted sum of the pressures, w . p = d . f.
 
         Collective.  Limited corrections keep the limits that they have at these forces.
@@ -310,89 +297,34 @@ class ConstraintRows:
         corrections = self._pressure_corrections(force)
         return (weight + sum(correction.transposed(weight) for correction in corrections)) / self.area
 
-    def _pressure_corrections(self, force: Floats) -> list[PressureCorrection]:
+    def _pressure_corrections(self, force: FloatArray) -> list[PressureCorrection]:
         ours = ((kind, np.where(self.contact == kind.index, force / self.area, 0.0)) for kind in self.kinds)
         corrections = [kind.pressure_correction(self, pressure) for kind, pressure in ours]
         return [correction for correction in corrections if correction is not None]
 
-    def pressing(self, force, group, count):
-        """Force of groups of rows, and about the approach of the bodies that it takes.
+    def force_and_approach(self, force: FloatArray, group: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Total normal force F of groups of rows, and an estimate of the approach of the bodies.
 
-        Collective.
+        Collective.  F / (E* A^(1/2)), A the area under pressure, as of a flat punch on a half-space.
 
         Args:
-            force: (n,) float64, compression positive [N].
-            group: (n,) int, the group of each row that presses, as `contact`.
+            force: (n,), compression positive [N].
+            group: (n,), the group of each row, such as `contact`.
             count: number of groups on all ranks.
 
         Returns:
-            two (count,) float64: F of the modelled part [N], and F / (E* A^(1/2)) of the whole, A the area under
-            pressure, as of a punch on a half-space [m].
+            two (count,): F of the modelled part [N], and the approach, by F and A of the bodies [m].
         """
         presses = force > 0
         columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
-        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
+        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns])
         self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
         total, area, compliance = sums
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
-    def at_first(self, values):
-        """Sums over all rows with the same `first`, of whichever contact pair and rank.
-
-        Collective.
-
-        Args:
-            values: (n, k) float64.
-
-        Returns:
-            (n, k) float64.
-        """
+    def at_first(self, values: FloatArray) -> FloatArray:
+        """Sums of values (n, k) over all rows with the same `first`, of all contacts and ranks: (n, k).  Collective."""
         sums = self.prolongation.zeros(values.shape[1])
         np.add.at(sums, self.first, values)
         return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
-
-
-def force_components(scene, rows, force):
-    """What forces of rows add to the force of their contact pair: along its direction, else all of them.
-
-    Local.
-
-    Args:
-        scene: Scene.
-        rows: ConstraintRows.
-        force: (n,) float64, along the normals [N].
-
-    Returns:
-        (n,) float64 [N].
-    """
-    result = force.copy()
-    for index, direction in enumerate(pair.unit_direction for pair in scene.contact):
-        if direction is not None:
-            ours = rows.contact == index
-            result[ours] *= rows.normal[ours] @ direction
-    return result
-
-
-def loose_bodies(scene, rows, active):
-    """Bodies that neither the displacement conditions nor the active rows hold.
-
-    Collective.
-
-    Args:
-        scene: Scene.
-        rows: ConstraintRows.
-        active: (n,) bool.
-
-    Returns:
-        list of str, names of the bodies; the same on all ranks.
-    """
-    if not len(scene.rigid_motions.free):
-        return []
-    first, second = (
-        scene.rigid_motions.free_along(rows.position[active], rows.bodies[active, i], rows.normal[active])
-        for i in (0, 1)
-    )
-    resistance = (first - second).T @ (first - second)
-    rows.prolongation.comm.Allreduce(MPI.IN_PLACE, resistance)
-    return scene.rigid_motions.unresisted(resistance)

@@ -1,21 +1,18 @@
-"""Leaf facets of contact surfaces: positions across, areas of nodes, and the nodes that get a row."""
+"""Leaf facets of contact surfaces: opposite positions, tributary areas, and nodes with a row."""
 
 import numpy as np
-import numpy.typing as npt
 
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
 from fx_contact.problem.scene import Scene
 
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
 
-
-def facets_of(index: int, forest: Forest, side: int = 0) -> tuple[Ints, Ints]:
+def facets_of(index: int, forest: Forest, side: int = 0) -> tuple[Int64Array, Int64Array]:
     """This rank's leaf facets on the first (0) or the second (1) surface of a contact.
 
     Local.
@@ -32,8 +29,10 @@ def facets_of(index: int, forest: Forest, side: int = 0) -> tuple[Ints, Ints]:
     return leaf[ours], face[ours]
 
 
-def positions_across(forest: Forest, leaf: Ints, face: Ints, points: npt.NDArray) -> tuple[Floats, Floats]:
-    """Positions of points of paired facets, and of the points that face them, on the true curved geometry.
+def positions_across(
+    forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions of points of paired facets, and of the opposite points, on the true curved geometry.
 
     Local.
 
@@ -48,7 +47,7 @@ def positions_across(forest: Forest, leaf: Ints, face: Ints, points: npt.NDArray
     return forest.evaluate(forest.cell[leaf], points), forest.evaluate(cell, opposite)
 
 
-def facet_shares(space: Space, nodes: Floats, face: Ints) -> tuple[Floats, Floats]:
+def facet_shares(space: Space, nodes: FloatArray, face: Int64Array) -> tuple[FloatArray, FloatArray]:
     """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
 
     Local.
@@ -66,18 +65,21 @@ def facet_shares(space: Space, nodes: Floats, face: Ints) -> tuple[Floats, Float
     return np.linalg.norm(normal, axis=2) @ value, value.T @ normal
 
 
-def moduli(scene: Scene, bodies: npt.NDArray[np.integer]) -> Floats:
+def moduli(scene: Scene, bodies: IntArray) -> FloatArray:
     """E/(1 - nu^2) of bodies by their number, inf of none (-1): shaped as `bodies` [Pa].  Local."""
     known = [scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies]
-    return np.array([*known, np.inf])[bodies]
+    return np.asarray(np.array([*known, np.inf])[bodies])
 
 
-def spring_stiffness(enforcement: Enforcement, modulus: Floats, area: Floats) -> Floats:
+def spring_stiffness(enforcement: Enforcement, modulus: FloatArray, area: FloatArray) -> FloatArray:
     """Shares (n, k) [N/m] of facet nodes in c E*/h of each facet, from moduli (n, 2) and areas (n, k).  Local."""
-    return (enforcement.penalty_factor / (1 / modulus).sum(axis=1) / np.sqrt(area.sum(axis=1)))[:, None] * area
+    surface = enforcement.penalty_factor / (1 / modulus).sum(axis=1) / np.sqrt(area.sum(axis=1))
+    return np.asarray(surface[:, None] * area)
 
 
-def nodal_sums(prolongation: Prolongation, leaf: Ints, face: Ints, values: Floats) -> tuple[Ints, Ints, Floats]:
+def nodal_sums(
+    prolongation: Prolongation, leaf: Int64Array, face: Int64Array, values: FloatArray
+) -> tuple[Int64Array, Int64Array, FloatArray]:
     """Conforming nodes of facets, each on one rank, and sums over the facets of all ranks.
 
     Collective.  Shares of hanging nodes go to their masters.  A node is on a rank that has a facet of it: its owner,

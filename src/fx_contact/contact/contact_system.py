@@ -17,15 +17,15 @@ from fx_contact.parallel.timing import Stages
 #: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver (a hundred times
 #: its default tolerance), and up to this part of the largest displacement rounding (1e4 times that of a double).
 _OF_APPROACH, _OF_DISPLACEMENT = 1e-6, 1e-12
-#: Relative tolerance of dual solutions: tight enough for the same refinement on any number of ranks.
-_DUAL = 1e-6
 
 
 class LinearSystem:
     """K u = L without contact: displacements and dual solutions, as `ContactSystem`."""
 
+    exact = True
+
     def __init__(self, problem: ContactProblem, options: Solver, stages: Stages, objects: PetscObjects) -> None:
-        self._supports, self._dual_tolerance = problem.supports, max(_DUAL, options.tolerance)
+        self._supports, self._tolerance = problem.supports, options.tolerance
         with stages("system"):
             self.solver = problem.linear_solver(options, objects)
         with stages("setup"):
@@ -35,10 +35,13 @@ class LinearSystem:
         """The displacement [m] for a load [N], from a first guess [m], all (owned, 3)."""
         return self._supports.tangential(self.solver.solve(Equations(load), u, tolerance))
 
-    def dual(self, load: FloatArray, _: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    def dual(
+        self, load: FloatArray, _: FloatArray | None, tolerance: float, z: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """As `ContactSystem.dual`, without rows."""
         load = self._supports.free_part(load)
-        return self.solve(load, np.zeros_like(load), self._dual_tolerance), np.zeros(0)
+        guess = np.zeros_like(load) if z is None else z
+        return self.solve(load, guess, max(tolerance, self._tolerance)), np.zeros(0)
 
 
 class ContactSystem:
@@ -55,6 +58,10 @@ class ContactSystem:
         load: (owned, 3), right-hand side without contact [N].
         active: (n,), closed rows.
         objects: free the system.
+
+    Attributes:
+        solver: of K with the capped penalty term.
+        exact: closed rows do not yield.
     """
 
     def __init__(
@@ -71,9 +78,9 @@ class ContactSystem:
         self._supports, self._energy_norm = problem.supports, problem.energy_norm
         self._options, self._comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
         self._capped = self._rows.capped_stiffness
-        self._exact = options.enforcement.method == "exact"
-        self._stiffness = self._capped if self._exact else self._rows.stiffness
-        self._projected = np.ones_like(active) if self._exact else self._stiffness > self._capped
+        self.exact = options.enforcement.method == "exact"
+        self._stiffness = self._capped if self.exact else self._rows.stiffness
+        self._projected = np.ones_like(active) if self.exact else self._stiffness > self._capped
         self._projection = self._projection_of(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
         self.solver = problem.linear_solver(self._options, objects)
@@ -84,7 +91,7 @@ class ContactSystem:
 
     def _projection_of(self, jump: Jump) -> Projection | None:
         """Projection of the projected rows; None: there are none."""
-        if self._exact:
+        if self.exact:
             return Projection(jump)
         return Projection(jump, self._stiffness) if self._any(self._projected) else None
 
@@ -131,20 +138,26 @@ class ContactSystem:
         """
         return self._any((self._in_matrix != active) & ~(active & self._projected))
 
-    def dual(self, load: FloatArray, penetration: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def dual(
+        self, load: FloatArray, penetration: FloatArray, tolerance: float, z: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Dual solution z (owned, 3) [m] of K z + B^T f = l, B z = d on the closed rows, and their forces f (n,) [N].
 
         With d (n,) [m] equal to 1 on the closed rows of a contact pair, it is the adjoint of their force; with
         l = B^T g and forces g on open rows that of the gaps there.  Constrained components of l (owned, 3) [N] are
         ignored.
+
+        Args:
+            tolerance: of z, relative to its energy norm; not below that of the solver [-].
+            z: first guess; None: 0.
         """
         jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
-        z, projection = np.zeros_like(load), self._projection_of(jump)
+        z, projection = np.zeros_like(load) if z is None else z, self._projection_of(jump)
         if projection is not None:
             projection.close(self._active & self._projected)
             z = projection.onto_closed(z)
         equations = self._equations(jump, load, self._stiffness, projection)
-        z = self.solver.solve(equations, z, max(_DUAL, self._options.tolerance))
+        z = self.solver.solve(equations, z, max(tolerance, self._options.tolerance))
         force = PenaltyTerm(jump, self._capped).forces(z)
         if projection is not None:
             force += self._projected_forces(jump, load, projection, z)

@@ -6,7 +6,6 @@ both nodes: B^T B needs no message (section 3 of the paper).
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
@@ -15,17 +14,18 @@ from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 
 
 class NodePairs(RowKind):
     """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second)."""
 
-    def needed(self, space: Space) -> npt.NDArray[np.int64]:
-        """Nodes that face those of the first surface."""
+    def needed(self, space: Space) -> Int64Array:
+        """Keys of the nodes opposite those of the first surface.  Local."""
         return space.facing(*self.facets(space.forest)).ravel()
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
-        """As `RowKind.columns`."""
+        """As `RowKind.columns`.  Collective."""
         space, forest = prolongation.space, prolongation.space.forest
         leaf, face = self.facets(forest)
         keys, points = space.facing(leaf, face), space.points[leaf[:, None], space.face_nodes[face]]
@@ -55,14 +55,12 @@ class NodePairs(RowKind):
             bodies=bodies[example // keys.shape[1]],
         )
 
-    def apart(
-        self, forest: Forest, leaf: npt.NDArray[np.int64], face: npt.NDArray[np.int64], points: npt.NDArray
-    ) -> npt.NDArray[np.float64]:
-        """To the points of the same lattice coordinates, as `Pairing.opposite` turns them."""
+    def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
+        """Vectors to the points of the same lattice coordinates, as `Pairing.opposite` turns them.  Local."""
         here, there = positions_across(forest, leaf, face, points)
         return there - here
 
-    def pressure_correction(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64]) -> FacetPressure | None:
+    def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> FacetPressure | None:
         """At degree 2 force over area alternates around the pressure."""
         degree = rows.prolongation.space.degree
         return None if degree == 1 else FacetPressure(rows, pressure, self.index)

@@ -10,10 +10,10 @@ a facet by more than the part `_MOST`.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_facets import facet_shares, facets_of
+from fx_contact.parallel.arrays import FloatArray
 
 #: Largest change of a nodal pressure [-].  Measured on HERTZ-A, order 6, with 33, 121 and 463 closed pairs.  Error of
 #: the largest pressure: force over area +1.33, +0.32, +0.083 %; here, with any limit from 0.02 to 0.4 or none, +0.51,
@@ -34,7 +34,7 @@ class FacetPressure:
         index: of the contact.
     """
 
-    def __init__(self, rows: ConstraintRows, pressure: npt.NDArray[np.float64], index: int) -> None:
+    def __init__(self, rows: ConstraintRows, pressure: FloatArray, index: int) -> None:
         space = rows.prolongation.space
         weights, value, _, _ = space.facet_rule
         mass = (value.T * weights) @ value
@@ -50,22 +50,22 @@ class FacetPressure:
         part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
         self._weight, self._nodal = area * part[:, None], nodal
 
-    def change(self) -> npt.NDArray[np.float64]:
+    def change(self) -> FloatArray:
         """Correction of the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
         return self._at_rows(self._weight * (self._nodal @ self._matrix.T)) / self._rows.area
 
-    def transposed(self, weight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def transposed(self, weight: FloatArray) -> FloatArray:
         """Transpose of `change` as a map of pressures, of weights (n,): (n,).  Collective."""
         return self._at_rows((self._weight * self._at_facets(weight / self._rows.area)) @ self._matrix)
 
-    def _at_facets(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _at_facets(self, values: FloatArray) -> FloatArray:
         """Values of the rows at the nodes of the facets: (k, (p+1)^2).  Collective."""
         prolongation = self._rows.prolongation
         known = prolongation.zeros(1)
         known[self._rows.first[self._ours], 0] = values[self._ours]
         return prolongation.prolong(prolongation.summed(known))[self._nodes, 0]
 
-    def _at_rows(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _at_rows(self, values: FloatArray) -> FloatArray:
         """Transpose of `_at_facets`: (n,).  Collective."""
         prolongation = self._rows.prolongation
         sums = np.zeros((len(prolongation.space), 1))

@@ -7,7 +7,6 @@ entry here.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
@@ -16,6 +15,7 @@ from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.scene import Scene
@@ -29,7 +29,7 @@ _SMOOTH = 0.966
 
 
 def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
-    """The kind of each contact of a scene.
+    """Kinds of the contacts of a scene.
 
     Local.
 
@@ -46,7 +46,7 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     return tuple(kinds)
 
 
-def needed_keys(scene: Scene, space: Space) -> npt.NDArray[np.int64]:
+def needed_keys(scene: Scene, space: Space) -> Int64Array:
     """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.  Collective."""
     return np.concatenate([np.empty(0, dtype=np.int64), *(kind.needed(space) for kind in kinds_of(scene))])
 
@@ -109,8 +109,8 @@ def _joined(parts: list[Entries], counts: list[int]) -> Entries:
     return Entries(rows, *(np.concatenate([getattr(p, name) for p in parts]) for name in ("node", "side", "weight")))
 
 
-def _sharing(rows: ConstraintRows, across: npt.NDArray[np.float64], node_stiffness: float | None) -> ConstraintRows:
-    """Rows of one node, as if they were of one contact surface: stiffness by area, and one normal on a smooth one.
+def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
+    """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth.
 
     Args:
         rows: of several contacts.

@@ -1,10 +1,9 @@
-"""Errors of contact itself: of its forces, between its nodes, and of a penalty."""
+"""Error contributions of contact: its forces, the gap between its nodes, and a penalty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.estimate.dual_weighted import Goal
@@ -12,14 +11,15 @@ from fx_contact.estimate.goal_errors import JudgedGoal
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.quantities import ContactForce
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.parallel.arrays import Int8Array
 
 
 @dataclass(frozen=True, eq=False)
 class ContactError:
-    """How well a step resolves contact.
+    """Error contributions of the contact discretisation in a step.
 
     Attributes:
-        refine: (n,) int8, how often to refine each leaf of this rank for contact, whatever xi_T is.
+        refine: (n,), number of refinements of each leaf of this rank for contact and goals.
         leaves: number of these leaves on all ranks.
         between_nodes: number of those on all ranks that are penetrated between nodes; None: not computed.
         of_pairs: for each contact pair the estimated error of its force, relative to it; None: not computed, before
@@ -28,7 +28,7 @@ class ContactError:
         penalty_share: `penalty_share`, the largest of all contact pairs; None: not computed [-].
     """
 
-    refine: npt.NDArray[np.int8]
+    refine: Int8Array
     leaves: int
     between_nodes: int | None
     of_pairs: list[float | None]
@@ -37,20 +37,20 @@ class ContactError:
 
     @classmethod
     def unknown(cls, leaves: int, pairs: int) -> "ContactError":
-        """That of a step of so many leaves on this rank and so many contact pairs for which it is not asked.  Local."""
+        """No error, of a step of so many leaves on this rank and so many contact pairs.  Local."""
         between_nodes, share = (None, None) if pairs else (0, 0.0)
         return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
 
-    def with_more(self, goals: Sequence[JudgedGoal], comm: MPI.Comm) -> "ContactError":
+    def with_more(self, goals: Sequence[JudgedGoal], comm: MPI.Intracomm) -> "ContactError":
         """The same with leaves to refine for goals of the user.  Collective on comm."""
         refine = np.max([self.refine, *(goal.refine for goal in goals)], axis=0)
         return replace(self, refine=refine, leaves=comm.allreduce(int((refine > 0).sum())))
 
 
 def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float) -> dict[int, ContactForce]:
-    """The forces of contact pairs that press, as goals, by the position of the pair.
+    """Goals for the positive forces of contact pairs, by the position of the pair.
 
-    Local.  A force may have the relative error e of what it should be, or e^2 of the largest force, but not all of it.
+    Local.  The error may be e times the exact force, or e^2 times the largest force, but less than the exact force.
 
     Args:
         names: of the contact pairs.
@@ -65,37 +65,38 @@ def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float)
 def contact_error(state: SolvedState, between: GapBetweenNodes, forces: dict[int, JudgedGoal]) -> ContactError:
     """The errors of contact in a step, and the leaves to refine for them.
 
-    Collective on state.forest.comm.  Penetration between nodes is looked at in each step, forces once (6) is met.
+    Collective on state.forest.comm.  Penetration between nodes is checked in each step, forces once (6) is met.
 
     Args:
-        state: SolvedState.
-        between: the gap between its nodes.
+        between: of the state.
         forces: the judged `force_goals`.
     """
     comm, pairs = state.forest.comm, range(len(state.scene.contact))
     missed = between.penetrated()
     refine = np.max([missed.astype(np.int8), *(judged.refine for judged in forces.values())], axis=0)
     between_nodes, total = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
-    known = {i: judged for i, judged in forces.items() if judged.record.error is not None}
+    goals = {i: judged.goal for i, judged in forces.items() if judged.goal is not None}
+    errors = {
+        i: judged.record.error / judged.record.value
+        for i, judged in forces.items()
+        if judged.record.error is not None
+    }
     return ContactError(
         refine=refine,
         leaves=total,
         between_nodes=between_nodes,
-        of_pairs=[known[i].record.error / known[i].record.value if i in known else None for i in pairs],
-        leaves_of_pairs=[known[i].leaves if i in known else 0 for i in pairs],
-        penalty_share=max((penalty_share(state, judged.goal) for judged in known.values()), default=None),
+        of_pairs=[errors.get(i) for i in pairs],
+        leaves_of_pairs=[forces[i].leaves if i in forces else 0 for i in pairs],
+        penalty_share=max((penalty_share(state, goal) for goal in goals.values()), default=None),
     )
 
 
 def penalty_share(state: SolvedState, force: Goal) -> float:
-    """The share of a contact pair's force that the penetration of a penalty takes [-].
+    """Relative loss of a contact pair's force by the penetration of a penalty [-].
 
-    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F; where the
-    exact force is F_e, about 1 - F / F_e.
-
-    Args:
-        state: SolvedState.
-        force: Goal of the force.
+    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F, about
+    1 - F / F_e with the force F_e of exact contact.
     """
+    assert state.pairs is not None
     work = float((force.pressure * state.pairs.area) @ state.solution.penetration)
     return abs(state.forest.comm.allreduce(work)) / force.value

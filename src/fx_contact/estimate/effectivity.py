@@ -1,13 +1,19 @@
 """The effectivity of the error estimator, measured by the solutions on two successive meshes."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from fx_contact.estimate.estimator import Estimate
 
 
 @dataclass(frozen=True)
 class RefinementHistory:
-    """What the refinements of a run have shown of the estimator.
+    """Record of the refinements of a run, and of the effectivity that they show.
 
     Attributes:
         effectivity: theta = xi / ||u - u_h||, estimated over true error, as far as it is measured [-].
@@ -23,8 +29,8 @@ class RefinementHistory:
     refined: bool = False
     compared: bool = False
 
-    def observed(self, estimate, change, least):
-        """The history with the effectivity that the present mesh shows of the one before.
+    def observed(self, estimate: Estimate, change: float, least: float) -> RefinementHistory:
+        """The history with the effectivity on the mesh before, by the solution on the present one.
 
         Local.  On nested meshes H, h energy errors add in squares (Galerkin orthogonality):
 
@@ -33,29 +39,23 @@ class RefinementHistory:
         so that theta = xi_H / ||u - u_H||.  Two fixed-point iterations start from the theta known before.
 
         Args:
-            estimate: Estimate on the present mesh.
+            estimate: on the present mesh.
             change: ||u_h - u_H||, as from `Elasticity.change_norm` [J^(1/2)].
-            least: smallest effectivity that is believed [-].
-
-        Returns:
-            RefinementHistory.
+            least: lower bound of the effectivity [-].
         """
         if not self.refined:
             return self
         theta = self.effectivity
         for _ in range(2):
-            coarse_error = np.hypot(change, estimate.error_global / theta)
+            coarse_error = float(np.hypot(change, estimate.error_global / theta))
             measured = float(np.sqrt(self.error2) / coarse_error) if coarse_error else 1.0
             theta = min(max(measured, least), 1.0)
         return replace(self, effectivity=theta, compared=True)
 
-    def loss_rate(self, estimate):
+    def loss_rate(self, estimate: Estimate) -> float | None:
         """The loss of xi^2 by the last refinement over that of a smooth solution, at most 1; None: unknown, or none.
 
-        Local.
-
-        Args:
-            estimate: Estimate on the present mesh.
+        Local.  The estimate is that of the present mesh.
         """
         lost = self.error2 - estimate.error_global**2
         return min(lost / self.expected_loss, 1.0) if self.expected_loss and lost > 0 else None

@@ -7,7 +7,6 @@ Bank, A. Weiser, Math. Comp. 44, 1985; on the choice of functions M. Ainsworth, 
 
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 import ufl
 from basix import CellType, LagrangeVariant
 from dolfinx import fem
@@ -17,6 +16,7 @@ from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import basix_order
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import hexahedron
 
@@ -52,7 +52,7 @@ class ElementResidual:
             self._residual, stiffness = Integral(comm, residual * dx, [u]), compiled(comm, energy * dx)
         self._stiffness = fem.assemble_matrix(stiffness).data.reshape(-1, 9, 9)
 
-    def of(self, field: DisplacementField, loaded: bool = True) -> npt.NDArray[np.float64]:
+    def of(self, field: DisplacementField, loaded: bool = True) -> FloatArray:
         """The right-hand side r of each cell: (ncells, 9) [J/m].
 
         Local.
@@ -64,7 +64,7 @@ class ElementResidual:
         self._loaded.value = float(loaded)
         return self._residual.vector(field).reshape(-1, 9)
 
-    def solved(self, residual: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def solved(self, residual: FloatArray) -> FloatArray:
         """The weights of e_T, (ncells, 9) [m]; r . e_T is xi_T^2 [J].  Local."""
         return np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
 

@@ -2,11 +2,14 @@
 
 import numpy as np
 
+from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.supports import Supports
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.validation import percent
 
-#: Most of the forces that may be left unbalanced [-]: what a force may be off at a tolerance of 7 %, e^2.  Solutions in
-#: balance leave what the linear solver does: 1e-10 on all ready scenes, solved to 1e-13
+#: Largest unbalanced share of the forces [-]: the error e^2 of a force at a tolerance e of 7 %.  Solutions in balance
+#: leave the error of the linear solver: 1e-10 on all ready scenes, solved to 1e-13
 #: (`tests/adaptive/test_resultants.py`).
 MOST = 0.005
 #: Reactions count by this part of them, so that 5e-5 of them may be left where nothing else acts: sums of magnitudes at
@@ -19,39 +22,36 @@ WHERE_ROUNDING_IS_LARGE = (
 )
 
 
-def nodal_residual(state, load):
+def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
     """K u - L + B^T f: the reactions where displacements are prescribed, elsewhere 0 but for the solver's error.
 
     Collective on state.forest.comm.
 
     Args:
-        state: SolvedState.
-        load: (owned, 3) float64, external forces L [N].
+        load: (owned, 3), external forces L [N].
 
     Returns:
-        (owned, 3) float64, at the conforming nodes, K u integrated from the stresses [N].
+        (owned, 3), at the conforming nodes, K u integrated from the stresses [N].
     """
-    residual = state.elasticity.internal_forces(state.field) - load
+    residual: FloatArray = state.elasticity.internal_forces(state.field) - load
     if state.pairs is not None:
         residual += state.pairs.transposed(state.solution.force)
     return residual
 
 
-def unbalanced(state, residual, load, supports):
-    """Share of the forces that no reaction balances.
+def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, supports: Supports) -> float:
+    """Largest unbalanced share of the forces on a body [-].
 
-    Collective on state.forest.comm.  A body's stresses are in balance by themselves.  What is left of its loads,
-    contact forces and reactions is the sum of the residuals in directions that no condition holds.
+    Collective on state.forest.comm.  A body's stresses are in balance by themselves.  Its loads, contact
+    forces and reactions add up to the sum of the residuals in free directions.
 
     Args:
-        state: SolvedState.
-        residual: (owned, 3) float64, its `nodal_residual` [N].
-        load: (owned, 3) float64 external forces [N].
-        supports: Supports at the owned conforming nodes.
+        residual: (owned, 3), `nodal_residual` of the state [N].
+        load: (owned, 3), external forces [N].
+        supports: at the owned conforming nodes.
 
     Returns:
-        float, of the body with the largest share, relative to all contact forces or loads, or to a hundredth
-        of the reactions where those are less [-].
+        relative to all contact forces or loads, or to a hundredth of the reactions where those are less.
     """
     forest, prolongation, free = state.forest, state.elasticity.prolongation, supports.free_part(residual)
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])
@@ -62,14 +62,14 @@ def unbalanced(state, residual, load, supports):
     return float(np.linalg.norm(sums[:-1], axis=1).max() / sums[-1].max()) if sums[-1].any() else 0.0
 
 
-def check_balance(state, residual, load, supports):
-    """See that a solution is in balance.
+def check_balance(state: SolvedState, residual: FloatArray, load: FloatArray, supports: Supports) -> None:
+    """Check that the forces on each body are in balance.
 
     Collective on state.forest.comm.  Bodies that come from afar lose it in rounding, unnoticed by a linear solver whose
     products have lost it too.
 
     Args:
-        state, residual, load, supports: as `unbalanced` takes them.
+        state, residual, load, supports: as in `unbalanced`.
 
     Raises:
         SolveError: more than `MOST` of the forces is not balanced.

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -20,6 +19,7 @@ from fx_contact.estimate.stress_recovery import TENSOR, StressRecovery
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.space import child_error
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
@@ -37,8 +37,8 @@ class Estimate:
         child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `fem.space.child_error` [-].
     """
 
-    error: npt.NDArray[np.float64]
-    energy: npt.NDArray[np.float64] | None
+    error: FloatArray
+    energy: FloatArray | None
     error_global: float
     energy_norm: float
     cells: int
@@ -52,7 +52,7 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class DisplacementError:
-    """The error e of a displacement field, as far as it is known.
+    """Estimated error e of a displacement field.
 
     Attributes:
         field: the displacement.
@@ -60,14 +60,13 @@ class DisplacementError:
         squares: (k, ncells), xi_T^2 by (3), at degree 2 and by the element residual [J].
         residual: (ncells, 9), element residual [J/m]; None at degree 1.
         bubbles: (ncells, 9), its solution [m]; None at degree 1.
-        estimate: Estimate.
     """
 
     field: DisplacementField
     stress: fem.Function
-    squares: npt.NDArray[np.float64]
-    residual: npt.NDArray[np.float64] | None
-    bubbles: npt.NDArray[np.float64] | None
+    squares: FloatArray
+    residual: FloatArray | None
+    bubbles: FloatArray | None
     estimate: Estimate
 
 
@@ -77,9 +76,7 @@ class Estimator:
     Collective.
 
     Args:
-        elasticity: Elasticity.
-        shear_free: ShearFree, where there is no shear stress by symmetry.
-        stages: Stages, for the times.
+        stages: for the times.
         body_force: UFL vector on the mesh [N/m^3]; None: there is none.
     """
 
@@ -108,7 +105,7 @@ class Estimator:
         Args:
             field: of the elasticity.
             noise: energy norm up to which the displacement is a rigid motion, without error [J^(1/2)].
-            loaded: whether the body force acts; not on an adjoint solution.
+            loaded: the body force acts; not on an adjoint solution.
 
         Raises:
             SolveError: the energy is not a finite number.
@@ -137,7 +134,7 @@ class Estimator:
         )
         return DisplacementError(field, stress, squares, residual, bubbles, estimate)
 
-    def products(self, one: DisplacementError, other: DisplacementError) -> npt.NDArray[np.float64]:
+    def products(self, one: DisplacementError, other: DisplacementError) -> FloatArray:
         """Products (e_u, e_z)_T of the errors of two displacements: (ncells,) [J].
 
         Collective.  By (3) int_T (sigma*_u - sigma_u) : C^-1 (sigma*_z - sigma_z), by the element residual
@@ -149,7 +146,7 @@ class Estimator:
             work = self._work(self._off(*self._arguments), self._off(*more))
             self._product = self._compiled([work], [*self._arguments, *more])
         result = self._product.vector(one.field, one.stress, other.field, other.stress)
-        if one.residual is not None:
+        if one.residual is not None and other.bubbles is not None:
             recovered, residual = one.squares * other.squares
             result = np.where(recovered >= residual, result, (one.residual * other.bubbles).sum(axis=1))
         return result

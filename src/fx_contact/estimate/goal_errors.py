@@ -4,29 +4,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from fx_contact.estimate.dual_weighted import Functional, Goal, Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.validation import percent
 
 
 @dataclass(frozen=True)
 class GoalRecord:
-    """What a step says of a goal.
+    """Value and estimated error of a goal in a step.
 
     Attributes:
         name: of the goal.
-        value: of the whole bodies, in the unit of the quantity: [N], [m] or [Pa].
+        value: of the bodies with their mirror images, in the unit of the quantity: [N], [m] or [Pa].
         error: estimated error, in that unit; None: not estimated, before the energy error meets its tolerance, or for
             the force and pressure of an open pair, and a gap that is closed.
         allowed: the error that the tolerance allows, in that unit.
         tolerance: of the goal, relative [-].
-        reached: whether the error is known to be within the tolerance, or there is none to know: that of the force of
-            an open pair.
+        reached: the error is estimated and within the tolerance, or is none: that of the force of an open pair.
     """
 
     name: str
@@ -36,7 +35,7 @@ class GoalRecord:
     tolerance: float
     reached: bool
 
-    def __str__(self):
+    def __str__(self) -> str:
         size = self.allowed / self.tolerance
         error = "" if self.error is None or not size else f", estimated error {percent(self.error / size)}"
         reached = "reached" if self.reached else "not reached"
@@ -48,14 +47,13 @@ class JudgedGoal:
     """A goal, its error, and the leaves to refine for it.
 
     Attributes:
-        record: GoalRecord.
-        refine: (n,) int8, how often to refine each leaf of this rank.
+        refine: (n,), number of refinements of each leaf of this rank.
         leaves: number of these leaves on all ranks.
-        goal: Goal; None: not estimated.
+        goal: None: not estimated.
     """
 
     record: GoalRecord
-    refine: npt.NDArray[np.int8]
+    refine: Int8Array
     leaves: int
     goal: Goal | None
 
@@ -64,29 +62,29 @@ def judge_goals(
     goals: Sequence[Quantity],
     duals: Goals | None,
     state: SolvedState,
-    residual: npt.NDArray[np.float64],
+    residual: FloatArray,
     theta: float,
     control: ErrorControl,
 ) -> tuple[JudgedGoal, ...]:
     """Values and estimated errors of goals, and the leaves to refine for them.
 
-    Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  It takes that closed node pairs
-    stay closed.  Goals of one quantity share an adjoint solution.
+    Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  Closed rows
+    are taken to stay closed.  Goals of one quantity share an adjoint solution,
+    as good as the smallest tolerance needs.
 
     Args:
-        goals: quantities.
-        duals: Goals of the state; None: no errors are wanted yet.
-        state: SolvedState.
-        residual: (owned, 3), its `nodal_residual` [N].
-        theta: effectivity by which estimated errors are corrected [-].
-        control: ErrorControl.
+        duals: of the state; None: no errors are wanted yet.
+        residual: (owned, 3), `nodal_residual` of the state [N].
+        theta: effectivity by which estimated errors are divided [-].
     """
     known: dict[str, tuple[Functional, Goal | None]] = {}
-    for quantity in goals:
+    for quantity in sorted(goals, key=lambda goal: float(goal.tolerance)):
         if quantity.name not in known:
             functional = quantity.functional(state, residual)
-            wanted = duals is not None and functional.depends(state.forest.comm)
-            known[quantity.name] = functional, duals.of(functional) if wanted else None
+            goal = None
+            if duals is not None and functional.depends(state.forest.comm):
+                goal = duals.of(functional, theta * quantity.tolerance * functional.size)
+            known[quantity.name] = functional, goal
     return tuple(_judged(goal, *known[goal.name], duals is not None, state, theta, control) for goal in goals)
 
 

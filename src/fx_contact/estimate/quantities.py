@@ -1,23 +1,27 @@
-"""Quantities of interest that a run may hold to tolerances of their own, beside the energy norm."""
+"""Quantities of interest, each with a tolerance of its own beside that of the energy norm."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import force_components
+from fx_contact.contact.body_contact import force_components
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import held_nodes, shared_forces
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name, check_number, check_vector, shown
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.point_location import root_cells_at
+from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.scene import Scene
 
-#: Node pairs count as equally near to a point, or equally pressed, up to this part: rounding and the linear
-#: solver's error, which depend on ranks.
+#: Relative differences of distances to a point, and of pressures, that depend on ranks: rounding, and the error of the
+#: linear solver.
 _SAME = 1e-6
 
 
@@ -28,43 +32,45 @@ class Quantity(ABC):
         SceneError: the tolerance is no positive number.
     """
 
-    def __post_init__(self):
+    tolerance: float
+
+    def __post_init__(self) -> None:
         check_number(f"the tolerance of {self!r}", self.tolerance, positive=True)
 
     @property
     @abstractmethod
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
 
     @abstractmethod
-    def check(self, scene):
-        """See that a Scene has what the quantity is of.  Local.  Raises SceneError: it has not."""
+    def check(self, scene: Scene) -> None:
+        """Check that the scene has the place of the quantity.  Local.  Raises SceneError: it has not."""
 
     @abstractmethod
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """The quantity at a solution, linear as long as the closed node pairs stay closed.
 
         Collective on state.forest.comm.
 
         Args:
-            state: SolvedState.
-            residual: (owned, 3) float64, its `nodal_residual` [N].
-
-        Returns:
-            Functional.
+            residual: (owned, 3), `nodal_residual` of the state [N].
         """
 
 
 class OfPair(Quantity):
-    """A quantity of the contact pair that its `pair` names, "first on second" (`ContactPair.name`)."""
+    """A quantity of a contact pair, by its name `pair`, "first on second" (`ContactPair.name`)."""
 
-    def check(self, scene):
+    pair: str
+
+    def check(self, scene: Scene) -> None:
         """As `Quantity.check`.  Local.  Raises SceneError: there is no such contact pair."""
         check_name("contact pair", self.pair, [pair.name for pair in scene.contact])
 
-    def ours(self, state):
-        """(n,) bool, the node pairs of the contact pair, of a SolvedState.  Local."""
-        return state.pairs.contact == [pair.name for pair in state.scene.contact].index(self.pair)
+    def rows(self, state: SolvedState) -> tuple[ConstraintRows, BoolArray]:
+        """All rows, and those of the contact pair (n,).  Local."""
+        assert state.pairs is not None
+        index = [pair.name for pair in state.scene.contact].index(self.pair)
+        return state.pairs, np.asarray(state.pairs.contact == index)
 
 
 @dataclass(frozen=True)
@@ -83,14 +89,15 @@ class ContactForce(OfPair):
     tolerance: float
 
     @property
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
         return f"force of {self.pair}"
 
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`; d is the share of each closed node pair."""
-        scene, closed = state.scene, self.ours(state) & state.solution.active
-        share = scene.symmetry * np.where(closed, force_components(scene, state.pairs, np.ones(len(closed))), 0.0)
+        scene, (rows, ours) = state.scene, self.rows(state)
+        closed = ours & state.solution.active
+        share = scene.symmetry * np.where(closed, force_components(scene, rows, np.ones(len(closed))), 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
         return Functional(value, abs(value), penetration=share)
 
@@ -112,20 +119,20 @@ class Gap(OfPair):
     point: tuple[float, float, float]
     tolerance: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         check_vector("the point of a Gap", self.point)
 
     @property
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
         return f"gap of {self.pair} at {_listed(self.point)}"
 
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`."""
-        ours, comm = self.ours(state), state.forest.comm
-        distance = np.linalg.norm(state.pairs.position - np.array(self.point, np.float64), axis=1)
-        weight = _one(comm, state.pairs, ours, -distance)
+        rows, ours = self.rows(state)
+        distance = np.asarray(np.linalg.norm(rows.position - np.array(self.point, np.float64), axis=1))
+        weight = _one(state.forest.comm, rows, ours, -distance)
         return gap_functional(state, np.where(state.solution.active, 0.0, weight))
 
 
@@ -145,16 +152,16 @@ class MaxPressure(OfPair):
     tolerance: float
 
     @property
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
         return f"largest pressure of {self.pair}"
 
-    def functional(self, state: SolvedState, residual: npt.NDArray[np.float64]) -> Functional:
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`, of the pressure at the node that has the largest."""
-        solution, ours = state.solution, self.ours(state)
+        solution, (rows, ours) = state.solution, self.rows(state)
         value = state.forest.comm.allreduce(float(solution.pressure[ours].max(initial=0.0)), op=MPI.MAX)
-        weight = _one(state.forest.comm, state.pairs, ours & solution.active, solution.pressure)
-        share = state.pairs.pressure_weights(solution.force, weight)
+        weight = _one(state.forest.comm, rows, ours & solution.active, solution.pressure)
+        share = rows.pressure_weights(solution.force, weight)
         return Functional(value, value, penetration=np.where(solution.active, share, 0.0))
 
 
@@ -177,26 +184,26 @@ class Displacement(Quantity):
     tolerance: float
     body: str | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         check_vector("the point of a Displacement", self.point)
         _ = self._unit_direction  # as it must be
 
     @property
-    def _unit_direction(self):
+    def _unit_direction(self) -> FloatArray:
         return check_direction("the direction of a Displacement", self.direction)
 
     @property
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
         of = "" if self.body is None else f" of {self.body}"
         return f"displacement{of} at {_listed(self.point)} along {_listed(self.direction)}"
 
-    def check(self, scene):
+    def check(self, scene: Scene) -> None:
         """As `Quantity.check`: exactly one body has the point."""
         self._place(scene.mesh)
 
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`; l is the direction times the shape functions at the point.
 
         Raises:
@@ -211,7 +218,7 @@ class Displacement(Quantity):
         direction = check_direction("the direction", self.direction)
         return Functional(float(direction @ vector), float(np.linalg.norm(vector)), load=weight * direction)
 
-    def _place(self, mesh):
+    def _place(self, mesh: RootMesh) -> tuple[np.int64, FloatArray]:
         """Root cell and reference coordinates (3,) of the point."""
         if self.body is not None:
             check_name("body", self.body, mesh.bodies, "the root mesh has")
@@ -226,7 +233,7 @@ class Displacement(Quantity):
             )
         if len(found) > 1:
             raise SceneError(
-                f"the point of {self!r} is in {' and '.join(map(repr, found))}: say which is meant by `body`"
+                f"the point of {self!r} is in {' and '.join(map(repr, found))}: name one of them as `body`"
             )
         first = bodies.index(found[0])
         return cells[first], coordinates[first]
@@ -249,22 +256,22 @@ class Reaction(Quantity):
     tolerance: float
     direction: tuple[float, float, float] | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if self.direction is not None:
             check_direction("the direction of a Reaction", self.direction)
 
     @property
-    def name(self):
-        """As records have it."""
+    def name(self) -> str:
+        """Name in records."""
         along = "" if self.direction is None else f" along {_listed(self.direction)}"
         return f"reaction at {self.where}{along}"
 
-    def check(self, scene):
-        """As `Quantity.check`: there is such a condition, and it holds the direction."""
+    def check(self, scene: Scene) -> None:
+        """As `Quantity.check`: there is such a condition, and it prescribes the direction."""
         self._unit_direction(scene)
 
-    def _unit_direction(self, scene):
+    def _unit_direction(self, scene: Scene) -> FloatArray:
         """The direction as a unit vector (3,)."""
         conditions = [condition for condition in scene.dirichlet if isinstance(condition, Dirichlet)]
         check_name("condition", self.where, [condition.where for condition in conditions])
@@ -276,7 +283,7 @@ class Reaction(Quantity):
             raise SceneError(f"{self.where!r} is not held along the direction of {self!r}: it has no reaction there")
         return direction
 
-    def functional(self, state, residual):
+    def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`; w shares the direction among the conditions of a node, as the resultants do."""
         scene, direction = state.scene, self._unit_direction(state.scene)
         held = held_nodes(scene, state.elasticity.prolongation)
@@ -295,17 +302,13 @@ class Reaction(Quantity):
 KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
 
 
-def check_goals(goals, scene):
+def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]:
     """Goals as a tuple.
 
     Local.
 
-    Args:
-        goals: sequence of Quantity.
-        scene: Scene.
-
     Raises:
-        SceneError: there is another thing among them, or they name what the scene does not have.
+        SceneError: one is of another type, or of a place that the scene does not have.
     """
     kinds = ", ".join(kind.__name__ for kind in KINDS)
     if not isinstance(goals, (tuple, list)):
@@ -317,21 +320,21 @@ def check_goals(goals, scene):
     return tuple(goals)
 
 
-def _listed(point):
-    """Three numbers as they stand in a name."""
+def _listed(point: Sequence[float]) -> str:
+    """Three numbers as part of a name."""
     return ", ".join(f"{x:g}" for x in point)
 
 
-def _one(comm, pairs, some, value):
-    """Weights (n,) float64: 1 for the one of some node pairs (n,) bool that has the largest value, 0 for the others.
+def _one(comm: MPI.Intracomm, rows: ConstraintRows, some: BoolArray, value: FloatArray) -> FloatArray:
+    """Weights (n,): 1 for the row with the largest value among some, if any, 0 for the others.
 
-    Collective on comm.  Of several the first by position is taken, so that ranks do not matter; of none, none.
+    Collective on comm.  Of equal ones the first by position is taken, on any number of ranks.
     """
-    weight, ours = np.zeros(len(pairs)), np.flatnonzero(some)
+    weight, ours = np.zeros(len(rows)), np.flatnonzero(some)
     largest = comm.allreduce(float(value[ours].max(initial=-np.inf)), op=MPI.MAX)
     if not np.isfinite(largest):
         return weight
     near = ours[value[ours] >= largest - _SAME * abs(largest)]
-    first = min(comm.allgather(min(map(tuple, pairs.position[near]), default=(np.inf,) * 3)))
-    weight[near[(pairs.position[near] == first).all(axis=1)]] = 1.0
+    first = min(comm.allgather(min(map(tuple, rows.position[near]), default=(np.inf,) * 3)))
+    weight[near[(rows.position[near] == first).all(axis=1)]] = 1.0
     return weight

@@ -1,11 +1,16 @@
-"""Planes that are held across alone, as by symmetry: no shear stress acts there, which recovered stresses know."""
+"""Planes without shear stress: only the displacement across them is prescribed, as by symmetry."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from fx_contact.fem.dirichlet import SAME_PLANE, nodes_on
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 from fx_contact.problem.boundary_conditions import ObliquePlane
+from fx_contact.problem.scene import Scene
 
 #: Rows and columns of the six components of a symmetric stress in recovered fields.
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -17,22 +22,21 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ShearFree:
-    """Where there is no shear stress, at owned conforming nodes.
+    """Owned conforming nodes without shear stress.
 
     Local.
 
     Attributes:
-        across: (owned, 3) bool, the axes across which a node lies on such a plane; where planes are oblique they are
-            among the others.
-        oblique: (k,) int nodes on oblique planes and (k, 6, 6) float64, the orthogonal projectors on stresses without
-            shear on all such planes there; None: there are none.
+        across: (owned, 3), the node lies on such a plane normal to the axis, and on no oblique one.
+        oblique: (k,) nodes on oblique planes, and (k, 6, 6), orthogonal projectors on stresses without shear on all
+            planes of the node; None: there are none.
     """
 
-    across: np.ndarray
-    oblique: tuple[np.ndarray, np.ndarray] | None = None
+    across: BoolArray
+    oblique: tuple[IntArray, FloatArray] | None = None
 
-    def remove_shear(self, stress):
-        """Take the shear out of stresses (owned, 6 or more), the first six as `VOIGT`; changed in place."""
+    def remove_shear(self, stress: FloatArray) -> None:
+        """Remove the shear of stresses (owned, 6 or more), the first six as `VOIGT`, in place."""
         for component, (i, j) in enumerate(VOIGT):
             if i != j:
                 stress[self.across[:, i] | self.across[:, j], component] = 0
@@ -41,52 +45,44 @@ class ShearFree:
             stress[nodes, :6] = np.einsum("nij,nj->ni", kept, stress[nodes, :6])
 
 
-def find_shear_free(scene, forest, prolongation):
-    """Where a plane is held across it only: no shear stress acts there, as by symmetry.
+def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:
+    """Nodes of plane facets without traction on which all conditions together prescribe the normal displacement only.
 
-    Collective on forest.comm.  What counts is all that is held of a facet, in however many conditions.
-
-    Args:
-        scene: Scene.
-        forest: Forest.
-        prolongation: Prolongation of the forest.
-
-    Returns:
-        ShearFree.
+    Collective on forest.comm.
     """
     mesh, space, planes = forest.mesh, prolongation.space, scene.oblique_planes
     on = np.zeros((len(space), 3 + len(planes)))
-    held, loaded = np.zeros((len(mesh.cells), 6, on.shape[1]), bool), np.zeros((len(mesh.cells), 6), bool)
+    prescribed, loaded = np.zeros((len(mesh.cells), 6, on.shape[1]), bool), np.zeros((len(mesh.cells), 6), bool)
     for condition in scene.conditions:
         if isinstance(condition, ObliquePlane):
-            held[(*mesh.surfaces[condition.where].T, 3 + planes.index(condition))] = True
+            prescribed[(*mesh.surfaces[condition.where].T, 3 + planes.index(condition))] = True
         elif condition.where in mesh.surfaces:
-            held[(*mesh.surfaces[condition.where].T, slice(3))] |= condition.held
+            prescribed[(*mesh.surfaces[condition.where].T, slice(3))] |= condition.held
     for traction in scene.tractions:
         loaded[tuple(mesh.surfaces[traction.surface].T)] = True
-    alone = (held.sum(axis=2) == 1) & ~loaded
+    alone: BoolArray = (prescribed.sum(axis=2) == 1) & ~loaded
     for column in range(on.shape[1]):
-        facets = np.argwhere(alone & held[:, :, column])
+        facets = np.argwhere(alone & prescribed[:, :, column])
         if column < 3:
             extent = np.ptp(mesh.facet_points(facets), axis=1)
             facets = facets[extent[:, column] <= _FLAT * extent.max(axis=1)]
         on[nodes_on(space, facets), column] = 1
     on[prolongation.hanging] = 0
-    on = prolongation.restrict(on) > 0
+    on_planes: BoolArray = prolongation.restrict(on) > 0
     if not planes:
-        return ShearFree(on)
-    nodes = np.flatnonzero(on[:, 3:].any(axis=1))
+        return ShearFree(on_planes)
+    nodes = np.flatnonzero(on_planes[:, 3:].any(axis=1))
     shears = np.array([_shears(normal) for normal in (*np.eye(3), *(plane.normal for plane in planes))])
-    values, vectors = np.linalg.eigh(np.tensordot(on[nodes].astype(float), shears, axes=1))
+    values, vectors = np.linalg.eigh(np.tensordot(on_planes[nodes].astype(float), shears, axes=1))
     vectors = vectors * (values <= SAME_PLANE)[:, None]
     kept = vectors @ vectors.swapaxes(1, 2) * (_WEIGHT / _WEIGHT[:, None])
-    return ShearFree(np.where(on[:, 3:].any(axis=1)[:, None], False, on[:, :3]), (nodes, kept))
+    return ShearFree(np.where(on_planes[:, 3:].any(axis=1)[:, None], False, on_planes[:, :3]), (nodes, kept))
 
 
-def _shears(normal):
+def _shears(normal: npt.ArrayLike) -> FloatArray:
     """The sum of t t^T over an orthonormal basis t of the shears on a plane, as six weighted components: (6, 6)."""
     tangents = np.linalg.svd(np.reshape(normal, (1, 3)))[2][1:]
-    both = np.einsum("i,tj->tij", normal, tangents)
+    both = np.einsum("i,tj->tij", np.asarray(normal, np.float64), tangents)
     both = (both + both.swapaxes(1, 2)) / np.sqrt(2)
     six = _WEIGHT * np.stack([both[:, i, j] for i, j in VOIGT], axis=1)
-    return six.T @ six
+    return np.asarray(six.T @ six)

@@ -16,13 +16,8 @@ class SolvedState:
     """A scene solved on a forest, and the estimated error; a Step has these attributes too.
 
     Attributes:
-        scene: Scene.
-        forest: Forest.
-        elasticity: Elasticity.
-        field: DisplacementField, u at all nodes [m].
-        pairs: ConstraintRows; None without contact.
-        solution: ContactSolution.
-        estimate: Estimate.
+        field: u at all nodes [m].
+        pairs: None without contact.
     """
 
     scene: Scene

@@ -1,4 +1,4 @@
-"""Continuous stress to be shown: the L2 projection of sigma_h on the nodes of each body.
+"""Continuous stress for results: the L2 projection of sigma_h on the nodes of each body.
 
 The recovered stress is made for the estimate; this one is nearer to the true stress.  Errors in the energy norm against
 known stresses (`studies.effectivity.stress`) of the cells' stress, the recovered one, their nodal mean weighted by
@@ -13,7 +13,6 @@ volume (not kept in the study), and the projection:
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -23,6 +22,7 @@ from fx_contact.estimate.stress_recovery import six
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
 
 #: Relative residual of the projection, and the most iterations: 20 to 40 are taken.
@@ -36,14 +36,8 @@ def projected_stress(
 
     Collective.
 
-    Args:
-        elasticity: Elasticity.
-        field: the displacement.
-        shear_free: ShearFree, where there is no shear stress by symmetry.
-        stages: Stages, for the times.
-
     Returns:
-        Six components a node (`VOIGT`) [Pa].
+        six components a node (`VOIGT`) [Pa].
     """
     prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
@@ -54,7 +48,7 @@ def projected_stress(
             for function in (stress, result)
         )
 
-    def mass(nodal: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def mass(nodal: FloatArray) -> FloatArray:
         """Moments of values at the conforming nodes (owned, 6).  Collective."""
         result.x.array[:] = elasticity.at_blocks(prolongation.prolong(nodal))
         return prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(products).array))
@@ -66,13 +60,11 @@ def projected_stress(
     return result
 
 
-def _solved(
-    comm: MPI.Comm, mass: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]], load: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _solved(comm: MPI.Intracomm, mass: Callable[[FloatArray], FloatArray], load: FloatArray) -> FloatArray:
     """The values (owned, 6) whose moments are given, by conjugate gradients scaled by row sums.  Collective."""
     scale = 1 / mass(np.ones_like(load))
 
-    def dot(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def dot(one: FloatArray, other: FloatArray) -> FloatArray:
         """Scalar products of the columns on all ranks: (6,)."""
         return np.asarray(comm.allreduce((one * other).sum(axis=0), op=MPI.SUM))
 
@@ -92,6 +84,6 @@ def _solved(
     return x
 
 
-def _ratio(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _ratio(one: FloatArray, other: FloatArray) -> FloatArray:
     """Ratios, 0 where a column is 0."""
     return np.divide(one, other, out=np.zeros_like(one), where=other > 0)

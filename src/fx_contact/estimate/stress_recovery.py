@@ -1,13 +1,13 @@
 """Stress recovery of O. C. Zienkiewicz, J. Z. Zhu (1987): a continuous stress sigma* from the sigma_h of the cells."""
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from fx_contact.estimate.shear_free import VOIGT, ShearFree
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
 
 #: Position in `VOIGT` of each component of a symmetric tensor.
@@ -16,7 +16,7 @@ TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
 _SUPERCONVERGENT = 3
 
 
-def von_mises(stress: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def von_mises(stress: FloatArray) -> FloatArray:
     """Von Mises stress of stresses (..., 6) in the order of `VOIGT`: (...) [Pa].  Local."""
     x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
     return np.asarray(np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
@@ -35,9 +35,7 @@ class StressRecovery:
     points to each node.  Bodies share no node, so that each is recovered by itself.
 
     Args:
-        elasticity: Elasticity.
-        shear_free: ShearFree, where there is no shear stress by symmetry.
-        stages: Stages, for the times.
+        stages: for the times.
     """
 
     def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:
