@@ -143,7 +143,7 @@ def test_fields_go_along(scene, folder):
     *_, through = adapt(scene, 0.25, beginning=beginning, max_steps=3)
     list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
     (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
-    (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
+    (expected,), (found,) = (by_leaf(step.forest, step.carried) for step in (through, again))
     assert expected.shape == (through.record.cells, 27, 3) and np.ptp(expected) > 1
     assert np.abs(found - expected).max() < 1e-14
 

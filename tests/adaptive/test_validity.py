@@ -24,7 +24,7 @@ from fx_contact import (
     adapt,
     solve,
 )
-from fx_contact.adaptive.validity import Doubt, _place_of_largest, doubts_of_scene
+from fx_contact.adaptive.validity import ModelWarning, _place_of_largest, load_warnings
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results import doubt_lines
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
@@ -202,14 +202,12 @@ def test_no_load():
         solve(hertz(1.0, 0.0, order=6, coarse=2), 0.02)
     found = doubts(hertz(1.0, 0.0, order=6, coarse=2), allow=("no load",))
     assert [*found] == ["no load", "no contact"] and found["no contact"].value == 0
-    assert doubts_of_scene(on_a_block(down=0.0)) and not doubts_of_scene(on_a_block(down=0.0, gap=-1e-5))
-    assert doubts_of_scene(on_a_block(down=0.0, bulge=-1e-3)) and not doubts_of_scene(
-        on_a_block(down=0.0, bulge=1e-3)
-    )
-    assert doubts_of_scene(block()) and not doubts_of_scene(block(Pressure("top", lambda x: x[0])))
-    assert not doubts_of_scene(block(BodyForce("block", (0.0, 0.0, -1e-9))))
-    assert not doubts_of_scene(stack(displacement=-1e-9)) and not doubts_of_scene(shrink_fit())
-    assert doubts_of_scene(shrink_fit(interference=-0.01))
+    assert load_warnings(on_a_block(down=0.0)) and not load_warnings(on_a_block(down=0.0, gap=-1e-5))
+    assert load_warnings(on_a_block(down=0.0, bulge=-1e-3)) and not load_warnings(on_a_block(down=0.0, bulge=1e-3))
+    assert load_warnings(block()) and not load_warnings(block(Pressure("top", lambda x: x[0])))
+    assert not load_warnings(block(BodyForce("block", (0.0, 0.0, -1e-9))))
+    assert not load_warnings(stack(displacement=-1e-9)) and not load_warnings(shrink_fit())
+    assert load_warnings(shrink_fit(interference=-0.01))
 
 
 def test_place_of_the_largest_value():
@@ -239,8 +237,8 @@ def test_wrong_names(allow, sentence):
 def test_record():
     """Doubts survive a file; lines of older records have none."""
     known = [
-        Doubt("sliding", 2.0, 1.0, (0.0, 1.0, 2.0), "slides"),
-        Doubt("large strain", 0.1, 0.05, "upper", "is strained"),
+        ModelWarning("sliding", 2.0, 1.0, (0.0, 1.0, 2.0), "slides"),
+        ModelWarning("large strain", 0.1, 0.05, "upper", "is strained"),
     ]
     entries = json.loads(json.dumps(step_record(0, doubts=known).as_json()))
     assert StepRecord.from_json(entries).doubts == known

@@ -9,7 +9,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step_solver import StepStart, solve_step
-from fx_contact.adaptive.validity import check_doubts, doubts_of_scene
+from fx_contact.adaptive.validity import check_model_warnings, load_warnings
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
@@ -130,7 +130,7 @@ def adapt(
 
 def _check_start(settings, comm, beginning, restart):
     """See that a run can begin where it is told to, and that something loads the scene.  Local."""
-    check_doubts(doubts_of_scene(settings.scene), settings.allow)
+    check_model_warnings(load_warnings(settings.scene), settings.allow)
     for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
@@ -276,7 +276,7 @@ class Run:
             times = np.zeros(len(step.forest), dtype=np.int8)
             times[step.leaf_mesh.leaf] = marked
             times = np.maximum(times, step.contact_error.refine)
-            values = np.concatenate([step.nodal_displacement, step.along], axis=2)
+            values = np.concatenate([step.nodal_displacement, step.carried], axis=2)
             self._forest, self._values = step.forest.refined_with(times, values)
         self.step = None
         return stages
@@ -306,11 +306,11 @@ class Run:
         """StepStart from the values that the leaves carry, which are used up."""
         values, self._values = self._values, None
         if values is None:
-            displacement, along = np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
+            displacement, carried = np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
         else:
             leaf, node = prolongation.space.example.T
-            displacement, along = prolongation.injected(values[leaf, node, :3]), values[..., 3:].copy()
-        return StepStart(prolongation, displacement, along, self._history)
+            displacement, carried = prolongation.injected(values[leaf, node, :3]), values[..., 3:].copy()
+        return StepStart(prolongation, displacement, carried, self._history)
 
     def _stages(self, number):
         """Stages of a step, told to who wants to know."""

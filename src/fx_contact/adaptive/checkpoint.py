@@ -77,7 +77,7 @@ class CheckpointWriter:
         """
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         leaf, node = prolongation.space.example.T
-        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.along[leaf, node]], axis=1)
+        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.carried[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         write_checkpoint(
@@ -138,7 +138,7 @@ class State:
 
     Attributes:
         forest: Forest.
-        values: (n, (p+1)^3, 3 + k) float64 at the nodes of the leaves: displacement [m], and fields that go along.
+        values: (n, (p+1)^3, 3 + k) float64 at the nodes of the leaves: displacement [m], and carried fields.
         estimate: Estimate, its errors in the order of the leaves.
         refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
         history: RefinementHistory, before this step is marked.
@@ -152,7 +152,7 @@ class State:
 
     @classmethod
     def of(cls, step):
-        """The state after a step, without fields that go along.
+        """The state after a step, without carried fields.
 
         Collective on the step's comm.
 
