@@ -304,7 +304,7 @@ def test_belongs_to_another_problem(scene, folder):
         ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
         ({"degree": 1}, "degree (2 then, 1 now)"),
-        ({"control": ErrorControl(target=0.8)}, "problem: error control's target (0.9 then, 0.8 now); go on"),
+        ({"control": ErrorControl(target=0.8)}, "problem: error control's target (0.9 then, 0.8 now); continue"),
     ):
         assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))
     assert "got True" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=True)))

@@ -63,6 +63,12 @@ def integral(form):
     return WORLD.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
 
 
+def test_former_name(step):
+    """The former name of the carried fields gives them with a warning."""
+    with pytest.warns(DeprecationWarning, match="carried"):
+        assert step.along is step.carried
+
+
 def test_measure_of_a_surface(step):
     """ds(name) has the surface's area where facets hang; plain ds is over hanging facets too."""
     one = fem.Constant(step.mesh, 1.0)

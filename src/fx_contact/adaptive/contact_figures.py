@@ -105,7 +105,7 @@ def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:
     if scene.contact_centre is not None:
         centre = np.array(scene.contact_centre, dtype=np.float64)
     else:
-        centre = moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2
+        centre = np.asarray(moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2)
     return scene.mirrors.centre(centre)
 
 

@@ -144,7 +144,7 @@ class Step(SolvedState):
             Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
             data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
         """
-        return leaf_grid(self)
+        return leaf_grid(self, self.stress)
 
     @cached_property
     def contact(self) -> ContactState:
@@ -152,13 +152,9 @@ class Step(SolvedState):
         pairs, solution, comm = self.pairs, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
-            vectors, numbers, pair, key = (
-                np.zeros((2, 0, 3)),
-                np.zeros((3, 0)),
-                np.zeros(0, np.int32),
-                np.zeros(0, int),
-            )
-            return ContactState(*vectors, *numbers, np.zeros(0, bool), pair, names, key, comm)
+            vectors, numbers, integers = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
+            pair, active = integers.astype(np.int32), np.zeros(0, dtype=bool)
+            return ContactState(vectors, vectors, numbers, numbers, numbers, active, pair, names, integers, comm)
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,

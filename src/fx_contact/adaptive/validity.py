@@ -195,21 +195,21 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
         """Of each column over the rows of each contact: (columns, contacts)."""
         return comm.allreduce(np.stack([np.bincount(rows.contact, column, count) for column in columns]))
 
-    pressed, moved, gap, closed, whole = sums(force, force * slid, area * rows.gap, area, rows.area)
-    moved = np.divide(moved, pressed, out=np.zeros(count), where=pressed > 0)
+    total, moved, gap, closed, surface = sums(force, force * slid, area * rows.gap, area, rows.area)
+    moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
     (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
     _, approach = rows.pressing(force, rows.contact, count)
     warnings = []
-    for index in np.flatnonzero(pressed > 0):
+    for index in np.flatnonzero(total > 0):
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
-        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else whole[index]) / np.pi)
+        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else surface[index]) / np.pi)
         value, limit = float(moved[index]), float(SLIDING * radius)
         if value > limit:
             place = _place_of_largest(comm, np.where(force > 0, slid, 0.0), rows.position)[0]
-            names, what = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
+            names, kind = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
             message = (
-                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {what} has "
+                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {kind} has "
                 f"a radius of {radius:.3g}: they act on each other as if they still faced each other; limit "
                 f"{limit:.3g}, in units of the mesh"
             )
