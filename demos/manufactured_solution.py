@@ -15,7 +15,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.adaptive.settings import DEGREE
-from fx_contact.adaptive.step_record import SolveRecord
+from fx_contact.adaptive.step_record import SolveRecord, record_of_solve
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
@@ -167,17 +167,9 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
         estimator = Estimator(elasticity, ShearFree(nowhere), stages, -ufl.div(elasticity.hooke(exact)))
         guess = estimator.error(field).estimate
     true = field_error(elasticity, field.function, exact)
-    record = ManufacturedRecord.of(
-        elasticity,
-        solution,
-        guess,
-        tolerance,
-        stages,
-        scene="manufactured",
-        step=number,
-        true_error=true.energy,
-        l2_error=true.l2,
-        effectivity=guess.relative / true.energy,
+    known = record_of_solve("manufactured", number, elasticity, solution, guess, tolerance, stages)
+    record = ManufacturedRecord(
+        **vars(known), true_error=true.energy, l2_error=true.l2, effectivity=guess.relative / true.energy
     )
     return ManufacturedStep(record, forest, elasticity, field, guess)
 

@@ -64,11 +64,11 @@ def overrefined(scene, degree, most):
         marked = np.zeros(len(step.forest), dtype=np.int8)
         tolerance, comm = step.record.estimate / 2, step.forest.comm
         marked[step.leaf_mesh.leaf], loss = for_tolerance(step.estimate, tolerance, 1.0, control, comm)
-        values = np.concatenate([step.nodal_displacement, step.along, step.nodal_displacement], axis=2)
+        values = np.concatenate([step.nodal_displacement, step.carried, step.nodal_displacement], axis=2)
         refined = {"error2": step.estimate.error_global**2, "expected_loss": loss, "refined": True}
         beginning = Beginning(*step.forest.refined_with(marked, values), replace(step.history, **refined))
     for number, record in enumerate(records):
-        distance = energy_distance(step, step.along[:, :, 3 * number : 3 * number + 3])
+        distance = energy_distance(step, step.carried[:, :, 3 * number : 3 * number + 3])
         true = float(np.hypot(distance, step.record.estimate))
         seen = record.assumed_effectivity
         assumed = 1.0 if not number or seen >= control.trusted_effectivity else seen

@@ -143,7 +143,7 @@ def test_fields_go_along(scene, folder):
     *_, through = adapt(scene, 0.25, beginning=beginning, max_steps=3)
     list(adapt(scene, 0.25, beginning=beginning, max_steps=2, checkpoint=folder))
     (again,) = adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD), max_steps=3)
-    (expected,), (found,) = (by_leaf(step.forest, step.along) for step in (through, again))
+    (expected,), (found,) = (by_leaf(step.forest, step.carried) for step in (through, again))
     assert expected.shape == (through.record.cells, 27, 3) and np.ptp(expected) > 1
     assert np.abs(found - expected).max() < 1e-14
 
@@ -304,7 +304,7 @@ def test_belongs_to_another_problem(scene, folder):
         ({"enforcement": Enforcement("penalty")}, "enforcement ({"),
         ({"geometry_order": 1}, "geometry order (null then, 1 now)"),
         ({"degree": 1}, "degree (2 then, 1 now)"),
-        ({"control": ErrorControl(target=0.8)}, "problem: error control's target (0.9 then, 0.8 now); go on"),
+        ({"control": ErrorControl(target=0.8)}, "problem: error control's target (0.9 then, 0.8 now); continue"),
     ):
         assert words in caught(CheckpointError, lambda: next(adapt(scene, 0.25, restart=before, **options)))
     assert "got True" in caught(SceneError, lambda: next(adapt(scene, 0.25, restart=True)))

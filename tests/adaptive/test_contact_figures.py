@@ -28,9 +28,9 @@ def test_figures_of_all_ranks(idle):
     found = figures_of_contact(side_by_side(), rows, solution, WORLD)
     n = 2 * most
     force = 1.0 + np.arange(n)
-    assert found["active_pairs"] == n - 1
-    assert np.allclose(found["pair_forces"], 0.8 * np.array([force[::2].sum(), force[1::2].sum()]))
-    assert np.isclose(found["force"], 0.8 * force.sum()) and np.allclose(found["pair_alignments"], 1.0)
-    assert np.allclose(found["contact_centre"], [force @ np.arange(n) / force.sum(), 0.0, 5.0])
-    assert np.isclose(found["max_pressure"], 1.0 + n) and np.isclose(found["max_penetration"], 0.01 * n)
-    assert found["contact_radius"] is None, "two contact pairs"
+    assert found.active_pairs == n - 1
+    assert np.allclose(found.pair_forces, 0.8 * np.array([force[::2].sum(), force[1::2].sum()]))
+    assert np.isclose(found.force, 0.8 * force.sum()) and np.allclose(found.pair_alignments, 1.0)
+    assert np.allclose(found.contact_centre, [force @ np.arange(n) / force.sum(), 0.0, 5.0])
+    assert np.isclose(found.max_pressure, 1.0 + n) and np.isclose(found.max_penetration, 0.01 * n)
+    assert found.contact_radius is None, "two contact pairs"

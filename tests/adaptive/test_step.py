@@ -15,7 +15,7 @@ from mpi4py import MPI
 from fx_contact import adapt, solve
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.step_record import SolveRecord
+from fx_contact.adaptive.step_record import record_of_solve
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import OutputError, SceneError, SolveError
@@ -51,7 +51,7 @@ def test_counts_of_all_ranks():
     prolongation = Prolongation(Space(forest, 1))
     elasticity = SimpleNamespace(prolongation=prolongation, leaf_mesh=SimpleNamespace(order=1))
     solution, estimate = SimpleNamespace(krylov_iterations=[5]), SimpleNamespace(relative=0.05)
-    record = SolveRecord.of(elasticity, solution, estimate, 0.1, Stages(), scene="two boxes", step=0)
+    record = record_of_solve("two boxes", 0, elasticity, solution, estimate, 0.1, Stages())
     positions = 27 + 18 + 19  # of two boxes, and what halving a cell in a corner of its box adds
     hanging = 12  # of these on faces and edges that it shares with others
     assert (record.cells, record.max_level, record.ratio) == (12 + 7, 1, 0.5)
@@ -61,6 +61,12 @@ def test_counts_of_all_ranks():
 def integral(form):
     """An integral over the cells or facets of all ranks."""
     return WORLD.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
+
+
+def test_former_name(step):
+    """The former name of the carried fields gives them with a warning."""
+    with pytest.warns(DeprecationWarning, match="carried"):
+        assert step.along is step.carried
 
 
 def test_measure_of_a_surface(step):

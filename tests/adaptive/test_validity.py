@@ -1,4 +1,4 @@
-"""Doubts about the problem itself: each kind in a scene that has it, and not in one that just has not."""
+"""Violated assumptions of the model: each kind in a scene that has it, and not in one just below the limit."""
 
 import json
 from dataclasses import replace
@@ -24,7 +24,7 @@ from fx_contact import (
     adapt,
     solve,
 )
-from fx_contact.adaptive.validity import Doubt, _place_of_largest, doubts_of_scene
+from fx_contact.adaptive.validity import ModelWarning, _place_of_largest, load_warnings
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results import doubt_lines
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
@@ -67,31 +67,31 @@ def on_a_block(x=0.0, down=0.01, gap=0.0, first="ground", second="foot", thick=2
     return Scene("on a block", mesh, materials, held, (ContactPair(first, second, (0, 0, 1)),))
 
 
-def doubts(scene, **options):
-    """Doubts of a single solve, by kind; the same on all ranks, and lines of them in the record."""
+def warned(scene, **options):
+    """Warnings of a single solve, by kind; the same on all ranks, and lines of them in the record."""
     record = solve(scene, 0.5, **{"degree": 1, "max_steps": 1} | options).record
     assert WORLD.allgather(record.doubts).count(record.doubts) == WORLD.size, "ranks differ"
     lines = doubt_lines(record)
-    assert [line.partition(":")[0] for line in lines] == [doubt.kind for doubt in record.doubts]
+    assert [line.partition(":")[0] for line in lines] == [warning.kind for warning in record.doubts]
     assert not any("\n" in line for line in lines)
-    return {doubt.kind: doubt for doubt in record.doubts}
+    return {warning.kind: warning for warning in record.doubts}
 
 
 def test_large_strain():
-    """Without lateral strain a pressure p makes the strain p / E everywhere: 6 % is doubtful, 4 % is not."""
-    assert not doubts(block(Pressure("top", 0.04)))
-    found = doubts(block(Pressure("top", 0.06)))
+    """Without lateral strain a pressure p makes the strain p / E everywhere: 6 % is large, 4 % is not."""
+    assert not warned(block(Pressure("top", 0.04)))
+    found = warned(block(Pressure("top", 0.06)))
     assert [*found] == ["large strain"]
-    doubt = found["large strain"]
-    assert abs(doubt.value - 0.06) < 1e-9 and doubt.limit == 0.05 and doubt.place == "block"
-    assert "strain of 0.06" in doubt.message
+    warning = found["large strain"]
+    assert abs(warning.value - 0.06) < 1e-9 and warning.limit == 0.05 and warning.place == "block"
+    assert "strain of 0.06" in warning.message
 
 
 def test_strains_do_not_depend_on_the_mesh():
     """At the edge of a punch they grow without bound, but their mean over the energy does not."""
     means, largest = [], []
     for step in adapt(indentation(displacement=0.1, coarse=2), 0.1, degree=1):
-        means.append({doubt.kind: doubt.value for doubt in step.record.doubts}["large strain"])
+        means.append({warning.kind: warning.value for warning in step.record.doubts}["large strain"])
         strain, _, volume = cell_strains(step.displacement)
         largest.append(WORLD.allreduce(strain.max(initial=0.0), op=MPI.MAX))
         assert abs(WORLD.allreduce(float(volume.sum())) - (1.5 * 1.5 + 0.5 * 0.5)) < 1e-12
@@ -104,8 +104,8 @@ def test_far_too_large_strain(scene):
     """From 50 % on it is an error, unless that is allowed."""
     with pytest.raises(ValidityError, match="'block' has a strain of .*allow="):
         solve(scene, 0.5, degree=1, max_steps=1)
-    assert [*doubts(scene, allow=("large strain",))] == ["large strain"]
-    assert "large strain" in doubts(block(Pressure("top", 0.49)))
+    assert [*warned(scene, allow=("large strain",))] == ["large strain"]
+    assert "large strain" in warned(block(Pressure("top", 0.49)))
 
 
 def turned(degrees):
@@ -119,30 +119,30 @@ def turned(degrees):
 
 
 def test_large_rotation():
-    """2.8 degrees are no doubt, 3 are one, and 29 an error."""
-    assert not doubts(turned(2.8))
-    found = doubts(turned(3.0))
+    """2.8 degrees are no warning, 3 are one, and 29 an error."""
+    assert not warned(turned(2.8))
+    found = warned(turned(3.0))
     assert [*found] == ["large rotation"] and abs(found["large rotation"].value / np.radians(3.0) - 1) < 1e-9
     assert "3 degrees" in found["large rotation"].message
     with pytest.raises(ValidityError, match="turns by 29 degrees"):
         solve(turned(29.0), 0.5, degree=1, max_steps=1)
-    assert [*doubts(turned(29.0), allow=["large rotation"])] == ["large rotation"]
+    assert [*warned(turned(29.0), allow=["large rotation"])] == ["large rotation"]
 
 
 def test_sliding():
     """A tenth of the radius of the contact, that of the circle of its area: 1.128 on a face of 20 x 20."""
-    assert not doubts(on_a_block(x=1.0))
-    found = doubts(on_a_block(x=1.2))
+    assert not warned(on_a_block(x=1.0))
+    found = warned(on_a_block(x=1.2))
     assert [*found] == ["sliding"]
-    doubt = found["sliding"]
-    assert abs(doubt.value - 1.2) < 1e-6 and abs(doubt.limit - 2 / np.sqrt(np.pi)) < 1e-9
-    assert "sliding" in doubts(on_a_block(x=15.0)), "the strain is small, and the force that of the block unmoved"
+    warning = found["sliding"]
+    assert abs(warning.value - 1.2) < 1e-6 and abs(warning.limit - 2 / np.sqrt(np.pi)) < 1e-9
+    assert "sliding" in warned(on_a_block(x=15.0)), "the strain is small, and the force that of the block unmoved"
 
 
 def test_pressed_from_afar_along_the_normal():
     """The way of a body towards the other one is no sliding, though it is not along the normals of a round body."""
-    assert not doubts(on_a_block(down=5.01, gap=5.0))
-    assert not doubts(punch(displacement=1.02, gap=1.0, order=6, coarse=2))
+    assert not warned(on_a_block(down=5.01, gap=5.0))
+    assert not warned(punch(displacement=1.02, gap=1.0, order=6, coarse=2))
 
 
 def test_sliding_around_an_axis():
@@ -150,49 +150,49 @@ def test_sliding_around_an_axis():
     scene = shrink_fit(coarse=2, height=4.0)
     turn = {"x": lambda x: -0.13 * x[1], "y": lambda x: 0.13 * x[0], "z": 0.0}
     held = Dirichlet("bore", **turn), Dirichlet("rim", 0.0, 0.0, 0.0)
-    found = doubts(Scene("turning", scene.mesh, scene.materials, held, scene.contact, symmetry=4))
+    found = warned(Scene("turning", scene.mesh, scene.materials, held, scene.contact, symmetry=4))
     assert 0.05 < found["large rotation"].value < 0.13 and "sliding" not in found
 
 
 def test_no_contact():
     """Blocks that end 0.25 apart; touching is contact."""
-    doubt = doubts(on_a_block(down=0.25, gap=0.5))["no contact"]
-    assert abs(doubt.value - 0.25) < 1e-9 and doubt.place == (0.0, 0.0, 0.0) and "gap is 0.25" in doubt.message
-    assert not doubts(on_a_block(down=0.51, gap=0.5))
-    doubt = doubts(punch(displacement=1.0, gap=10.0, coarse=2))["no contact"]
-    assert abs(doubt.value - 9.0) < 1e-9 and doubt.place == (0.0, 0.0, 0.0), "at the pole, not across the rim"
+    warning = warned(on_a_block(down=0.25, gap=0.5))["no contact"]
+    assert abs(warning.value - 0.25) < 1e-9 and warning.place == (0.0, 0.0, 0.0) and "gap is 0.25" in warning.message
+    assert not warned(on_a_block(down=0.51, gap=0.5))
+    warning = warned(punch(displacement=1.0, gap=10.0, coarse=2))["no contact"]
+    assert abs(warning.value - 9.0) < 1e-9 and warning.place == (0.0, 0.0, 0.0), "at the pole, not across the rim"
 
 
 def test_initial_overlap():
     """5 % of the thinner body; a shrink fit overlaps on purpose, by less."""
-    found = doubts(on_a_block(down=0.0, gap=-0.6, thick=10.0))["initial overlap"]
+    found = warned(on_a_block(down=0.0, gap=-0.6, thick=10.0))["initial overlap"]
     assert abs(found.value - 0.6) < 1e-9 and abs(found.limit - 0.5) < 1e-9 and "of 'slider'" in found.message
-    assert not doubts(on_a_block(down=0.0, gap=-0.4, thick=10.0))
-    assert not doubts(shrink_fit(coarse=2))
+    assert not warned(on_a_block(down=0.0, gap=-0.4, thick=10.0))
+    assert not warned(shrink_fit(coarse=2))
 
 
 def test_unresolved_load():
     """A pressure that ends inside a facet: its total is off, unless the facet ends there too."""
-    assert not doubts(block(Pressure("top", lambda x: 0.01 * (x[0] < 2.0))))
-    doubt = doubts(block(Pressure("top", lambda x: 0.01 * (x[0] < 1.3))))["unresolved load"]
-    assert doubt.place == "top" and doubt.limit < doubt.value and "pressure on 'top'" in doubt.message
-    assert abs(doubt.value - 0.01 * (1 / 2 - 13 / 36)) < 1e-12, "two Gauss points a facet, three in each half"
+    assert not warned(block(Pressure("top", lambda x: 0.01 * (x[0] < 2.0))))
+    warning = warned(block(Pressure("top", lambda x: 0.01 * (x[0] < 1.3))))["unresolved load"]
+    assert warning.place == "top" and warning.limit < warning.value and "pressure on 'top'" in warning.message
+    assert abs(warning.value - 0.01 * (1 / 2 - 13 / 36)) < 1e-12, "two Gauss points a facet, three in each half"
 
 
 def test_unresolved_forces_of_all_kinds():
     """Body forces and tractions that vary smoothly are resolved; one that is all inside a leaf is not."""
     smooth = BodyForce("block", lambda x: 1e-3 * np.stack([x[0], x[1] * x[2], 0 * x[0]]))
-    assert not doubts(block(smooth, Traction("top", lambda x: 1e-3 * np.stack([x[0], x[1], x[0] ** 2]))))
+    assert not warned(block(smooth, Traction("top", lambda x: 1e-3 * np.stack([x[0], x[1], x[0] ** 2]))))
     narrow = BodyForce("block", lambda x: np.stack([0.001 * (np.abs(x[0] - 0.5) < 0.1)] * 3))
-    doubt = doubts(block(narrow))["unresolved load"]
-    assert doubt.place == "block" and "total of 0 on this mesh" in doubt.message
+    warning = warned(block(narrow))["unresolved load"]
+    assert warning.place == "block" and "total of 0 on this mesh" in warning.message
 
 
 def test_constant_loads_are_not_integrated_twice(monkeypatch):
     """Only functions are."""
     calls = []
     monkeypatch.setattr(Pressure, "at", lambda self, x, n: calls.append(len(x)) or -0.01 * n)
-    doubts(block(Pressure("top", 0.01)))
+    warned(block(Pressure("top", 0.01)))
     assert WORLD.allreduce(sum(calls)) == 3 * 2 * 4 and len(calls) <= 1
 
 
@@ -200,16 +200,14 @@ def test_no_load():
     """Zero displacements alone load nothing; any load, function or overlap does, also between the root nodes."""
     with pytest.raises(ValidityError, match="nothing loads the scene 'hertz'.*no load"):
         solve(hertz(1.0, 0.0, order=6, coarse=2), 0.02)
-    found = doubts(hertz(1.0, 0.0, order=6, coarse=2), allow=("no load",))
+    found = warned(hertz(1.0, 0.0, order=6, coarse=2), allow=("no load",))
     assert [*found] == ["no load", "no contact"] and found["no contact"].value == 0
-    assert doubts_of_scene(on_a_block(down=0.0)) and not doubts_of_scene(on_a_block(down=0.0, gap=-1e-5))
-    assert doubts_of_scene(on_a_block(down=0.0, bulge=-1e-3)) and not doubts_of_scene(
-        on_a_block(down=0.0, bulge=1e-3)
-    )
-    assert doubts_of_scene(block()) and not doubts_of_scene(block(Pressure("top", lambda x: x[0])))
-    assert not doubts_of_scene(block(BodyForce("block", (0.0, 0.0, -1e-9))))
-    assert not doubts_of_scene(stack(displacement=-1e-9)) and not doubts_of_scene(shrink_fit())
-    assert doubts_of_scene(shrink_fit(interference=-0.01))
+    assert load_warnings(on_a_block(down=0.0)) and not load_warnings(on_a_block(down=0.0, gap=-1e-5))
+    assert load_warnings(on_a_block(down=0.0, bulge=-1e-3)) and not load_warnings(on_a_block(down=0.0, bulge=1e-3))
+    assert load_warnings(block()) and not load_warnings(block(Pressure("top", lambda x: x[0])))
+    assert not load_warnings(block(BodyForce("block", (0.0, 0.0, -1e-9))))
+    assert not load_warnings(stack(displacement=-1e-9)) and not load_warnings(shrink_fit())
+    assert load_warnings(shrink_fit(interference=-0.01))
 
 
 def test_place_of_the_largest_value():
@@ -231,16 +229,16 @@ def test_place_of_the_largest_value():
     ],
 )
 def test_wrong_names(allow, sentence):
-    """What is no kind of doubt, or none that is ever an error, is refused."""
+    """An unknown kind of warning, or one that is never an error, is refused."""
     with pytest.raises(SceneError, match=sentence):
         solve(block(Pressure("top", 0.01)), 0.5, allow=allow)
 
 
 def test_record():
-    """Doubts survive a file; lines of older records have none."""
+    """Warnings survive a file; lines of older records have none."""
     known = [
-        Doubt("sliding", 2.0, 1.0, (0.0, 1.0, 2.0), "slides"),
-        Doubt("large strain", 0.1, 0.05, "upper", "is strained"),
+        ModelWarning("sliding", 2.0, 1.0, (0.0, 1.0, 2.0), "slides"),
+        ModelWarning("large strain", 0.1, 0.05, "upper", "is strained"),
     ]
     entries = json.loads(json.dumps(step_record(0, doubts=known).as_json()))
     assert StepRecord.from_json(entries).doubts == known
@@ -254,5 +252,5 @@ def test_sliding_of_a_round_contact():
     results = []
     for x in (0.0, 0.05):
         held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -0.05)
-        results.append(doubts(replace(scene, dirichlet=held), degree=2))
+        results.append(warned(replace(scene, dirichlet=held), degree=2))
     assert not results[0] and 0.01 < results[1]["sliding"].limit < 0.03, results

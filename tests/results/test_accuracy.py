@@ -69,7 +69,7 @@ def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
     *_, step = adapt(indentation(coarse=2), tolerance, degree=degree)
     none = np.zeros(len(step.forest), dtype=bool)
     (again,) = adapt(step.scene, 0.9, degree=degree, beginning=Beginning.after(step, none), max_steps=1)
-    assert energy_distance(again, again.along) < 1e-7
+    assert energy_distance(again, again.carried) < 1e-7
     finer = true_error(step, tolerance / 3)
     assert finer.fine_dofs > 3 * step.record.dofs
     assert 0.5 < step.record.estimate / finer.relative < 1.2
@@ -91,7 +91,7 @@ def test_fields_go_along(given, degree):
     values = np.concatenate([np.zeros((len(forest), (given + 1) ** 3, 3)), field(forest, given)], axis=2)
     steps = list(adapt(scene, 0.2 / degree**2, degree=degree, beginning=Beginning(forest, values), max_steps=3))
     assert steps[-1].record.cells > 1.2 * steps[0].record.cells > 0
-    everywhere(np.abs(steps[-1].along - field(steps[-1].forest, degree)).max() < 1e-12, "lost")
+    everywhere(np.abs(steps[-1].carried - field(steps[-1].forest, degree)).max() < 1e-12, "lost")
 
 
 def test_a_mesh_without_free_vertices_is_not_taken_for_right():

@@ -1,4 +1,4 @@
-"""The adaptive loop: one step, the loop over the steps, and what of it is kept on disk."""
+"""The adaptive loop: steps, records, load paths and checkpoints."""
 
 from fx_contact.adaptive.adaptive_loop import adapt, solve
 from fx_contact.adaptive.beginning import Beginning

@@ -1,18 +1,24 @@
-"""The adaptive loop: solve, estimate, mark, refine, repartition; a record and the solution a step."""
+"""The adaptive loop: solve, estimate, mark, refine, repartition."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.beginning import Beginning, first_forest
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.adaptive.settings import DEGREE, Settings
+from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import StepStart, solve_step
-from fx_contact.adaptive.validity import check_doubts, doubts_of_scene
+from fx_contact.adaptive.validity import check_model_warnings, load_warnings
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.quantities import Quantity
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
@@ -20,67 +26,65 @@ from fx_contact.forest.partition import KINDS, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.agreement import check_alike
-from fx_contact.parallel.errors import FxContactError, PartitionError, SceneError, SolveError
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import FxContactError, SceneError, SolveError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, percent, shown
+from fx_contact.problem.scene import Scene
 
 
 @collective("comm")
 def adapt(
-    scene,
-    tolerance,
-    comm=MPI.COMM_WORLD,
+    scene: Scene,
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
-    degree=DEGREE,
-    max_steps=20,
-    geometry_order=None,
-    enforcement=None,
-    solver=None,
-    control=None,
-    goals=(),
-    partition_kind="contact-sfc",
-    allow=(),
-    beginning=None,
-    checkpoint=None,
-    restart=None,
-    progress=None,
-):
-    """Solve a scene to a prescribed accuracy, refining where the error is.
+    degree: int = DEGREE,
+    max_steps: int = 20,
+    geometry_order: int | None = None,
+    enforcement: Enforcement | None = None,
+    solver: Solver | None = None,
+    control: ErrorControl | None = None,
+    goals: Sequence[Quantity] = (),
+    partition_kind: str = "contact-sfc",
+    allow: Sequence[str] = (),
+    beginning: Beginning | None = None,
+    checkpoint: str | Path | None = None,
+    restart: Checkpoint | None = None,
+    progress: Callable[[int, str], None] | None = None,
+) -> "Run":
+    """Solve a scene to a prescribed accuracy by adaptive refinement.
 
     Collective on comm; so is every step of the iteration.  Where only the last step counts, `solve` takes less memory.
+    All arguments but progress must be the same on all ranks.
 
     Args:
-        scene: Scene.  It and all that follows must be the same on all ranks, but for progress.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
-        comm: MPI communicator.
         degree: p of the displacements, 1 or 2.
-        max_steps: most solves, with those before a restart.
-        geometry_order: order of the leaf maps; None: the lowest that holds the root map to
+        max_steps: largest number of solves, with those before a restart.
+        geometry_order: order of the leaf maps; None: the lowest that approximates the root map to
             `settings.GEOMETRY_SHARE` times the tolerance.
-        enforcement: Enforcement of the contact conditions; None: the default one.
-        solver: Solver; None: the default one.
-        control: ErrorControl, what is refined for and when to stop; None: the default one.
-        goals: quantities that are held to tolerances of their own, besides: ContactForce, Gap, MaxPressure,
-            Displacement, Reaction.
+        control: mode of refinement and stopping.
+        goals: further quantities with tolerances of their own: ContactForce, Gap, MaxPressure, Displacement, Reaction.
         partition_kind: a key of `partition.KINDS`.
-        allow: doubts of the record that are errors unless they are named here, keys of `validity.REFUSED`:
-            "large strain", "large rotation", "no load".
-        beginning: Beginning; None: the root cells.
-        checkpoint: folder in which every step is kept before it is yielded, in the place of the one before; None: not.
-        restart: Checkpoint to go on from: with the next step, or with the same one again if that was the last.
-        progress: function of a step's number and the name of one of its `timing.STAGES`, called on every rank whenever
-            work on that stage begins; it must not raise.  None: nobody is told.
+        allow: kinds of model warnings that are no errors here, keys of `validity.REFUSED`: "large strain", "large
+            rotation", "no load".
+        beginning: forest and displacement to start from; None: the root cells.
+        checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
+        restart: checkpoint to continue with the next step, or with the same one again if that was the last.
+        progress: called on every rank with the number of the step and the stage (`timing.STAGES`) that begins; it must
+            not raise.
 
     Returns:
-        Run, an iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by
-        the measured effectivity, for which two meshes are needed at least, and contact is resolved (`ErrorControl`).
+        An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
+        measured effectivity, which takes two meshes or more, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
-            partition or kind of doubts, a progress that is no function, a beginning of another scene, arguments that
+            partition or kind of warnings, a progress that is no function, a beginning of another scene, arguments that
             differ between ranks.
         PartitionError: a rank would get no leaf.
         GeometryError: leaves of the finest level are to be refined.
@@ -90,15 +94,21 @@ def adapt(
         CompilationError: there is no C compiler, or no folder for what it makes.
         ValidityError: nothing loads the scene, or strains or rotations are far from small (`validity`).
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
-        What was yielded before stays valid; an `FxContactError` holds the last state.
+        Steps yielded before stay valid; an `FxContactError` holds the last state.
     """
     check_comm(comm)
     with together(comm):
-        enforcement = Enforcement() if enforcement is None else enforcement
-        solver = Solver() if solver is None else solver
-        control = ErrorControl() if control is None else control
-        parts = dict(enforcement=enforcement, solver=solver, control=control, goals=goals, allow=allow)
-        settings = Settings(scene, tolerance, geometry_order=geometry_order, degree=degree, **parts)
+        settings = Settings(
+            scene,
+            tolerance,
+            geometry_order,
+            Enforcement() if enforcement is None else enforcement,
+            Solver() if solver is None else solver,
+            ErrorControl() if control is None else control,
+            degree=degree,
+            allow=allow,
+            goals=goals,
+        )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
         if progress is not None and not callable(progress):
@@ -106,17 +116,17 @@ def adapt(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
         _check_start(settings, comm, beginning, restart)
-        asked = settings.asked() | {
+        entries = settings.entries() | {
             "most steps": max_steps,
             "partition": partition_kind,
             "fields that a beginning carries": None if beginning is None else beginning.values.shape[2],
             "checkpoint": None if checkpoint is None else str(checkpoint),
             "restart": None if restart is None else [str(restart.path), len(restart.records)],
         }
-    check_alike(comm, asked)
+    check_alike(comm, entries)
     writer = None
     if checkpoint is not None:
-        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.kept(), restart)
+        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.fixed(), restart)
     return Run(
         settings,
         comm,
@@ -128,89 +138,92 @@ def adapt(
     )
 
 
-def _check_start(settings, comm, beginning, restart):
-    """See that a run can begin where it is told to, and that something loads the scene.  Local."""
-    check_doubts(doubts_of_scene(settings.scene), settings.allow)
-    for name, value, kind in (("restart", restart, Checkpoint), ("beginning", beginning, Beginning)):
+def _check_start(
+    settings: Settings, comm: MPI.Intracomm, beginning: Beginning | None, restart: Checkpoint | None
+) -> None:
+    """Raises SceneError or CheckpointError unless a run can begin there, ValidityError without loads.  Local."""
+    check_model_warnings(load_warnings(settings.scene), settings.allow)
+    starts: tuple[tuple[str, object, type], ...]
+    starts = ("restart", restart, Checkpoint), ("beginning", beginning, Beginning)
+    for name, value, kind in starts:
         if value is not None and not isinstance(value, kind):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
     if beginning is not None and restart is not None:
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
-        restart.check(settings.problem, settings.kept())
+        restart.check(settings.problem, settings.fixed())
     if beginning is not None:
         beginning.check(settings.scene, comm)
 
 
 @collective("comm")
-def solve(scene, tolerance, comm=MPI.COMM_WORLD, **options):
-    """Solve a scene to a prescribed accuracy; no step but the last is kept.
+def solve(scene: Scene, tolerance: float, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any) -> Step:
+    """Solve a scene to a prescribed accuracy; only the last step is kept.
 
-    Collective on comm.
-
-    Args:
-        scene, tolerance, comm, options: as `adapt` has them.
-
-    Returns:
-        Step, the last one; `step.record.reached` tells whether the tolerance is reached.
+    Collective on comm.  Arguments are those of `adapt`; `record.reached` is true where the tolerance is reached.
 
     Raises:
         FxContactError: as `adapt`.
     """
-    run = adapt(scene, tolerance, comm, **options)
-    while run.advance():
-        pass
-    return run.step
+    return adapt(scene, tolerance, comm, **options).last_step()
 
 
 class Run:
-    """A run of the adaptive loop: an iterator of its steps, and what it goes on with from one to the next.
+    """A run of the adaptive loop: an iterator of its steps.
 
-    Collective on comm.  `adapt` makes it.
-
-    Args:
-        settings: Settings.
-        comm: MPI communicator.
-        max_steps: most solves, with those before a restart.
-        partition_kind: a key of `partition.KINDS`.
-        source: Beginning, Checkpoint to restart from, or None for the root cells.
-        writer: CheckpointWriter or None.
-        progress: as `adapt` has it.
+    Collective on comm.  `adapt` makes it, from its arguments.
 
     Attributes:
-        step: Step that was solved last; None before the first, and while the next is being solved.
-        records: list of StepRecord, of all steps so far.
+        step: solved last; None before the first, and while the next is being solved.
+        records: of all steps so far.
     """
 
-    def __init__(self, settings, comm, *, max_steps, partition_kind, source, writer, progress):
-        self.step, self.records = None, []
-        self._settings, self._comm, self._kind = settings, comm, partition_kind
-        self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
-        self._forest = self._values = None
-        self._history, self._finished = settings.control.begin(), False
-        self._last = {"record": None, "forest": None, "displacement": None}  # for errors: `FxContactError`
+    step: Step | None
+    records: list[StepRecord]
 
-    def __iter__(self):
+    def __init__(
+        self,
+        settings: Settings,
+        comm: MPI.Intracomm,
+        *,
+        max_steps: int,
+        partition_kind: str,
+        source: Beginning | Checkpoint | None,
+        writer: CheckpointWriter | None,
+        progress: Callable[[int, str], None] | None,
+    ) -> None:
+        self.step, self.records = None, []
+        self.settings, self._comm, self._kind = settings, comm, partition_kind
+        self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
+        self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
+        self._history, self._finished = settings.control.begin(), False
+        self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
+
+    def __iter__(self) -> Self:
         return self
 
-    @property
-    def settings(self):
-        """Settings of the run."""
-        return self._settings
-
-    def __next__(self):
+    def __next__(self) -> Step:
         if not self.advance():
             raise StopIteration
-        return self.step
+        return self._solved()
 
-    def advance(self):
-        """Solve the next step.
+    def last_step(self) -> Step:
+        """Solve all steps that are left, and return the last one.
 
         Collective.
 
-        Returns:
-            bool, whether there was one to solve.
+        Raises:
+            FxContactError: as `adapt`.
+        """
+        while self.advance():
+            pass
+        return self._solved()
+
+    def advance(self) -> bool:
+        """Solve the next step; False if there is none.
+
+        Collective.
 
         Raises:
             FxContactError: as `adapt`; then the run is over.
@@ -220,53 +233,53 @@ class Run:
         with calling(self._comm, "the next step of adapt"):
             self._finished = True  # unless this ends well
             try:
-                if self._forest is None:
-                    stages = self._begin()
-                else:
-                    stages = self._refine()
-                self._solve(stages)
+                self._solve(self._begin() if self.step is None else self._refine())
             except FxContactError as error:
                 vars(error).update(self._last)
                 raise
-        record = self.step.record
+        record = self._solved().record
         self._finished = record.reached or record.step >= self._max_steps - 1
         return True
 
-    def _begin(self):
-        """Forest, values, records and history of the source: Stages of the first step."""
+    def _solved(self) -> Step:
+        """The step solved last."""
+        assert self.step is not None, "no step has been solved"
+        return self.step
+
+    def _begin(self) -> Stages:
+        """Take forest, values, records and history from the source: Stages of the first step."""
         source, self._source = self._source, None
-        restarts = isinstance(source, Checkpoint)
-        stages = self._stages(len(source.records) if restarts else 0)
-        if restarts:
+        stages = self._stages(len(source.records) if isinstance(source, Checkpoint) else 0)
+        if isinstance(source, Checkpoint):
             with stages("refine"):
                 self._resume(source)
         elif source is not None:
-            self._forest, self._values = source.forest, source.of_degree(self._settings.degree)
+            self._next = source.forest, source.of_degree(self.settings.degree)
             self._history = source.history or self._history
         else:
             with stages("partition"):
-                self._forest = _first_forest(self._settings.scene, self._comm, self._kind)
+                self._next = first_forest(self.settings.scene, self._comm, self._kind), None
         return stages
 
-    def _resume(self, checkpoint):
-        """Go on where a run has ended: with its next step, or with its last one again if there is none."""
-        state, settings = checkpoint.load(), self._settings
+    def _resume(self, checkpoint: Checkpoint) -> None:
+        """Continue a run with its next step, or with its last one again if there is none."""
+        state, settings = checkpoint.load(), self.settings
         self.records, self._last["record"] = list(checkpoint.records), checkpoint.records[-1]
         control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
         more = self._comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
         if (control.sought(*progress) is None and not more) or len(self.records) >= self._max_steps:
-            self._forest, self._values = state.forest, state.values
-            self._history = replace(state.history, refined=False)  # what its refinement changed has been observed
+            self._next = state.forest, state.values
+            self._history = replace(state.history, refined=False)  # its change is in the effectivity already
             del self.records[-1]
             self._last["record"] = self.records[-1] if self.records else None
             return
         marked, self._history = control.marked(*progress, self._comm)
         times = np.maximum(marked, state.refine)
-        self._forest, self._values = state.forest.refined_with(times, state.values)
+        self._next = state.forest.refined_with(times, state.values)
 
-    def _refine(self):
-        """The next forest from the last step, which is given up: Stages of the next step."""
-        step, settings = self.step, self._settings
+    def _refine(self) -> Stages:
+        """Refine the forest of the last step, which is freed: Stages of the next step."""
+        step, settings = self._solved(), self.settings
         _check_penalty(step, settings)
         stages = self._stages(step.record.step + 1)
         with stages("refine"):
@@ -275,71 +288,56 @@ class Run:
             )
             times = np.zeros(len(step.forest), dtype=np.int8)
             times[step.leaf_mesh.leaf] = marked
-            times = np.maximum(times, step.contact_error.refine)
-            values = np.concatenate([step.nodal_displacement, step.along], axis=2)
-            self._forest, self._values = step.forest.refined_with(times, values)
+            values = np.concatenate([step.nodal_displacement, step.carried], axis=2)
+            self._next = step.forest.refined_with(np.maximum(times, step.contact_error.refine), values)
         self.step = None
         return stages
 
-    def _solve(self, stages):
-        """Distribute the forest anew, solve on it, and keep the step."""
+    def _solve(self, stages: Stages) -> None:
+        """Repartition the forest, solve on it, and keep the step."""
+        assert self._next is not None, "made by _begin or _refine"
+        (forest, values), self._next = self._next, None
         with stages("partition"):
             give_back()
-            if self._values is not None:
-                self._forest, self._values = repartition(self._forest, self._values, self._kind)
-            partition = PartitionSummary.of(self._forest, self._kind)
+            if values is not None:
+                forest, values = repartition(forest, values, self._kind)
+            partition = PartitionSummary.of(forest, self._kind)
         with stages("hanging"):
-            space = Space(self._forest, self._settings.degree)
-            start = self._start(Prolongation(space, needed_keys(self._settings.scene, space)))
-        self._last.update(forest=self._forest, displacement=start.displacement)
-        self.step = solve_step(self._settings, len(self.records), start, partition, stages)
-        self._last.update(record=self.step.record, displacement=self.step.solution.displacement)
-        self.records.append(self.step.record)
+            space = Space(forest, self.settings.degree)
+            start = self._start(Prolongation(space, needed_keys(self.settings.scene, space)), values)
+            del values
+        self._last.update(forest=forest, displacement=start.displacement)
+        self.step = step = solve_step(self.settings, len(self.records), start, partition, stages)
+        self._last.update(record=step.record, displacement=step.solution.displacement)
+        self.records.append(step.record)
         if self._writer is not None:
             with stages("output"):
-                self._writer.save(self.step, self.records)
-            record = replace(self.step.record, **stages.costs(self._comm))
-            self.step = replace(self.step, record=record)
-            self._last["record"] = self.records[-1] = record
+                self._writer.save(step, self.records)
+            self.step = replace(step, record=replace(step.record, **stages.costs(self._comm)))
+            self._last["record"] = self.records[-1] = self.step.record
 
-    def _start(self, prolongation):
-        """StepStart from the values that the leaves carry, which are used up."""
-        values, self._values = self._values, None
+    def _start(self, prolongation: Prolongation, values: FloatArray | None) -> StepStart:
+        """Displacement and carried fields from the values at the nodes of the leaves."""
         if values is None:
-            displacement, along = np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
+            displacement, carried = np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
         else:
             leaf, node = prolongation.space.example.T
-            displacement, along = prolongation.injected(values[leaf, node, :3]), values[..., 3:].copy()
-        return StepStart(prolongation, displacement, along, self._history)
+            displacement, carried = prolongation.injected(values[leaf, node, :3]), values[..., 3:].copy()
+        return StepStart(prolongation, displacement, carried, self._history)
 
-    def _stages(self, number):
-        """Stages of a step, told to who wants to know."""
+    def _stages(self, number: int) -> Stages:
+        """Stages of a step, reported to the user's progress."""
         progress = self._progress
-        return Stages(progress and (lambda name: progress(number, name)))
+        return Stages(None if progress is None else lambda name: progress(number, name))
 
 
-def _check_penalty(step, settings):
-    """See that there is something to refine for: a penalty's own error no mesh takes away.  Local.
-
-    Raises:
-        SolveError: the estimate has met the tolerance, but the penalty takes more of a force than its square.
-    """
+def _check_penalty(step: Step, settings: Settings) -> None:
+    """Raises SolveError if only the error of a penalty is left, which no mesh reduces.  Local."""
     tolerance = settings.tolerance
     if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
+        share = percent(step.record.penalty_share or 0.0)
         raise SolveError(
-            f"the penalty is too soft for the tolerance: penetration takes {percent(step.record.penalty_share)} of "
+            f"the penalty is too soft for the tolerance: penetration takes {share} of "
             f"a contact force, a tolerance of {percent(tolerance)} allows {percent(tolerance**2)}, its square; "
             "take a larger factor, or the default enforcement 'exact'"
         )
-
-
-def _first_forest(scene, comm, kind):
-    """The root cells, refined alike until every rank can have some; on few ranks they are not refined."""
-    forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
-    while True:
-        try:
-            return repartition(forest, None, kind)[0]
-        except PartitionError:
-            if forest.size_global > 64 * comm.size:
-                raise
-        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))

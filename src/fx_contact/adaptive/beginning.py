@@ -1,16 +1,19 @@
-"""Where a run begins if not at the root cells."""
+"""Start of a run from a refined forest with a displacement."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step import Step, check_step
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
+from fx_contact.forest.partition import repartition
 from fx_contact.parallel.agreement import check_alike
-from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
+from fx_contact.parallel.errors import PartitionError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
@@ -18,40 +21,35 @@ from fx_contact.parallel.validation import check_comm, check_count, check_same_c
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
-from fx_contact.problem.scene import check_scene
+from fx_contact.problem.scene import Scene, check_scene
 
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Where a run begins if not at the root cells; checked when it does.
+    """Start of a run from a refined forest instead of the root cells; checked when the run begins.
 
     Attributes:
-        forest: Forest on the root mesh of the scene; materials and conditions may be others than it was refined for.
-        values: (n, (p+1)^3, 3 + k) float64 at the nodes of its leaves, p = 1 or 2: a first guess of the displacement
-            [m], then any continuous fields of degree p, which go along through refinement and partition.  In a run of
-            another degree they are interpolated.
-        history: RefinementHistory; None: nothing is known of the estimate, as on root cells.
+        forest: on the root mesh of the scene; materials and conditions may be others than it was refined for.
+        values: (n, (p+1)^3, 3 + k) at the nodes of its leaves, p = 1 or 2: a first guess of the displacement [m], then
+            any continuous fields of degree p, which are carried through refinement and partition.  In a run of another
+            degree they are interpolated.
+        history: None: the estimate has not been measured, as on root cells.
     """
 
     forest: Forest
-    values: np.ndarray
+    values: FloatArray
     history: RefinementHistory | None = None
 
-    def check(self, scene, comm):
-        """See that a run of a scene can begin here.
+    def check(self, scene: Scene, comm: MPI.Intracomm) -> None:
+        """Raises SceneError unless a run of a scene can begin here.
 
-        Local.
-
-        Args:
-            scene: Scene.
-            comm: MPI communicator of the run.
-
-        Raises:
-            SceneError: the forest is of another root mesh, has other contact pairs or another communicator, or the
-                values are not finite numbers at the nodes of its leaves.
+        Local.  The forest must be of the scene's root mesh, contact pairs and communicator, the values finite numbers
+        at the nodes of its leaves.
         """
         forest, values = self.forest, self.values
-        for name, value, kind in (("forest", forest, Forest), ("history", self.history, RefinementHistory)):
+        parts: tuple[tuple[str, object, type], ...]
+        parts = ("forest", forest, Forest), ("history", self.history, RefinementHistory)
+        for name, value, kind in parts:
             if not isinstance(value, kind) and not (name == "history" and value is None):
                 raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
@@ -71,8 +69,8 @@ class Beginning:
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
 
-    def of_degree(self, degree):
-        """The values as the nodal values of a degree: (n, (degree+1)^3, 3 + k) float64.  Local."""
+    def of_degree(self, degree: int) -> FloatArray:
+        """The values as nodal values (n, (degree+1)^3, 3 + k) of a degree.  Local."""
         own = hexahedron.order_of(self.values.shape[1])
         if own == degree:
             return self.values
@@ -80,25 +78,16 @@ class Beginning:
         return hexahedron.tensor_evaluate((functions,) * 3, self.values)
 
     @classmethod
-    def at_rest(cls, forest):
-        """A forest with zero displacement.  Local.
-
-        Args:
-            forest: Forest.
-        """
+    def at_rest(cls, forest: Forest) -> Self:
+        """A forest with zero displacement.  Local."""
         return cls(forest, np.zeros((len(forest), (DEGREES[0] + 1) ** 3, 3)))
 
     @classmethod
     @collective("comm")
-    def uniform(cls, scene, levels, comm=MPI.COMM_WORLD):
-        """The root cells, all of them refined alike, with zero displacement.
+    def uniform(cls, scene: Scene, levels: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Self:
+        """The root cells, refined uniformly up to `lattice.MAX_LEVEL` times, with zero displacement.
 
         Collective on comm.
-
-        Args:
-            scene: Scene.
-            levels: times to refine, up to `lattice.MAX_LEVEL`.
-            comm: MPI communicator.
 
         Raises:
             SceneError: scene or levels are none, or differ between ranks.
@@ -120,14 +109,13 @@ class Beginning:
 
     @classmethod
     @collective("step.forest.comm")
-    def after(cls, step, marked):
-        """The forest of a step refined; its displacement is the first guess, and goes along, its estimate is trusted.
+    def after(cls, step: Step, marked: BoolArray | IntArray) -> Self:
+        """The refined forest of a step, with its displacement as the first guess and as carried field.
 
-        Collective on the step's communicator.
+        Collective on step.forest.comm.  Its estimate is trusted.
 
         Args:
-            step: Step.
-            marked: (n,) bool, leaves to refine, or (n,) int, how often to refine each.
+            marked: (n,), leaves to refine, or how often to refine each.
 
         Raises:
             SceneError: no step, or marked is no such array.
@@ -148,4 +136,20 @@ class Beginning:
                     f"{marked.min()} to {marked.max()}"
                 )
         history = RefinementHistory(step.history.effectivity, compared=True)
-        return cls(*forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2)), history)
+        forest, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
+        return cls(forest, values, history)
+
+
+def first_forest(scene: Scene, comm: MPI.Intracomm, kind: str) -> Forest:
+    """The root cells, refined uniformly until every rank gets a leaf; on few ranks not at all.
+
+    Collective on comm.  The kind of partition is a key of `partition.KINDS`.  Raises PartitionError.
+    """
+    forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
+    while True:
+        try:
+            return repartition(forest, None, kind)[0]
+        except PartitionError:
+            if forest.size_global > 64 * comm.size:
+                raise
+        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))

@@ -1,7 +1,6 @@
-"""A solved step as the beginning of a run of another scene on the same root mesh."""
+"""A solved step as the start of a run of another scene on the same root mesh."""
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.beginning import Beginning
@@ -11,6 +10,7 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.space import Space
 from fx_contact.forest.coarsening import coarsened
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.problem import hexahedron
 
 
@@ -19,8 +19,8 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
 
     Collective on state.forest.comm.  A leaf merges with its siblings while their parent, where the solution is smooth,
     has at most an error tau / sqrt(N).  Criterion (2) refines cells above e omega / sqrt(N); tau is e omega times what
-    two refinements divide the error of a cell by, as many as one marking can do.  A run that begins so has at least
-    two meshes, and measures the effectivity of the estimator.
+    two refinements divide the error of a cell by, the most of one marking.  Such a run has at least two meshes, and
+    measures the effectivity of the estimator.
 
     Args:
         state: of the last step.
@@ -37,23 +37,14 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
     return Beginning(merged, _on_nodes(forest, state.values, merged), history)
 
 
-def _merges(
-    error2: npt.NDArray[np.float64], allowed: float, child_error: float, level: npt.NDArray[np.int8]
-) -> npt.NDArray[np.int8]:
-    """How often each leaf may merge: xi_T^2 of its ancestor k levels above is child_error^(-k) times its own.
-
-    Args:
-        error2: (n,), xi_T^2 of the leaves [J].
-        allowed: tau^2 of an ancestor [J].
-        child_error: xi_T^2 of a child over that of its parent [-].
-        level: (n,), of the leaves.
-    """
+def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
+    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above is child_error^(-k) times theirs, at most tau^2."""
     ancestors = np.arange(1, int(level.max(initial=0)) + 1)
     small = error2[:, None] <= allowed * child_error**ancestors
     return np.minimum(small.sum(axis=1), level).astype(np.int8)
 
 
-def _on_nodes(forest: Forest, values: npt.NDArray[np.float64], merged: Forest) -> npt.NDArray[np.float64]:
+def _on_nodes(forest: Forest, values: FloatArray, merged: Forest) -> FloatArray:
     """Nodal values (n, (p+1)^3, k) on a coarser forest, whose nodes are nodes of the finer one.  Collective."""
     degree = hexahedron.order_of(values.shape[1])
     before, after = Space(forest, degree), Space(merged, degree)

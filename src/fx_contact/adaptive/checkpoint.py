@@ -1,16 +1,21 @@
-"""The state after an adaptive step on disk, from which any number of ranks can go on.
+"""The state after an adaptive step on disk, from which any number of ranks can continue.
 
 Leaves and nodes are named by keys that do not depend on the ranks: a leaf with its indicator takes 24 bytes, a node
-with its displacement 32.  A checkpoint knows the problem it belongs to, and has the records of all steps so far.
+with its displacement 32.  A checkpoint holds the fingerprint of its problem, and the records of all steps so far.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
+from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
@@ -18,6 +23,7 @@ from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
 from fx_contact.parallel.agreement import check_alike, differences
+from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, IntArray
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
@@ -25,33 +31,37 @@ from fx_contact.parallel.validation import as_folder, check_comm
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.lattice import Lattice
-from fx_contact.problem.scene import check_scene
+from fx_contact.problem.scene import Scene, check_scene
 
 NAME = "checkpoint"
 _LEVEL_BITS = 4
 
 
 class CheckpointWriter:
-    """Keeps the last step of a run in a folder.
+    """Writer of the last step of a run in a folder.
 
-    Every run has an id, which its checkpoints hold.  A run replaces its own checkpoint, or that from which it goes on,
-    and no other.
-
-    Collective on comm.
+    Collective on comm.  Every run has an id, which its checkpoints hold.  A run replaces its own checkpoint, or that
+    from which it continues, and no other.
 
     Args:
         folder: for the checkpoints; made if it is not there.
-        comm: MPI communicator.
-        problem: dict, the run's problem (`fingerprint.scene_parts`).
-        options: dict that JSON can hold, the options that must not change.
-        restart: Checkpoint from which the run goes on, the only one that may be in the folder already; or None.
+        problem: the run's problem (`fingerprint.scene_parts`).
+        options: as JSON can hold them, those that must not change.
+        restart: checkpoint from which the run continues, the only one that may be in the folder already.
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
-        CheckpointError: what is called like a checkpoint there is none, or cannot be read.
+        CheckpointError: a file with the name of a checkpoint is none, or cannot be read.
     """
 
-    def __init__(self, folder, comm, problem, options, restart=None):
+    def __init__(
+        self,
+        folder: str | Path,
+        comm: MPI.Intracomm,
+        problem: Mapping[str, Any],
+        options: Mapping[str, Any],
+        restart: "Checkpoint | None" = None,
+    ) -> None:
         self._problem, self._options = problem, options
         self._run = comm.bcast(uuid4().hex)
         self._replaceable = {self._run} | ({restart.run} if restart is not None else set())
@@ -62,22 +72,21 @@ class CheckpointWriter:
                     self._path.parent.mkdir(parents=True, exist_ok=True)
                     self._allow()
 
-    def save(self, step, records, further=None):
+    def save(self, step: Step, records: Sequence[StepRecord], further: Mapping[str, Any] | None = None) -> None:
         """Replace the checkpoint in the folder by the state after a step.
 
-        Collective on the step's comm.
+        Collective on step.forest.comm.
 
         Args:
-            step: Step.
-            records: list of StepRecord, of all steps up to this one.
-            further: dict that JSON can hold, to keep beside the rest or in its place; None: nothing.
+            records: of all steps up to this one.
+            further: entries as JSON can hold them, added to the content or in its place.
 
         Raises:
-            OutputError: the checkpoint cannot be written, or another run has written one; what was there still is.
+            OutputError: the checkpoint cannot be written, or another run has written one; the old file stays.
         """
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         leaf, node = prolongation.space.example.T
-        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.along[leaf, node]], axis=1)
+        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.carried[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         write_checkpoint(
@@ -104,29 +113,29 @@ class CheckpointWriter:
         )
         self._replaceable = {self._run}
 
-    def _allow(self):
-        """Raises OutputError for the checkpoint of another run, CheckpointError for what is none.  Local."""
+    def _allow(self) -> None:
+        """Raises OutputError for the checkpoint of another run, CheckpointError for another file.  Local."""
         if self._path.exists() and CheckpointFile(self._path, MPI.COMM_SELF).content["run"] not in self._replaceable:
             raise OutputError(
-                f"{str(self._path)!r} is the checkpoint of another run and would be replaced: go on from it with "
+                f"{str(self._path)!r} is the checkpoint of another run and would be replaced: continue from it with "
                 "restart, remove it, or name another folder"
             )
 
 
-def _by_leaf(step):
-    """xi_T of a step in the order of the leaves: (n,) float64."""
+def _by_leaf(step: Step) -> FloatArray:
+    """xi_T (n,) of a step in the order of the leaves [J^(1/2)]."""
     result = np.empty(len(step.forest))
     result[step.leaf_mesh.leaf] = step.estimate.error
     return result
 
 
-def _names(cell, level, anchor):
-    """Names of leaves: (n,) uint64."""
+def _names(cell: IntArray, level: IntArray, anchor: IntArray) -> npt.NDArray[np.uint64]:
+    """Names (n,) of leaves."""
     return leaf_code(cell, anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level.astype(np.uint64)
 
 
-def _named(names):
-    """Inverse of `_names`."""
+def _named(names: npt.NDArray[np.uint64]) -> tuple[Int32Array, Int8Array, Int32Array]:
+    """Root cell, level and anchor of named leaves: inverse of `_names`."""
     level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
     cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
     return cell, level, anchor
@@ -134,31 +143,24 @@ def _named(names):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a checkpoint holds, distributed in some way.
+    """Content of a checkpoint, distributed over the ranks.
 
     Attributes:
-        forest: Forest.
-        values: (n, (p+1)^3, 3 + k) float64 at the nodes of the leaves: displacement [m], and fields that go along.
-        estimate: Estimate, its errors in the order of the leaves.
-        refine: (n,) int8, how often to refine each leaf for contact, whatever the estimate says.
-        history: RefinementHistory, before this step is marked.
+        values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
+        estimate: its errors in the order of the leaves.
+        refine: (n,), how often to refine each leaf for contact, whatever the estimate says.
+        history: before this step is marked.
     """
 
     forest: Forest
-    values: np.ndarray
+    values: FloatArray
     estimate: Estimate
-    refine: np.ndarray
+    refine: Int8Array
     history: RefinementHistory
 
     @classmethod
-    def of(cls, step):
-        """The state after a step, without fields that go along.
-
-        Collective on the step's comm.
-
-        Args:
-            step: Step.
-        """
+    def of(cls, step: Step) -> "State":
+        """The state after a step, without carried fields.  Collective on step.forest.comm."""
         estimate = replace(step.estimate, error=_by_leaf(step), energy=None)
         return cls(step.forest, step.nodal_displacement, estimate, step.contact_error.refine, step.history)
 
@@ -166,18 +168,16 @@ class State:
 class Checkpoint:
     """The last checkpoint in a folder.
 
-    Collective on comm.
+    Collective on comm, of any size.
 
     Args:
-        folder: in which a run has left it.
-        scene: Scene, the same as that of the run.
-        comm: MPI communicator, of any size.
+        folder: of the run.
+        scene: the same as that of the run.
 
     Attributes:
         path: of the file.
-        comm: as given.
         run: id of the run that has written it.
-        records: list of StepRecord, of all steps so far.
+        records: of all steps so far.
 
     Raises:
         SceneError: folder or scene differ between ranks, or the scene is none.
@@ -185,7 +185,7 @@ class Checkpoint:
     """
 
     @collective("comm")
-    def __init__(self, folder, scene, comm):
+    def __init__(self, folder: str | Path, scene: Scene, comm: MPI.Intracomm) -> None:
         check_comm(comm)
         with together(comm):
             check_scene(scene)
@@ -196,42 +196,29 @@ class Checkpoint:
         self._file = CheckpointFile(self.path, comm)
         content = self._file.content
         self._compare(content["problem"], asked)
-        self.run = content["run"]
+        self.run: str = content["run"]
         try:
             self.records = [StepRecord.from_json(entries) for entries in content["records"]]
         except TypeError:
             raise CheckpointError(f"{str(self.path)!r} is of another version of fx_contact: begin anew") from None
 
-    def check(self, problem, options):
-        """See that a run can go on from here.
-
-        Local.
-
-        Args:
-            problem: dict, that of the run (`fingerprint.scene_parts`).
-            options: dict that JSON can hold, those that must not change.
-
-        Raises:
-            CheckpointError: the run had another scene or other options.
-        """
+    def check(self, problem: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+        """Raises CheckpointError unless a run with this problem and these options can continue here.  Local."""
         self._compare(self._file.content["problem"], problem)
         self._compare(self._file.content["options"], options)
 
-    def _compare(self, before, now):
+    def _compare(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
         if differing := differences(before, now, "then", "now"):
             raise CheckpointError(
-                f"{str(self.path)!r} belongs to another problem: {differing}; go on with what the run was begun with, "
+                f"{str(self.path)!r} belongs to another problem: {differing}; continue with the settings of the run, "
                 "or begin anew in another folder"
             )
 
     @collective("self.comm")
-    def load(self):
-        """Read the state.
+    def load(self) -> State:
+        """The state, its leaves in equal blocks on the ranks.
 
         Collective on comm.
-
-        Returns:
-            State, its leaves in equal blocks on the ranks.
 
         Raises:
             CheckpointError: the file is damaged.
@@ -246,7 +233,7 @@ class Checkpoint:
         space = Space(forest, content["degree"])
         directory = Directory(comm, keys, forest.homes.of_points)
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
-        known = dict(zip(("error_global", "energy_norm", "cells"), content["estimate"]))
-        estimate = Estimate(error=error, energy=None, **known, child_error=child_error(space.degree))
+        xi, omega, cells = content["estimate"]
+        estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree))
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine, history)

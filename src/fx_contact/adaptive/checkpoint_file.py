@@ -2,8 +2,8 @@
 
 The archive is a ZIP file: `content.json`, and `NAME/RANK.npy` for each array; ZIP keeps a CRC-32 of each.  The ranks
 append to it in turn, so that no rank has the arrays of others and none waits inside MPI-IO, HDF5 or ADIOS2 for one
-that is killed or cannot write.  The archive is written beside the old one and takes its name in one step, as a folder
-could not: whenever a rank is killed, the file of that name is either the old or the new one.
+that is killed or cannot write.  The new archive replaces the old one by an atomic rename, so that a killed rank leaves
+either of them complete.
 """
 
 import json
@@ -24,12 +24,12 @@ from mpi4py import MPI
 from fx_contact.parallel.errors import CheckpointError, writing
 from fx_contact.parallel.mpi import together
 
-#: Version of the names and meanings of what checkpoints hold; up to 8 they were no archives.
+#: Version of the content; up to 8 checkpoints were no archives.
 VERSION = 9
 #: First bytes of a ZIP file, and of checkpoints before version 9.
 _ZIP, _EARLIER = b"PK\3\4", b"fx-rows\n"
 _CONTENT = "content.json"
-#: What reading a damaged ZIP file raises, beside errors of the system.
+#: Errors of reading a damaged ZIP file, beside those of the system.
 _DAMAGE = (BadZipFile, zlib.error, struct.error, ValueError, KeyError, EOFError, RuntimeError)
 
 
@@ -40,18 +40,18 @@ def write_checkpoint(
     arrays: Mapping[str, npt.NDArray[Any]],
     allow: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write a file, in the place of one that is there.
+    """Write a file, replacing an old one.
 
     Collective on comm.
 
     Args:
         path: in a folder that is there and that all ranks see.
-        content: what JSON can hold, the same on all ranks.
-        arrays: by name, (n, ...), n for each rank its own.
-        allow: rank 0 calls it before the new file takes the place of the old one; raises an error if it must not.
+        content: as JSON can hold it, the same on all ranks.
+        arrays: by name, (n, ...), n of each rank.
+        allow: called by rank 0 before the new file replaces the old one; raises an error if it must not.
 
     Raises:
-        OutputError: the file cannot be written; the old one stays, and nothing of the new one.
+        OutputError: the file cannot be written; the old one stays, the new one is removed.
     """
     new = path.with_name(f"{path.name}.new-{comm.bcast(uuid4().hex)}")  # not shared by two runs in one folder
     rows = comm.gather({name: len(array) for name, array in arrays.items()}) or []
@@ -69,7 +69,7 @@ def write_checkpoint(
                     with _appended(new) as archive:
                         for name, array in arrays.items():
                             with archive.open(_member(name, turn), "w", force_zip64=True) as member:
-                                np.lib.format.write_array(member, array, allow_pickle=False)
+                                np.save(member, array, allow_pickle=False)
         with together(comm), writing(path):
             if comm.rank == 0:
                 allow()
@@ -110,7 +110,7 @@ class CheckpointFile:
         comm: of any size.
 
     Attributes:
-        content: what was written with the arrays.
+        content: written with the arrays.
 
     Raises:
         CheckpointError: there is no such file, it is not complete, damaged, of another format or version.
@@ -151,14 +151,16 @@ class CheckpointFile:
     def _piece(self, name: str, rank: int) -> npt.NDArray[Any]:
         """The array that a rank has written."""
         with self._archive.open(_member(name, rank)) as member:
-            array: npt.NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+            array: npt.NDArray[Any] = np.lib.format.read_array(  # type: ignore[no-untyped-call]  # of NumPy
+                member, allow_pickle=False
+            )
             if member.read() or len(array) != self._rows[name][rank]:  # to the end, where the checksum is compared
                 raise BadZipFile
         return array
 
 
 def _opened(path: Path) -> ZipFile:
-    """The archive of a checkpoint; it stays what it is when another takes its name."""
+    """The archive of a checkpoint; open, it survives its replacement."""
     if path.exists() and not path.is_file():  # reading a pipe would wait
         raise CheckpointError(f"{str(path)!r} is no file, so it is no checkpoint: name another folder")
     file = path.open("rb")

@@ -1,9 +1,15 @@
-"""Contact as a whole: forces of the pairs, their directions and centre, radius, pressure and penetration."""
+"""Contact of the whole bodies: forces of the pairs, their directions and centre, radius, pressure and penetration."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.body_contact import force_components
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.contact_solver import ContactSolution
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.problem.scene import Scene
 
 #: Contact is round where the semi-axes of the ellipse with its second moments differ by no more than this part, and its
 #: radius is not longer by more than that of its area: it is then within 6 % of both semi-axes.  A sphere whose pole is
@@ -15,78 +21,97 @@ ROUND = 0.1
 _AXIS = 0.5
 
 
-def figures_of_contact(scene, pairs, solution, comm):
-    """Force, radius, pressure and penetration of the whole bodies, whatever symmetry was used.
+@dataclass(frozen=True, kw_only=True)
+class ContactFigures:
+    """Contact of the whole bodies, whatever symmetry is used.
+
+    Attributes:
+        active_pairs: closed node pairs.
+        force: sum of `pair_forces` [N].
+        pair_forces: normal contact force of each contact pair [N].
+        pair_alignments: length of the sum of each pair's forces over the sum of their lengths [-], 1 where they are
+            parallel; None: the pair is open.
+        contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; without forces the middle
+            of the bodies [m].
+        contact_radius: radius of Hertz's contact with these second moments of the forces about `contact_centre` [m];
+            None where they differ across the contact, or take more than the closed area (a flat punch), or where
+            several pairs have force; 0 without contact.
+        max_pressure: largest nodal pressure [Pa].
+        max_penetration: largest penetration of a node pair [m].
+    """
+
+    active_pairs: int
+    force: float
+    pair_forces: list[float]
+    pair_alignments: list[float | None] | None = None
+    contact_centre: list[float] | None = None
+    contact_radius: float | None
+    max_pressure: float
+    max_penetration: float
+
+
+def figures_of_contact(
+    scene: Scene, rows: ConstraintRows | None, solution: ContactSolution, comm: MPI.Intracomm
+) -> ContactFigures:
+    """Force, radius, pressure and penetration of the whole bodies.
 
     Collective on comm.
 
     Args:
-        scene: Scene.
-        pairs: ConstraintRows; None without contact.
-        solution: ContactSolution.
-        comm: MPI communicator.
-
-    Returns:
-        dict of entries of a StepRecord, and `contact_centre` as (3,) float64 [m].
+        rows: None without contact.
     """
-    if pairs is None:
-        return {
-            "active_pairs": 0,
-            "force": 0.0,
-            "pair_forces": [],
-            "pair_alignments": [],
-            "contact_centre": _centre(scene, 0.0, np.zeros(3)),
-            "contact_radius": 0.0,
-            "max_pressure": 0.0,
-            "max_penetration": 0.0,
-        }
-    force, mirrors = force_components(scene, pairs, solution.force), scene.mirrors
+    if rows is None:
+        return ContactFigures(
+            active_pairs=0,
+            force=0.0,
+            pair_forces=[],
+            pair_alignments=[],
+            contact_centre=list(map(float, _centre(scene, 0.0, np.zeros(3)))),
+            contact_radius=0.0,
+            max_pressure=0.0,
+            max_penetration=0.0,
+        )
+    force, mirrors = force_components(scene, rows, solution.force), scene.mirrors
     sums = np.zeros((len(scene.contact), 10))
-    columns = force, solution.force, solution.force[:, None] * pairs.normal, force[:, None] * pairs.position
-    np.add.at(sums, pairs.contact, np.column_stack([*columns, solution.active, solution.active * pairs.area]))
+    columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
+    np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
     comm.Allreduce(MPI.IN_PLACE, sums)
-    of_pair, lengths, vectors = sums[:, 0], sums[:, 1], mirrors.force(sums[:, 2:5])
+    of_pair, lengths, vectors = sums[:, 0], mirrors.parts * sums[:, 1], mirrors.force(sums[:, 2:5])
     total, active, area = sums[:, [0, 8, 9]].sum(axis=0)
     centre = _centre(scene, total, sums[:, 5:8].sum(axis=0))
-    arm = pairs.position - centre
-    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, pairs.normal) ** 2
+    arm = rows.position - centre
+    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
     moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
-    moment, lengths = moments[-1], mirrors.parts * lengths
     tensor = mirrors.second_moment(moments[:-1].reshape(3, 3))
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)
-    radius = float(np.sqrt(2.5 * moment / total)) if total else 0.0
-    pressure = comm.allreduce(float(solution.pressure.max(initial=0.0)), op=MPI.MAX)
-    return {
-        "active_pairs": int(active),
-        "force": float(total * scene.symmetry),
-        "pair_forces": (of_pair * scene.symmetry).tolist(),
-        "pair_alignments": [
+    radius = float(np.sqrt(2.5 * moments[-1] / total)) if total else 0.0
+    return ContactFigures(
+        active_pairs=int(active),
+        force=float(total * scene.symmetry),
+        pair_forces=list(map(float, of_pair * scene.symmetry)),
+        pair_alignments=[
             float(np.linalg.norm(vector) / length) if length else None for vector, length in zip(vectors, lengths)
         ],
-        "contact_centre": centre,
-        "contact_radius": radius if is_round or not total else None,
-        "max_pressure": pressure,
-        "max_penetration": comm.allreduce(float(solution.penetration.max(initial=0.0)), op=MPI.MAX),
-    }
+        contact_centre=list(map(float, centre)),
+        contact_radius=radius if is_round or not total else None,
+        max_pressure=comm.allreduce(float(solution.pressure.max(initial=0.0)), op=MPI.MAX),
+        max_penetration=comm.allreduce(float(solution.penetration.max(initial=0.0)), op=MPI.MAX),
+    )
 
 
-def _centre(scene, total, moment):
-    """The centre of the whole contact (3,) [m]: as the scene says, or of the forces, or of the root mesh.
-
-    Args:
-        scene: Scene.
-        total: sum of the forces [N].
-        moment: (3,) sum of forces times positions [N m].
-    """
-    given, points = scene.contact_centre, scene.mesh.points
-    if given is None:
-        given = moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2
-    return scene.mirrors.centre(np.array(given, dtype=np.float64))
+def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:
+    """Centre (3,) of the contact [m] from the sum of the forces [N] and of forces times positions (3,) [N m]."""
+    points = scene.mesh.points
+    if scene.contact_centre is not None:
+        centre = np.array(scene.contact_centre, dtype=np.float64)
+    else:
+        centre = np.asarray(moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2)
+    return scene.mirrors.centre(centre)
 
 
-def _is_round(tensor, vector, length, area):
-    """Whether the forces of the whole contact are spread as those of round bodies, across their resultant.
+def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float) -> bool:
+    """True if the forces have the spread of round bodies across their resultant.
 
     Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  A circle of the
     radius that the mean gives has then the closed area; on meshes with four or more closed pairs in a quarter it has
@@ -94,15 +119,15 @@ def _is_round(tensor, vector, length, area):
     pressure on a circle, 1.31 times on a square, 1.67 times under a flat round punch.
 
     Args:
-        tensor: (3, 3) second moments of the forces [N m^2].
-        vector: (3,) sum of the forces [N].
+        tensor: (3, 3), second moments of the forces [N m^2].
+        vector: (3,), sum of the forces [N].
         length: sum of their lengths [N].
-        area: closed [m^2].
+        area: closed area [m^2].
     """
-    along = np.linalg.norm(vector)
-    if along <= _AXIS * length:
+    resultant = np.linalg.norm(vector)
+    if resultant <= _AXIS * length:
         return False
-    across = np.eye(3) - np.outer(vector, vector) / along**2
+    across = np.eye(3) - np.outer(vector, vector) / resultant**2
     _, least, most = np.sort(np.linalg.eigvalsh(across @ tensor @ across))
     radius2 = 2.5 * (least + most) / length
     return bool(least >= (1 - ROUND) ** 2 * most and (1 - ROUND) ** 2 * np.pi * radius2 <= area)

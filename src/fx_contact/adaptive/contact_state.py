@@ -1,11 +1,13 @@
-"""What happens at each contact node pair: on the ranks that hold them, or in one table."""
+"""Contact at each node pair: on the ranks that own them, or in one table."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import as_path
@@ -15,59 +17,49 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Columns:
-    """What is known of each node pair, as `ContactState` explains it."""
+    """Columns of each node pair, as in `ContactState`."""
 
-    points: np.ndarray
-    normal: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
-    gap: np.ndarray
-    active: np.ndarray
-    pair: np.ndarray
+    points: FloatArray
+    normal: FloatArray
+    pressure: FloatArray
+    force: FloatArray
+    gap: FloatArray
+    active: BoolArray
+    pair: Int32Array
     names: tuple[str, ...]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.points)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactTable(_Columns):
-    """All contact node pairs, sorted by contact pair and node: alike on any number of ranks.
+    """All contact node pairs, sorted by contact pair and node: the same on any number of ranks; see `ContactState`."""
 
-    Attributes:
-        points, normal, pressure, force, gap, active, pair, names: as of `ContactState`, of all ranks.
-    """
-
-    def __repr__(self):
+    def __repr__(self) -> str:
         return _summary("contact", self)
 
-    def to_csv(self, path):
+    def to_csv(self, path: str | Path) -> Path:
         """Write a line for each node pair, below a line of headings; numbers with all digits, closed as 1 or 0.
 
-        Local.
-
-        Args:
-            path: of the file; its folder is made if it is not there.
-
-        Returns:
-            Path of the file.
+        Local.  The folder is made if it is not there.
 
         Raises:
-            OutputError: it cannot be written, or its name does not end in .csv.
+            OutputError: the file cannot be written, or its name does not end in .csv.
         """
         path = as_path("the name of a table", path, OutputError)
         if path.suffix.lower() != ".csv":
             raise OutputError(
                 f"the name of a table must end in .csv, got {str(path)!r}: if this is a folder, name a file"
             )
-        numbers = np.column_stack([self.points, self.normal, self.pressure, self.gap, self.force]).tolist()
-        rows = zip(numbers, self.active.astype(int).tolist(), self.pair.tolist())
+        numbers = np.column_stack([self.points, self.normal, self.pressure, self.gap, self.force])
+        ends = zip(self.active.astype(int), (self.names[pair] for pair in self.pair))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with open(path, "w", newline="") as file:
                 lines = csv.writer(file)
                 lines.writerow(_HEAD)
-                lines.writerows((*values, closed, self.names[pair]) for values, closed, pair in rows)
+                lines.writerows((*map(float, numbers[row]), *end) for row, end in enumerate(ends))
         except OSError as error:
             raise OutputError(f"cannot write {str(path)!r}: {error}; name another file") from error
         return path
@@ -75,47 +67,40 @@ class ContactTable(_Columns):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactState(_Columns):
-    """Contact at the node pairs that this rank holds; each pair is on one rank.
+    """Contact at the node pairs that this rank owns; each pair is on one rank.
 
     Attributes:
-        points: (n, 3) float64, undeformed positions on the first surface [m].
-        normal: (n, 3) float64, unit direction from the first body to the second.
-        pressure: (n,) float64, at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
-        force: (n,) float64, compression positive [N]; of the modelled part, without its symmetric copies.
-        gap: (n,) float64, distance of the deformed surfaces along the normal, negative where they penetrate [m].
-        active: (n,) bool, whether the pair is closed.
-        pair: (n,) int32, which of the scene's contact pairs it belongs to.
+        points: (n, 3), undeformed positions on the first surface [m].
+        normal: (n, 3), unit direction from the first body to the second.
+        pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
+        force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
+        gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
+        active: (n,), closed pairs.
+        pair: (n,), number of the contact pair in the scene.
         names: of the scene's contact pairs, as `ContactPair.name`.
-        key: (n,) int64, lattice key of the node on the first surface.
-        comm: MPI communicator.
+        key: (n,), lattice key of the node on the first surface.
     """
 
-    key: np.ndarray
-    comm: MPI.Comm
+    key: Int64Array
+    comm: MPI.Intracomm
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return _summary("contact on this rank alone", self)
 
     @collective("self.comm")
-    def gathered(self):
-        """The node pairs of all ranks in one table, on rank 0.
-
-        Collective on comm.
-
-        Returns:
-            ContactTable on rank 0, None on the others.
-        """
-        columns = self.points, self.normal, self.pressure, self.force, self.gap, self.active, self.pair
-        parts = self.comm.gather((self.key, *columns), root=0)
+    def gathered(self) -> ContactTable | None:
+        """The node pairs of all ranks in one table on rank 0, None on the others.  Collective on comm."""
+        names = ["key", *(one.name for one in fields(_Columns) if one.name != "names")]
+        parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
             return None
-        key, *columns = map(np.concatenate, zip(*parts))
-        order = np.lexsort((key, columns[-1]))
-        return ContactTable(*(column[order] for column in columns), self.names)
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
+        order = np.lexsort((columns.pop("key"), columns["pair"]))
+        return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
 
 
-def _summary(what, rows):
-    """Two lines on node pairs: str."""
+def _summary(what: str, rows: _Columns) -> str:
+    """Two lines on node pairs."""
     return (
         f"{what}: {len(rows):,} node pairs, {int(rows.active.sum()):,} closed\n"
         f"  force {rows.force.sum():.6g}, largest pressure {rows.pressure.max(initial=0.0):.5g}"

@@ -1,10 +1,10 @@
-"""Load paths: scenes that depend on a number, each solved from where the one before has ended."""
+"""Load paths: scenes that depend on a number, each solved from the solution of the one before."""
 
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from mpi4py import MPI
 
@@ -12,6 +12,7 @@ from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
+from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
 from fx_contact.forest.forest import Forest
@@ -23,7 +24,7 @@ from fx_contact.parallel.validation import as_path, check_comm, check_number, sh
 from fx_contact.problem.fingerprint import mesh_digest
 from fx_contact.problem.scene import Scene, check_scene
 
-#: How a point begins (`SweepRecord.begun`).
+#: Starts of a point (`SweepRecord.begun`).
 ANEW, COARSE = "anew", "coarse"
 
 
@@ -42,17 +43,17 @@ def sweep(
 
     Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before, on
     its forest coarsened by two refinements (`carry_over`): the point refines where its own error is, and measures the
-    effectivity of the estimator.  Where the root mesh or the contact pairs of the scene change, a point is begun anew.
+    effectivity of the estimator.  Where the root mesh or the contact pairs of the scene change, a point begins anew.
 
     Contact without friction has no history: the points may be solved in any order.
 
     Args:
-        scene_of: function of a value that gives the Scene; called collectively, in turn.
+        scene_of: scene of a value; called collectively, in turn.
         values: of the parameter, numbers.
         tolerance: prescribed relative error e in the energy norm of each point, (6) [-].
         folder: for `sweep.jsonl`, `sweep.csv` and the checkpoint of the last point; None: nothing is written.
-        restart: whether to go on after the last point in that folder; `values` may be more than then.
-        options: of `adapt`, for each point; a `beginning` is for points that are begun anew.
+        restart: continue after the last point in that folder; `values` may be more than then.
+        options: of `adapt`, for each point; a `beginning` is for points that begin anew.
 
     Raises:
         SceneError: values are no finite numbers, arguments differ between ranks, or as `adapt`.
@@ -64,7 +65,7 @@ def sweep(
     with together(comm):
         if not callable(scene_of):
             raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
-        values = _checked(values)
+        points = _checked(values)
         for name in ("checkpoint", "restart"):
             if name in options:
                 raise SceneError(f"a sweep takes no {name!r} of adapt: it keeps its last point in its own folder")
@@ -72,19 +73,19 @@ def sweep(
             folder = as_path("the folder of a sweep", folder)
         elif restart:
             raise SceneError("a sweep restarts from the folder of one before: name it")
-    check_alike(comm, {"values": values, "folder of a sweep": folder and str(folder), "restart": bool(restart)})
-    return Sweep(scene_of, values, tolerance, comm, folder, restart, options)
+    check_alike(comm, {"values": points, "folder of a sweep": folder and str(folder), "restart": bool(restart)})
+    return Sweep(scene_of, points, tolerance, comm, folder, restart, options)
 
 
 def _checked(values: Iterable[float]) -> list[float]:
     """Raises SceneError unless they are finite numbers, one at least."""
     try:
-        values = list(values)
+        numbers = list(values)
     except TypeError:
         raise SceneError(f"the values of a sweep must be a list of numbers, got {shown(values)}") from None
-    if not values:
+    if not numbers:
         raise SceneError("the values of a sweep must be one number at least, got none")
-    return [check_number("a value of a sweep", value) for value in values]
+    return [check_number("a value of a sweep", number) for number in numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +127,11 @@ class Sweep:
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
-        self._settings: Any = None  # of the last run
-        if restart:
-            self._resume()
+        self._settings: Settings | None = None  # of the last run
+        if restart and folder is not None:
+            self._resume(folder)
 
-    def __iter__(self) -> "Sweep":
+    def __iter__(self) -> Self:
         return self
 
     def __next__(self) -> SweepPoint:
@@ -146,7 +147,8 @@ class Sweep:
         with together(self._comm):
             check_scene(scene)
         start = time.process_time()
-        run, begun = self._solved(scene)
+        run, begun = self._run(scene)
+        step = run.last_step()
         compiled = sum(one.cpu_seconds["compile"] for one in run.records)
         record = SweepRecord(
             point=len(self.records),
@@ -155,72 +157,63 @@ class Sweep:
             solves=len(run.records),
             unknowns=sum(one.dofs for one in run.records),
             cpu_seconds=self._comm.allreduce(time.process_time() - start) - compiled,
-            record=run.step.record,
+            record=step.record,
         )
         self.records.append(record)
-        self._last = State.of(run.step)
-        if self._folder is not None:
-            self._keep(run)
-        return SweepPoint(value, run.step, record)
+        self._last = State.of(step)
+        if self._folder is not None and self._writer is not None:
+            points = [record.as_json() for record in self.records]
+            self._writer.save(step, [step.record], {"problem": run.settings.problem, "points": points})
+            write_sweep(self._folder, self._comm, self.records)
+        return SweepPoint(value, step, record)
 
-    def _solved(self, scene: Scene) -> tuple[Run, str]:
-        """The finished Run of a scene, and how it has begun.  Collective."""
-        begun = COARSE if self._last is not None and _same_root(self._last.forest, scene) else ANEW
-        try:
-            run = self._begun(scene, begun)
-        except PartitionError:  # the coarse forest has too few leaves for the ranks
-            if begun == ANEW:
-                raise
-            begun = ANEW
-            run = self._begun(scene, begun)
-        while run.advance():
-            pass
-        return run, begun
+    def _run(self, scene: Scene) -> tuple[Run, str]:
+        """The Run of a scene after its first step, and its start.  Collective."""
+        if self._last is not None and _same_root(self._last.forest, scene):
+            try:
+                return self._begun(scene, self._last), COARSE
+            except PartitionError:  # the coarse forest has too few leaves for the ranks
+                pass
+        return self._begun(scene, None), ANEW
 
-    def _begun(self, scene: Scene, way: str) -> Run:
-        """A Run of a scene after its first step.  Collective."""
-        options = dict(self._options)
-        if way == COARSE:
-            asked, kind = self._settings, options.get("partition_kind", "contact-sfc")
-            options["beginning"] = carried_over(self._last, asked.tolerance, asked.control, kind)
+    def _begun(self, scene: Scene, before: State | None) -> Run:
+        """A Run of a scene after its first step, from the coarsened state of the point before.  Collective."""
+        options, settings = dict(self._options), self._settings
+        if before is not None and settings is not None:
+            kind = options.get("partition_kind", "contact-sfc")
+            options["beginning"] = carried_over(before, settings.tolerance, settings.control, kind)
         run = adapt(scene, self._tolerance, self._comm, **options)
         self._settings = run.settings
         if self._folder is not None and self._writer is None:
-            about = run.settings.problem, run.settings.kept(), self._before
+            about = run.settings.problem, run.settings.fixed(), self._before
             self._writer = CheckpointWriter(self._folder, self._comm, *about)
         run.advance()
         return run
 
-    def _keep(self, run: Run) -> None:
-        """Write the points so far, and the state from which a restart goes on.  Collective."""
-        points = [record.as_json() for record in self.records]
-        self._writer.save(run.step, [run.step.record], {"problem": run.settings.problem, "points": points})
-        write_sweep(self._folder, self._comm, self.records)
-
-    def _resume(self) -> None:
-        """Take up the last point in the folder.  Collective."""
-        path, comm = self._folder / NAME, self._comm
+    def _resume(self, folder: Path) -> None:
+        """Continue after the last point in the folder.  Collective."""
+        path, comm = folder / NAME, self._comm
         points = CheckpointFile(path, comm).content.get("points")
         with together(comm):
             if points is None:
                 raise CheckpointError(f"{str(path)!r} is of a single run, not of a sweep: name another folder")
             self.records = [SweepRecord.from_json(entries) for entries in points]
-            before = [record.value for record in self.records]
-            if before != self._values[: len(before)]:
+            solved = [record.value for record in self.records]
+            if solved != self._values[: len(solved)]:
                 raise CheckpointError(
-                    f"{str(path)!r} belongs to a sweep over {shown(before)}, and the values now begin with "
-                    f"{shown(self._values[: len(before)])}: give the same, and more if you like"
+                    f"{str(path)!r} belongs to a sweep over {shown(solved)}, and the values now begin with "
+                    f"{shown(self._values[: len(solved)])}: give the same, and more if you like"
                 )
-        scene = self._scene_of(before[-1])
-        self._before = Checkpoint(self._folder, scene, comm)
-        self._settings = adapt(scene, self._tolerance, comm, **self._options).settings
+        scene = self._scene_of(solved[-1])
+        before = self._before = Checkpoint(folder, scene, comm)
+        settings = self._settings = adapt(scene, self._tolerance, comm, **self._options).settings
         with together(comm):
-            self._before.check(self._settings.problem, self._settings.kept())
-        self._last = self._before.load()
-        write_sweep(self._folder, comm, self.records)
+            before.check(settings.problem, settings.fixed())
+        self._last = before.load()
+        write_sweep(folder, comm, self.records)
 
 
 def _same_root(forest: Forest, scene: Scene) -> bool:
-    """Whether a forest is on the root mesh of a scene, with its contact pairs.  Local."""
+    """True if a forest is on the root mesh of a scene, with its contact pairs."""
     same = forest.mesh is scene.mesh or mesh_digest(forest.mesh) == mesh_digest(scene.mesh)
     return same and forest.stands_on(scene.pairing, scene.contact_surfaces)

@@ -1,13 +1,15 @@
-"""What is asked of every step of a run."""
+"""Settings of a run, the same in every step."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
+from typing import Any
 
 from fx_contact.adaptive.validity import check_allowed
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.quantities import check_goals
+from fx_contact.estimate.quantities import Quantity, check_goals
 from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
@@ -15,18 +17,18 @@ from fx_contact.parallel.validation import check_number, shown
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.scene import Scene, check_scene
 
-#: Degree of the displacements where none is given.
+#: Default degree of the displacements.
 DEGREE = 2
-#: Share of the prescribed error that the leaf maps may deviate from the root cells' maps, relative to the leaf's
-#: shortest length, where the program chooses the geometry order: a leaf that is off by a part d of it has strains off
-#: by about d, and a tenth adds 0.5 % of the error, in squares.
+#: Largest deviation of the leaf maps from the root cells' maps over the tolerance, relative to the leaf's shortest
+#: length, by which the default geometry order is chosen: a relative deviation d changes strains by about d, and a tenth
+#: adds 0.5 % of the error, in squares.
 GEOMETRY_SHARE = 0.1
 #: Smallest tolerance: below it rounding is most of the error, on any mesh that fits into a memory.
 LEAST_TOLERANCE = 1e-9
 
 
-def check_tolerance(what, value):
-    """A prescribed error as a float.  Raises SceneError unless it is a positive number, and rounding lets it be met."""
+def check_tolerance(what: str, value: object) -> float:
+    """A prescribed error.  Raises SceneError unless it is a number of `LEAST_TOLERANCE` or more.  Local."""
     tolerance = check_number(what, value, positive=True)
     if tolerance < LEAST_TOLERANCE:
         raise SceneError(
@@ -38,23 +40,18 @@ def check_tolerance(what, value):
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What is asked of every step of a run.
+    """Settings of a run.
 
     Attributes:
-        scene: Scene.
         tolerance: prescribed relative error e in the energy norm, (6) [-].
-        geometry_order: order of the leaf maps; None: the lowest that holds the root map to `GEOMETRY_SHARE` times the
-            tolerance.
-        enforcement: Enforcement of the contact conditions.
-        solver: Solver.
-        control: ErrorControl.
+        geometry_order: order of the leaf maps; None: the lowest by `GEOMETRY_SHARE`.
         degree: p of the displacements, 1 or 2.
-        allow: kinds of doubts that are no errors, keys of `validity.REFUSED`.
-        goals: tuple of Quantity, held to tolerances of their own.
+        allow: kinds of model warnings that are no errors, keys of `validity.REFUSED`.
+        goals: quantities with tolerances of their own.
 
     Raises:
         SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an
-            order above that of the root mesh, an unknown kind of doubts.
+            order above that of the root mesh, an unknown kind of warnings.
     """
 
     scene: Scene
@@ -64,10 +61,10 @@ class Settings:
     solver: Solver
     control: ErrorControl
     degree: int = DEGREE
-    allow: tuple[str, ...] = ()
-    goals: tuple = ()
+    allow: Sequence[str] = ()
+    goals: Sequence[Quantity] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_scene(self.scene)
         object.__setattr__(self, "goals", check_goals(self.goals, self.scene))
         tolerance = check_tolerance("the tolerance", self.tolerance)
@@ -75,7 +72,12 @@ class Settings:
         order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
         if tolerance >= 1:
             raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
-        for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
+        kinds: tuple[tuple[str, type], ...] = (
+            ("enforcement", Enforcement),
+            ("solver", Solver),
+            ("control", ErrorControl),
+        )
+        for name, kind in kinds:
             if not isinstance(getattr(self, name), kind):
                 value, article = getattr(self, name), "an" if kind.__name__[0] in "AEIOU" else "a"
                 advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
@@ -101,20 +103,17 @@ class Settings:
         object.__setattr__(self, "geometry_order", int(order))
 
     @property
-    def multigrid(self):
-        """Whether the preconditioner needs the level of degree 1.  Local."""
+    def multigrid(self) -> bool:
+        """True if the preconditioner needs the level of degree 1.  Local."""
         return self.degree > 1 and self.solver.preconditioner in (None, "p-multigrid")
 
     @cached_property
-    def problem(self):
-        """`fingerprint.scene_parts` of the scene; only the first time, functions of the user are called.
-
-        Local.
-        """
+    def problem(self) -> dict[str, Any]:
+        """`fingerprint.scene_parts` of the scene; functions of the user are called at the first access.  Local."""
         return scene_parts(self.scene)
 
-    def kept(self):
-        """What a restart must not change, beside the problem, as JSON can hold it, by name: dict.  Local."""
+    def fixed(self) -> dict[str, Any]:
+        """Settings by name that a restart must not change, beside the problem, as JSON can hold them.  Local."""
         return {
             "degree": self.degree,
             "geometry order": self.geometry_order,
@@ -122,14 +121,14 @@ class Settings:
             **{f"error control's {name}": value for name, value in self.control.used().items()},
         }
 
-    def asked(self):
-        """All of it as JSON can hold it, by name: dict.  Local."""
+    def entries(self) -> dict[str, Any]:
+        """All settings by name, as JSON can hold them.  Local."""
         return {
             "scene": self.scene.name,
             **self.problem,
             "tolerance": self.tolerance,
-            "allowed doubts": [*self.allow],
-            **self.kept(),
+            "allowed warnings": [*self.allow],
+            **self.fixed(),
             "goals": [repr(goal) for goal in self.goals],
             **{f"solver's {name}": value for name, value in vars(self.solver).items() if name != "options"},
             **{f"solver's option {name}": value for name, value in self.solver.options.items()},

@@ -1,24 +1,27 @@
-"""The state after one adaptive step, and what it offers to users."""
+"""The state after one adaptive step, with its dolfinx objects, contact and resultants."""
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import meshtags
+from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
-from fx_contact.adaptive.resultants import undirected
+from fx_contact.adaptive.resultants import Resultant, undirected
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.contact_goals import ContactError
+from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_projection import projected_stress
 from fx_contact.estimate.stress_recovery import TENSOR
-from fx_contact.fem.displacement_field import DisplacementField
-from fx_contact.fem.elasticity import Elasticity
-from fx_contact.forest.forest import Forest
+from fx_contact.fem.leaf_mesh import LeafMesh
+from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
@@ -26,45 +29,28 @@ from fx_contact.parallel.validation import percent, shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Step:
+class Step(SolvedState):
     """The state after one adaptive step.
 
     Of dolfinx: `mesh`, `displacement`, `stress`, `facet_tags`, `cell_tags`, `ds`; of contact: `contact`.  They are made
-    when first asked for; the mesh's tags, the stress and `ds` then collectively.
+    when first asked for; the mesh's tags, the stress and `ds` then collectively.  The solution and its estimated error
+    are those of a `SolvedState`.
 
     Attributes:
-        record: StepRecord.
-        scene: Scene.
-        forest: Forest.
-        leaf_mesh: LeafMesh.
-        elasticity: Elasticity.
-        field: DisplacementField.
-        pairs: ConstraintRows or None.
-        start: (owned, 3) float64, displacement carried from the step before, where the solve began [m].
-        solution: ContactSolution.
-        estimate: Estimate.
-        history: RefinementHistory, with what this step has shown.
-        contact_error: ContactError.
-        stages: Stages of this step, from the refinement that led to it.
-        along: (n, (p+1)^3, k) float64 at the nodes of the leaves, further fields that go along.
+        start: (owned, 3), displacement carried from the step before, where the solve began [m].
+        history: with the effectivity measured by this step.
+        stages: of this step, from the refinement that led to it.
+        carried: (n, (p+1)^3, k) at the nodes of the leaves, further fields carried through refinement.
     """
 
     record: StepRecord
-    scene: object
-    forest: Forest
-    leaf_mesh: object
-    elasticity: Elasticity
-    field: DisplacementField
-    pairs: object
-    start: np.ndarray
-    solution: object
-    estimate: object
-    history: object
+    start: FloatArray
+    history: RefinementHistory
     contact_error: ContactError
     stages: Stages
-    along: np.ndarray
+    carried: FloatArray
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         r = self.record
         lines = [
             f"step {r.step} of {r.scene!r} on {r.ranks} rank{'s' * (r.ranks > 1)}",
@@ -79,29 +65,40 @@ class Step:
                 f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
             )
         lines += [f"  {goal}" for goal in r.goals or ()]
-        lines += [f"  {doubt.kind}: {doubt.message}" for doubt in r.doubts]
+        lines += [f"  {warning.kind}: {warning.message}" for warning in r.doubts]
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
-    def __del__(self):
+    def __del__(self) -> None:
         # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
         # of dolfinx freed then hang in mpi4py (see `parallel.mpi`).  Inside `__del__` the error is set aside.
         self.__dict__.clear()
 
     @property
-    def resultants(self):
-        """Tuple of Resultant: contact pairs, loads, conditions, and the balance of each body.  Local."""
-        return self.record.resultants
+    def along(self) -> FloatArray:
+        """Former name of `carried`."""
+        warnings.warn("Step.along is now Step.carried", DeprecationWarning, stacklevel=2)
+        return self.carried
+
+    @property
+    def leaf_mesh(self) -> LeafMesh:
+        """The dolfinx mesh of the leaves, and their order in it.  Local."""
+        return self.elasticity.leaf_mesh
+
+    @property
+    def resultants(self) -> tuple[Resultant, ...]:
+        """Those of contact pairs, loads, conditions, and the balance of each body.  Local."""
+        return self.record.resultants or ()
 
     @property
     @collective("self.forest.comm")
-    def nodal_displacement(self):
+    def nodal_displacement(self) -> FloatArray:
         """Displacement at the nodes of this rank's leaves: (n, (p+1)^3, 3) [m].  Collective."""
         prolongation = self.elasticity.prolongation
         return prolongation.prolong(self.solution.displacement)[prolongation.space.cells]
 
     @property
-    def mesh(self):
-        """dolfinx Mesh; its cells are leaves, none of them a ghost.  Local.
+    def mesh(self) -> Mesh:
+        """The mesh; its cells are leaves, none of them a ghost.  Local.
 
         dolfinx takes hanging facets for exterior ones, as each has one cell: neither `ufl.ds` nor
         `exterior_facet_indices` gives the boundary of the bodies.  `ds` and `facet_tags` do.
@@ -109,14 +106,14 @@ class Step:
         return self.leaf_mesh.mesh
 
     @property
-    def displacement(self):
-        """dolfinx Function, a vector; continuous across hanging facets [m].  Local."""
+    def displacement(self) -> fem.Function:
+        """The displacement, continuous across hanging facets [m].  Local."""
         return self.field.function
 
     @cached_property
     @collective("self.forest.comm")
-    def stress(self):
-        """dolfinx Function, a 3 x 3 tensor: the L2 projection, continuous inside each body [Pa].  Collective."""
+    def stress(self) -> fem.Function:
+        """L2 projection of the stress, a 3 x 3 tensor, continuous inside each body [Pa].  Collective."""
         elasticity, six = self.elasticity, self._projected_stress
         degree = elasticity.prolongation.space.degree
         result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", degree, (3, 3))), name="stress")
@@ -126,19 +123,19 @@ class Step:
 
     @property
     @collective("self.forest.comm")
-    def nodal_stress(self):
+    def nodal_stress(self) -> FloatArray:
         """`stress` at the nodes of this rank's leaves, in the order of `VOIGT`: (n, (p+1)^3, 6) [Pa].  Collective."""
         return self.elasticity.at_leaves(self._projected_stress)
 
     @cached_property
-    def _projected_stress(self):
+    def _projected_stress(self) -> fem.Function:
         """Six components a node.  Collective."""
         shear_free = find_shear_free(self.scene, self.forest, self.elasticity.prolongation)
         return projected_stress(self.elasticity, self.field, shear_free, self.stages)
 
     @collective("self.forest.comm")
-    def to_pyvista(self):
-        """pyvista UnstructuredGrid of this rank's leaves, undeformed: `grid.warp_by_vector("displacement")` moves them.
+    def to_pyvista(self) -> Any:
+        """pyvista UnstructuredGrid of this rank's leaves, which `grid.warp_by_vector("displacement")` deforms.
 
         Collective.  `pyvista.merge(comm.gather(step.to_pyvista()))` on rank 0 has those of all ranks.  A leaf is a
         Lagrange hexahedron of the displacement's degree.
@@ -147,16 +144,17 @@ class Step:
             Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
             data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
         """
-        return leaf_grid(self)
+        return leaf_grid(self, self.stress)
 
     @cached_property
-    def contact(self):
-        """ContactState, without rows if the scene has no contact pairs.  Local."""
+    def contact(self) -> ContactState:
+        """Contact at this rank's node pairs, none if the scene has no contact pairs.  Local."""
         pairs, solution, comm = self.pairs, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
-            vectors, numbers, integers = np.zeros((2, 0, 3)), np.zeros((3, 0)), np.zeros(0, np.int64)
-            return ContactState(*vectors, *numbers, np.zeros(0, bool), integers, names, integers, comm)
+            vectors, numbers, integers = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
+            pair, active = integers.astype(np.int32), np.zeros(0, dtype=bool)
+            return ContactState(vectors, vectors, numbers, numbers, numbers, active, pair, names, integers, comm)
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,
@@ -171,19 +169,19 @@ class Step:
         )
 
     @property
-    def surface_tags(self):
-        """dict: name of a surface -> its value in `facet_tags`, from 1.  Local."""
+    def surface_tags(self) -> dict[str, int]:
+        """Values of the surfaces in `facet_tags`, from 1.  Local."""
         return {name: tag for tag, name in enumerate(self.scene.mesh.surfaces, 1)}
 
     @property
-    def body_tags(self):
-        """dict: name of a body -> its value in `cell_tags`, from 1.  Local."""
+    def body_tags(self) -> dict[str, int]:
+        """Values of the bodies in `cell_tags`, from 1.  Local."""
         return {name: tag for tag, name in enumerate(self.scene.mesh.bodies, 1)}
 
     @cached_property
     @collective("self.forest.comm")
-    def facet_tags(self):
-        """dolfinx MeshTags of the facets on named surfaces; one on several has the last of them.  Collective."""
+    def facet_tags(self) -> MeshTags:
+        """Tags of the facets on named surfaces; one on several has the last of them.  Collective."""
         topology = self.mesh.topology
         topology.create_entities(2)
         topology.create_connectivity(2, 3)
@@ -199,24 +197,18 @@ class Step:
 
     @cached_property
     @collective("self.forest.comm")
-    def cell_tags(self):
-        """dolfinx MeshTags of all cells by body.  Collective."""
+    def cell_tags(self) -> MeshTags:
+        """Tags of all cells by body.  Collective."""
         body = self.scene.mesh.body[self.forest.cell[self.leaf_mesh.leaf]]
         tags = meshtags(self.mesh, 3, np.arange(len(body), dtype=np.int32), (body + 1).astype(np.int32))
         tags.name = "bodies"
         return tags
 
-    def ds(self, name):
-        """The integral over a named surface, for UFL: `ufl.inner(t, v) * step.ds("top")`.
+    def ds(self, name: str) -> ufl.Measure:
+        """The integral over a surface of the root mesh, for UFL: `ufl.inner(t, v) * step.ds("top")`.
 
         Collective at the first call.  Plain `ufl.ds` is over hanging facets too.  The Gauss rule is exact for a
         constant pressure; `step.ds("top")(degree=8)` has another.
-
-        Args:
-            name: of a surface of the root mesh.
-
-        Returns:
-            ufl.Measure.
 
         Raises:
             SceneError: there is no such surface.
@@ -225,8 +217,8 @@ class Step:
         return self._boundary_measure(self.surface_tags[name])
 
     @cached_property
-    def _surfaces(self):
-        """Rows (tag, array of local cells and local facets in turn) of all surfaces, as dolfinx wants them."""
+    def _surfaces(self) -> list[tuple[int, Int32Array]]:
+        """Tag of each surface, and its local cells and local facets in turn."""
         surfaces = self.scene.mesh.surfaces
         return [
             (tag, self.leaf_mesh.facets(self.forest, surfaces[n]).ravel()) for n, tag in self.surface_tags.items()
@@ -234,24 +226,16 @@ class Step:
 
     @cached_property
     @collective("self.forest.comm", "Step.ds")
-    def _boundary_measure(self):
+    def _boundary_measure(self) -> ufl.Measure:
         """One for all surfaces: those of one form must have the same facets."""
         self.mesh.topology.create_connectivity(2, 3)
         degree = 2 * (self.leaf_mesh.order + self.record.degree) - 1
         return ufl.Measure("ds", self.mesh, subdomain_data=self._surfaces, metadata={"quadrature_degree": degree})
 
 
-def check_step(step, contact=False):
-    """See that a value is a Step, and has contact if asked for.  Local.
-
-    Args:
-        step: what the user gave.
-        contact: whether the scene must have contact pairs.
-
-    Raises:
-        SceneError: it is none, or the scene has none.
-    """
+def check_step(step: object, contact: bool = False) -> None:
+    """Raises SceneError unless a value is a Step, if asked for with contact.  Local."""
     if not isinstance(step, Step):
         raise SceneError(f"a Step is needed, as adapt yields them, got {shown(step)}")
     if contact and step.pairs is None:
-        raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, of which to show something")
+        raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, so there is no contact to show")

@@ -46,24 +46,15 @@ class SweepRecord:
 
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
-        """A record from its entries, as `as_json` gives them.
-
-        Local.
-
-        Raises:
-            TypeError: an entry is missing.
-        """
+        """A record from the entries of `as_json`.  Local.  Raises TypeError if one is missing."""
         known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
         return cls(**known | {"record": StepRecord.from_json(entries["record"])})
 
 
 def write_sweep(folder: Path, comm: MPI.Intracomm, points: list[SweepRecord]) -> None:
-    """Write the points of a load path as `sweep.jsonl` and `sweep.csv`, in the place of those that are there.
+    """Write the points of a load path as `sweep.jsonl` and `sweep.csv`, replacing old ones.
 
-    Collective on comm; rank 0 writes.
-
-    Args:
-        folder: one that is there.
+    Collective on comm; rank 0 writes, into an existing folder.
 
     Raises:
         OutputError: a file cannot be written.
@@ -76,7 +67,7 @@ def write_sweep(folder: Path, comm: MPI.Intracomm, points: list[SweepRecord]) ->
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a file beside the old one, then let it take its name.  Local."""
+    """Write a file and rename it to replace the old one."""
     new = path.with_name(f"{path.name}.new")
     if path.exists() and not path.is_file():
         raise OutputError(f"{str(path)!r} is no file: remove it, or name another folder")

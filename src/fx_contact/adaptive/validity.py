@@ -1,66 +1,72 @@
-"""Whether a problem is one that linear elasticity and contact between facing nodes describe: doubts beside the error.
+"""Assumptions of the model that a solution may violate: linear elasticity, contact between facing nodes.
 
-An estimate compares a solution with that of the same linear problem on a finer mesh, so that it knows nothing of this.
+An estimate compares a solution with that of the same linear problem on a finer mesh, so it says nothing of the model.
 
-Strain and rotation. Of E = (grad u + grad u^T + grad u^T grad u) / 2 linear elasticity keeps the linear part: it leaves
-out |grad u| / 2 of it. Strains are unbounded at the edge of a punch, so that none of their largest values on a mesh
-means anything. Their mean, weighted by the strain energy, does: it is the part of the energy that is left out, and
-does not depend on the mesh. Weighted by the volume, the rotation is that of a body as a whole, or of one that bends.
+Strain and rotation. Of E = (grad u + grad u^T + grad u^T grad u) / 2 linear elasticity keeps the linear part and omits
+a share of |grad u| / 2. The largest strain grows without bound at the edge of a punch when the mesh is refined. The
+mean strain, weighted by the strain energy, does not depend on the mesh and is twice the omitted share of the energy.
+The rotation, weighted by the volume, is that of a rigid or a bent body.
 
-Sliding. Nodes face each other as long as they have moved past each other by little against the length on which the
-gap changes: the radius of the contact, or where surfaces are parallel that of the surfaces.  The pressure acts on both
-bodies where they were.  That normals turn is not looked at: a body that slides in another of its own curvature turns,
-and is doubtful as a large rotation first.
+Sliding. Nodes face each other as long as they have slid by little against the length on which the gap changes: the
+radius of the contact, or between parallel surfaces that of the surfaces.  The pressure acts on both bodies where they
+were.  Turning normals are not checked: a body that slides in another of its own curvature turns, and shows as a large
+rotation first.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.row_kinds import kinds_of
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.fem.external_forces import finer_totals
 from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError, ValidityError
 from fx_contact.parallel.validation import check_name, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet
 from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.scene import Scene
 
-#: Strain and rotation from which on there is a doubt: 2.5 % of it, or of the stress, is left out.
-DOUBTFUL = 0.05
-#: Kinds of doubts that are errors unless they are allowed, and the values from which on they are: 25 % is left out.
+Point: TypeAlias = tuple[float, float, float]
+
+#: Limit of strain and rotation: 2.5 % of it, or of the stress, is omitted.
+LARGE = 0.05
+#: Kinds of warnings that are errors from these values on, unless they are allowed: 25 % is omitted.
 REFUSED = {"large strain": 0.5, "large rotation": 0.5, "no load": 0.0}
-#: Sliding of closed rows that is a doubt, relative to the radius of the contact [-].
+#: Limit of the sliding of closed rows, relative to the radius of the contact [-].
 SLIDING = 0.1
-#: Initial overlap that is a doubt, relative to the thinner of the two bodies: as much strain as `DOUBTFUL` [-].
+#: Limit of the initial overlap, relative to the thinner of the two bodies: as much strain as `LARGE` [-].
 INITIAL_OVERLAP = 0.05
-#: Part of a load that the mesh may miss [-].
+#: Limit of the part of a load that the mesh misses [-].
 MISSED = 0.01
-#: Initial overlap up to which bodies do not load each other, relative to the size of all [-]; spheres of order 3 that
-#: just touch have 2.5e-9.
+#: Largest initial overlap of bodies that do not load each other, relative to the size of all [-]; touching spheres of
+#: order 3 have 2.5e-9.
 _TOUCHING = 1e-8
-#: Standard deviation of the initial gap in a contact, relative to the approach that its force takes, up to which
-#: surfaces are parallel there [-]; of spheres it is 0.14.
+#: Largest standard deviation of the initial gap between parallel surfaces, relative to the approach that the force
+#: takes [-]; of spheres it is 0.14.
 _PARALLEL = 0.01
-#: Order of the lattice on root facets at which initial overlaps are looked for.
+#: Order of the sampling lattice for initial overlaps on root facets.
 _SAMPLES = 8
-#: Relative difference up to which values are the same but for rounding.
+#: Relative difference by rounding.
 _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class Doubt:
-    """What makes a solution doubtful.
+class ModelWarning:
+    """A violated modelling assumption.
 
     Attributes:
         kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load" or
             "no load".
-        value: what was found, in the unit that the message says.
-        limit: the doubt is there because the value is above it, for "no contact" and "no load" not below it.
+        value: found, in the unit that the message says.
+        limit: exceeded by the value; for "no contact" and "no load" reached.
         place: a point, undeformed [m], or the name of a body, a surface or the scene.
         message: a sentence with all of it.
     """
@@ -68,64 +74,37 @@ class Doubt:
     kind: str
     value: float
     limit: float
-    place: tuple[float, float, float] | str
+    place: Point | str
     message: str
 
     @classmethod
-    def from_json(cls, entries):
-        """A doubt from what JSON makes of it: dict.  Local."""
+    def from_json(cls, entries: dict[str, Any]) -> Self:
+        """A warning from its entries in a record.  Local."""
         place = entries["place"]
         return cls(**entries | {"place": place if isinstance(place, str) else tuple(place)})
 
 
-def check_allowed(allow):
-    """See that kinds of doubts can be allowed.
-
-    Local.
-
-    Args:
-        allow: tuple or list of keys of `REFUSED`.
-
-    Raises:
-        SceneError: it is none, or has another name.
-    """
+def check_allowed(allow: Sequence[str]) -> None:
+    """Raises SceneError unless it is a tuple or list of keys of `REFUSED`.  Local."""
     if not isinstance(allow, (tuple, list)):
         advice = f": write ({allow!r},)" if isinstance(allow, str) else ""
-        raise SceneError(f"allow must be a tuple of kinds of doubts, got {shown(allow)}{advice}")
+        raise SceneError(f"allow must be a tuple of kinds of warnings, got {shown(allow)}{advice}")
     for kind in allow:
-        check_name("kind of doubts to allow", kind, REFUSED)
+        check_name("kind of warnings to allow", kind, REFUSED)
 
 
-def check_doubts(doubts, allow):
-    """See that no doubt is so large that there is no valid solution.
-
-    Local.
-
-    Args:
-        doubts: list of Doubt.
-        allow: kinds that are allowed.
-
-    Raises:
-        ValidityError: one is at or above its value in `REFUSED`, and its kind is not allowed.
-    """
-    for doubt in doubts:
-        if doubt.kind not in allow and doubt.value >= REFUSED.get(doubt.kind, np.inf):
+def check_model_warnings(warnings: Sequence[ModelWarning], allow: Sequence[str]) -> None:
+    """Raises ValidityError if a warning is an error by `REFUSED`, and its kind is not allowed.  Local."""
+    for warning in warnings:
+        if warning.kind not in allow and warning.value >= REFUSED.get(warning.kind, np.inf):
+            kind = repr(warning.kind)
             raise ValidityError(
-                f"{doubt.message}; allow=({doubt.kind!r},), or --allow {doubt.kind!r} of a demo, goes on all the same"
+                f"{warning.message}; allow=({kind},), or --allow {kind} of a demo, goes on all the same"
             )
 
 
-def doubts_of_scene(scene):
-    """Whether something loads a scene: a displacement, a force, a function of position, or an initial overlap.
-
-    Local.
-
-    Args:
-        scene: Scene.
-
-    Returns:
-        list of Doubt, the same on all ranks.
-    """
+def load_warnings(scene: Scene) -> list[ModelWarning]:
+    """A warning if nothing loads a scene: no displacement, force, function of position, or initial overlap.  Local."""
     prescribed = (value for c in scene.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
     applied = (force.value for force in (*scene.tractions, *scene.body_forces))
     if any(callable(value) or np.any(value) for value in (*applied, *prescribed) if value is not None):
@@ -136,11 +115,11 @@ def doubts_of_scene(scene):
         f"nothing loads the scene {scene.name!r}: its prescribed displacements and forces are zero, and no bodies "
         "penetrate each other, so that the solution is zero; prescribe a displacement or a force"
     )
-    return [Doubt("no load", 0.0, 0.0, scene.name, message)]
+    return [ModelWarning("no load", 0.0, 0.0, scene.name, message)]
 
 
-def _initial_overlap(scene):
-    """Largest penetration of root facets, at a lattice of points on each [m].  Local."""
+def _initial_overlap(scene: Scene) -> float:
+    """Largest penetration of root facets, at a lattice of points on each [m]."""
     forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
     deepest = 0.0
     for kind in kinds_of(scene):
@@ -152,110 +131,110 @@ def _initial_overlap(scene):
     return deepest
 
 
-def find_doubts(state, load_totals):
-    """All doubts about a solution.
+def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+    """All violated assumptions of a solution, the same on all ranks.
 
     Collective on state.forest.comm.
 
     Args:
-        state: SolvedState, its estimate with the energies of the cells.
-        load_totals: (k, nbodies, 6) float64, of the loads, as from `load_and_totals`.
-
-    Returns:
-        list of Doubt, the same on all ranks.
+        state: its estimate with the energies of the cells.
+        load_totals: (k, nbodies, 6), of the loads, as from `load_and_totals`.
 
     Raises:
         SceneError: a load that is a function fails, or is not finite somewhere.
     """
-    doubts = [*doubts_of_scene(state.scene), *_large_deformations(state)]
-    if state.pairs is not None:
+    warnings = [*load_warnings(state.scene), *_large_deformations(state)]
+    rows = state.pairs
+    if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
-        doubts += [*_sliding(state), *_initial_overlaps(state)] if closed else [_no_contact(state)]
-    return doubts + _unresolved_loads(state, load_totals)
+        warnings += (
+            [*_sliding(state, rows), *_initial_overlaps(state, rows)] if closed else [_no_contact(state, rows)]
+        )
+    return warnings + _unresolved_loads(state, load_totals)
 
 
-def _large_deformations(state):
-    """Doubts about the body that is strained most, and the one that turns most, in the mean."""
+def _large_deformations(state: SolvedState) -> list[ModelWarning]:
+    """Large mean strain or rotation of a body, of the largest of each."""
     forest, names = state.forest, state.forest.mesh.bodies
     body = forest.mesh.body[forest.cell[state.elasticity.leaf_mesh.leaf]]
     strain, rotation, volume = cell_strains(state.field.function)
     energy = state.estimate.energy
+    assert energy is not None, "kept in a step"
     columns = energy, energy * strain, volume, volume * rotation
     sums = np.stack([np.bincount(body, column, len(names)) for column in columns]).astype(float)
     forest.comm.Allreduce(MPI.IN_PLACE, sums)
     strains = np.divide(sums[1], sums[0], out=np.zeros(len(names)), where=sums[0] > 0)
     rotations = sums[3] / sums[2]
-    doubts = []
+    warnings = []
     for kind, values in (("large strain", strains), ("large rotation", rotations)):
         value = float(values.max())
-        if value > DOUBTFUL:
+        if value > LARGE:
             name = names[int(np.argmax(values >= (1 - _SAME) * value))]
             if kind == "large strain":
-                did, limit = f"has a strain of {value:.2g}, the mean over its strain energy", f"{DOUBTFUL:g}"
+                did, limit = f"has a strain of {value:.2g}, the mean over its strain energy", f"{LARGE:g}"
             else:
                 did = f"turns by {np.degrees(value):.2g} degrees, the mean over its volume"
-                limit = f"{np.degrees(DOUBTFUL):.2g} degrees"
+                limit = f"{np.degrees(LARGE):.2g} degrees"
             message = (
-                f"body {name!r} {did}: linear elasticity is for small ones, and leaves out about {value / 2:.2g} of "
-                f"it; doubtful from {limit} on"
+                f"body {name!r} {did}: linear elasticity is for small ones, and omits about {value / 2:.2g} of it; "
+                f"limit {limit}"
             )
-            doubts.append(Doubt(kind, value, DOUBTFUL, name, message))
-    return doubts
+            warnings.append(ModelWarning(kind, value, LARGE, name, message))
+    return warnings
 
 
-def _sliding(state: SolvedState) -> list[Doubt]:
-    """Doubts about contacts whose closed rows have moved past each other."""
-    rows, force, contacts = state.pairs, state.solution.force, state.scene.contact
+def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts whose closed rows have slid."""
+    force, contacts = state.solution.force, state.scene.contact
     count, comm = len(contacts), rows.prolongation.comm
     apart = rows.separation(state.solution.displacement)
-    along = apart - np.einsum("ni,ni->n", apart, rows.normal)[:, None] * rows.normal
-    slid, area = np.linalg.norm(along, axis=1), np.where(state.solution.active, rows.area, 0.0)
+    tangential = apart - np.einsum("ni,ni->n", apart, rows.normal)[:, None] * rows.normal
+    slid, area = np.linalg.norm(tangential, axis=1), np.where(state.solution.active, rows.area, 0.0)
 
-    def sums(*columns: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def sums(*columns: FloatArray) -> FloatArray:
         """Of each column over the rows of each contact: (columns, contacts)."""
-        return comm.allreduce(np.array([np.bincount(rows.contact, column, count) for column in columns], float))
+        return comm.allreduce(np.stack([np.bincount(rows.contact, column, count) for column in columns]))
 
-    pressed, moved, gap, closed, whole = sums(force, force * slid, area * rows.gap, area, rows.area)
-    moved = np.divide(moved, pressed, out=np.zeros(count), where=pressed > 0)
+    total, moved, gap, closed, surface = sums(force, force * slid, area * rows.gap, area, rows.area)
+    moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
     (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
     _, approach = rows.force_and_approach(force, rows.contact, count)
-    doubts = []
-    for index in np.flatnonzero(pressed > 0):
+    warnings = []
+    for index in np.flatnonzero(total > 0):
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
-        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else whole[index]) / np.pi)
+        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else surface[index]) / np.pi)
         value, limit = float(moved[index]), float(SLIDING * radius)
         if value > limit:
             place = _place_of_largest(comm, np.where(force > 0, slid, 0.0), rows.position)[0]
-            names, what = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
+            names, kind = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
             message = (
-                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {what} has "
-                f"a radius of {radius:.3g}: they act on each other as if they still faced each other; doubtful from "
-                f"{limit:.3g} on, in units of the mesh"
+                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {kind} has "
+                f"a radius of {radius:.3g}: they act on each other as if they still faced each other; limit "
+                f"{limit:.3g}, in units of the mesh"
             )
-            doubts.append(Doubt("sliding", value, limit, place, message))
-    return doubts
+            warnings.append(ModelWarning("sliding", value, limit, place, message))
+    return warnings
 
 
-def _no_contact(state):
-    """The doubt that bodies do not touch."""
-    pairs = state.pairs
-    distance = np.linalg.norm(pairs.separation(state.solution.displacement), axis=1)
-    place, largest, _ = _place_of_largest(pairs.prolongation.comm, -distance, pairs.position)
+def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
+    """Bodies that do not touch."""
+    distance = np.linalg.norm(rows.separation(state.solution.displacement), axis=1)
+    place, largest, _ = _place_of_largest(rows.prolongation.comm, -distance, rows.position)
     gap = 0.0 - largest
     message = (
         f"no node pair is closed: the bodies do not touch; the smallest gap is {gap:.3g}, in units of the mesh, at "
         f"{_shown(place)}"
     )
-    return Doubt("no contact", gap, 0.0, place, message)
+    return ModelWarning("no contact", gap, 0.0, place, message)
 
 
-def _initial_overlaps(state):
-    """The doubt about the deepest initial overlap at a closed pair, if it is deep against the bodies."""
-    pairs, mesh = state.pairs, state.forest.mesh
-    depth = np.where(state.solution.active, np.maximum(-pairs.gap, 0.0), 0.0)
-    more = np.column_stack([pairs.normal, pairs.bodies])
-    place, value, (*normal, first, second) = _place_of_largest(pairs.prolongation.comm, depth, pairs.position, more)
+def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Deepest initial overlap at a closed pair, if it is deep against the bodies."""
+    mesh = state.forest.mesh
+    depth = np.where(state.solution.active, np.maximum(-rows.gap, 0.0), 0.0)
+    more = np.column_stack([rows.normal, rows.bodies])
+    place, value, (*normal, first, second) = _place_of_largest(rows.prolongation.comm, depth, rows.position, more)
     corners, bodies = mesh.points[mesh.corners], [int(body) for body in (first, second) if body >= 0]
     extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in bodies]
     thinner = int(extents[-1] < (1 - _SAME) * extents[0])
@@ -264,18 +243,18 @@ def _initial_overlaps(state):
         return []
     message = (
         f"bodies penetrate each other by {value:.3g} before anything moves, {value / extent:.0%} of the extent of "
-        f"{name!r} along the normal, at {_shown(place)}; doubtful from {INITIAL_OVERLAP * extent:.3g} on, in units of "
-        "the mesh"
+        f"{name!r} along the normal, at {_shown(place)}; limit {INITIAL_OVERLAP * extent:.3g}, in units of the mesh"
     )
-    return [Doubt("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
+    return [ModelWarning("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
 
 
-def _unresolved_loads(state, load_totals):
-    """Doubts about loads that are functions with features inside leaves."""
-    scene, doubts = state.scene, []
+def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+    """Loads that are functions with features inside leaves."""
+    scene = state.scene
+    warnings: list[ModelWarning] = []
     loads = *scene.tractions, *scene.body_forces
     if not any(callable(force.value) for force in loads):
-        return doubts
+        return warnings
     sums = np.column_stack([load_totals[:, :, :3].sum(axis=1), finer_totals(scene, state.elasticity)])
     state.forest.comm.Allreduce(MPI.IN_PLACE, sums)
     for force, (applied, finer, (magnitude,)) in zip(loads, (np.split(row, [3, 6]) for row in sums)):
@@ -284,28 +263,18 @@ def _unresolved_loads(state, load_totals):
             total, known = np.linalg.norm(applied), np.linalg.norm(finer)
             message = (
                 f"{force.what} has a total of {total:.4g} on this mesh, and of {known:.4g} by a finer rule of "
-                f"integration: they differ by {value:.3g}, doubtful from {limit:.3g} on; refine where it varies, or "
-                "let cells end where it jumps"
+                f"integration: they differ by {value:.3g}, limit {limit:.3g}; refine where it varies, or let cells end "
+                "where it jumps"
             )
             place = force.body if isinstance(force, BodyForce) else force.surface
-            doubts.append(Doubt("unresolved load", value, limit, place, message))
-    return doubts
+            warnings.append(ModelWarning("unresolved load", value, limit, place, message))
+    return warnings
 
 
-def _place_of_largest(comm, values, positions, more=None):
-    """Where the largest value of all ranks is, the first place by its coordinates of those that have it.
-
-    Collective on comm.
-
-    Args:
-        comm: MPI communicator.
-        values: (n,) float64.
-        positions: (n, 3) float64.
-        more: (n, k) float64, what else is known there; None: nothing.
-
-    Returns:
-        the position, a tuple of three floats, the value, and a list of the k others.
-    """
+def _place_of_largest(
+    comm: MPI.Intracomm, values: FloatArray, positions: FloatArray, more: FloatArray | None = None
+) -> tuple[Point, float, list[float]]:
+    """Place of the largest value (n,) of all ranks, the first by its coordinates: position, value, row of `more`."""
     largest = comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
     size = comm.allreduce(float(np.abs(positions).max(initial=0.0)), op=MPI.MAX)
     near = np.flatnonzero(values >= largest - _SAME * max(abs(largest), _SAME * size))
@@ -315,7 +284,7 @@ def _place_of_largest(comm, values, positions, more=None):
     return tuple(first[:3]), largest, first[3:]
 
 
-def _shown(place):
-    """A point as it stands in a message, without rounding."""
+def _shown(place: Point) -> str:
+    """A point for messages, without rounding."""
     least = _SAME * max(map(abs, place))
     return f"({', '.join(f'{x if abs(x) > least else 0:.4g}' for x in place)})"

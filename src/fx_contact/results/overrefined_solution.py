@@ -51,7 +51,7 @@ def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> True
     beginning = replace(beginning, forest=_on(beginning.forest, finer))
     for fine in adapt(finer, tolerance, step.forest.comm, degree=DEGREE, allow=tuple(REFUSED), beginning=beginning):
         pass
-    distance = energy_distance(fine, fine.along)
+    distance = energy_distance(fine, fine.carried)
     # Energy errors add in squares (Galerkin orthogonality); contact and penalty disturb it by less than the error of
     # the estimate.
     relative = float(np.hypot(distance, fine.record.estimate))
