@@ -1,17 +1,17 @@
-"""How wrong the forces of contact pairs may be."""
+"""Allowed errors of the forces of contact pairs."""
 
 import numpy as np
 
-from fx_contact.estimate.contact_goals import allowed_errors
+from fx_contact.estimate.contact_goals import force_goals
 
 
 def test_allowed_errors_by_hand():
-    """e of each force, or e^2 of the largest, of what it should be; the estimate sees a part of the error alone.
+    """Errors e of each force, or e^2 of the largest, of the exact one.
 
-    With e = 0.1: of forces 1, 0.2 and 0.01 the errors 0.1, 0.02 and 0.01, a tenth, a tenth and all of what they should
-    be; relative to what they are a / (1 + a), for they may be too small.
+    With e = 0.1: of forces 1, 0.2 and 0.01 the errors 0.1, 0.02 and 0.01, a tenth, a tenth and all of the exact force;
+    relative to a computed force, which may be too small, they are a / (1 + a).
     """
-    for seen in (1.0, 0.5):
-        found = allowed_errors([1.0, 0.2, -0.01, 0.0], 0.1, seen)
-        assert np.allclose(found, seen * np.array([1 / 11, 1 / 11, 1 / 2, 1.0]), rtol=1e-14)
-    assert np.allclose(allowed_errors([0.0], 0.1, 1.0), 1.0)
+    goals = force_goals("abcd", [1.0, 0.2, 0.01, 0.0], 0.1)
+    assert [goal.pair for goal in goals.values()] == ["a", "b", "c"] and [*goals] == [0, 1, 2]
+    assert np.allclose([goal.tolerance for goal in goals.values()], [1 / 11, 1 / 11, 1 / 2], rtol=1e-14)
+    assert not force_goals("a", [0.0], 0.1)
