@@ -1,4 +1,4 @@
-"""Parts that the demos share: command line, keyword arguments of `adapt`, table of steps and records."""
+"""Common parts of the demos: command line, keyword arguments of `adapt`, table of steps and records."""
 
 import argparse
 import os
@@ -20,21 +20,21 @@ COMM = MPI.COMM_WORLD
 
 
 def split(words: list[str]) -> tuple[list[str], list[str]]:
-    """A command line's words for the demo, and those for PETSc: options with one dash, and one word after each."""
+    """Arguments of the demo, and those of PETSc: options with one dash, each with at most one value."""
     own: list[str] = []
     petsc: list[str] = []
-    room = False
+    value = False
     for word in words:
         option = word[:1] == "-" and word[1:2].isalpha()
-        (petsc if option or room and not word.startswith("--") else own).append(word)
-        room = option  # for the value of a PETSc option
+        (petsc if option or value and not word.startswith("--") else own).append(word)
+        value = option  # may be next
     return own, petsc
 
 
 OWN, PETSC = split(sys.argv[1:])
 _given = pairwise([*PETSC, *os.environ.get("PETSC_OPTIONS", "").split(), ""])
 _files = [path.removesuffix(":yaml") for option, path in _given if option == "-options_file"]
-if _missing := COMM.bcast([path for path in _files if not Path(path).is_file()]):  # PETSc would show its own depths
+if _missing := COMM.bcast([path for path in _files if not Path(path).is_file()]):  # PETSc would print its call stack
     if COMM.rank == 0:
         print(f"there is no file {_missing[0]!r} of PETSc options, as -options_file says", file=sys.stderr)
     sys.exit(2)
@@ -56,8 +56,8 @@ from fx_contact.adaptive.settings import DEGREE  # noqa: E402
 from fx_contact.results import (  # noqa: E402
     Hertz,
     RecordWriter,
-    doubt_lines,
     force_warnings,
+    model_warnings,
     table_head,
     table_row,
     total_seconds,
@@ -67,13 +67,13 @@ from fx_contact.results import (  # noqa: E402
 #: A default of an option, {degree: value} where it depends on the degree.
 Default = Any
 
-#: Choices of options; the library checks them, and knows the nearest.
+#: Choices of options; the library checks them and suggests the nearest.
 METHODS, CONTROLS = "{exact,penalty}", "{contact,energy}"
 PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,ilu,cholesky,p-multigrid}"
 
 
 class RankZeroParser(argparse.ArgumentParser):
-    """A parser whose messages come from rank 0 alone."""
+    """A parser that prints on rank 0 only."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if COMM.rank == 0:
@@ -81,19 +81,25 @@ class RankZeroParser(argparse.ArgumentParser):
 
 
 def shown(default: Default) -> Default:
-    """A default as the help shows it."""
+    """A default in the help."""
     return ", ".join(f"{one} at degree {p}" for p, one in default.items()) if isinstance(default, dict) else default
 
 
 def parser(
-    description: str | None, *, tolerance: Default, order: Default, coarse: Default, output: str, whole: bool = False
+    description: str | None,
+    *,
+    tolerance: Default,
+    order: Default,
+    coarse: Default,
+    output: str,
+    symmetric: bool = False,
 ) -> argparse.ArgumentParser:
     """A parser with the options of all demos.
 
     Args:
         description: the demo's docstring.
         tolerance, order, coarse, output: defaults of these options.
-        whole: offer `--symmetry full`.
+        symmetric: add `--symmetry`.
     """
     result = RankZeroParser(
         description=description,
@@ -109,32 +115,33 @@ def parser(
     add("--tolerance", type=float, default=tolerance, help=f"relative error in the energy norm ({shown(tolerance)})")
     add("--degree", type=int, metavar="{1,2}", default=DEGREE, help="of displacements (%(default)s)")
     add("--order", type=int, default=order, help=f"order of the root mesh's geometry, 1 to 6 ({shown(order)})")
-    add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest that is good enough)")
-    add("--max-steps", type=int, default=20, help="most adaptive steps (%(default)s)")
+    add("--geometry-order", type=int, help="order of the leaves' geometry (the lowest of sufficient accuracy)")
+    add("--max-steps", type=int, default=20, help="maximum number of adaptive steps (%(default)s)")
     add("--enforcement", metavar=METHODS, help="(exact; penalty where one of the next two is given)")
     add("--penalty", type=float, help="c of the surface stiffness c E*/h (100)")
     add("--node-stiffness", type=float, help="k_N of every node pair, instead of --penalty")
     add("--control", metavar=CONTROLS, default="contact", help="of the error; energy: the paper's (%(default)s)")
-    add("--allow", metavar="KIND", action="extend", nargs="+", default=[], help="of doubts: 'large strain', ...")
+    warnings = "of model warnings that are no errors: 'large strain', ..."
+    add("--allow", metavar="KIND", action="extend", nargs="+", default=[], help=warnings)
     add("--partition", metavar=PARTITIONS, default="contact-sfc", help="kind of partition (%(default)s)")
     add("--preconditioner", metavar=PRECONDITIONERS, help="of PCG (boomeramg at degree 1, p-multigrid at 2)")
-    if whole:
-        add("--symmetry", metavar="{quarter,full}", default="quarter", help="what is modelled (%(default)s)")
+    if symmetric:
+        add("--symmetry", metavar="{quarter,full}", default="quarter", help="modelled part (%(default)s)")
     add("--coarse", type=int, default=coarse, help=f"root cells along a block ({shown(coarse)})")
     add("--young", type=float, default=1.0, help="Young's modulus (%(default)s)")
     add("--poisson", type=float, default=0.3, help="Poisson's ratio (%(default)s)")
     add("--uniform", type=int, metavar="N", help="refine all root cells N times and solve once, instead of adapting")
-    add("--true-error", type=float, metavar="E", help="go on to this tolerance to measure the true energy error")
+    add("--true-error", type=float, metavar="E", help="continue to this tolerance to measure the true energy error")
     add("--records-only", action="store_true", help="write steps.jsonl alone: no fields, no pictures")
-    add("--quiet", action="store_true", help="say nothing but errors")
-    add("--checkpoint", type=Path, help="folder that keeps the last step, to restart from")
-    add("--restart", action="store_true", help="go on from the step in that folder, on any number of ranks")
+    add("--quiet", action="store_true", help="print errors only")
+    add("--checkpoint", type=Path, help="folder for the last step, to restart from")
+    add("--restart", action="store_true", help="continue from the step in that folder, on any number of ranks")
     add("--output", type=Path, default=Path(output), help="folder for the results (%(default)s)")
     return result
 
 
 def parse(options: argparse.ArgumentParser) -> argparse.Namespace:
-    """The parsed command line; an unknown word ends the program with the nearest option."""
+    """The parsed command line.  An unknown option ends the program with a message that names the nearest one."""
     given, unknown = options.parse_known_args(OWN)
     names = [word for word in options.format_help().split() if word.startswith("--")]
     unknown += [word for word in PETSC if f"-{word}" in names and word != "-help"]
@@ -153,7 +160,7 @@ def parse(options: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
-    """The keyword arguments of `adapt` that a command line asks for.
+    """Keyword arguments of `adapt` from a command line.
 
     Collective on COMM.
     """
@@ -178,7 +185,7 @@ def settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
 
 @contextmanager
 def plain_errors(comm: MPI.Comm) -> Iterator[None]:
-    """Errors of the package end in one line and exit code 1 on all ranks; any other ends all ranks at once."""
+    """Errors of the package end the program with one line and exit code 1; any other aborts all ranks."""
     try:
         yield
     except FxContactError as error:
@@ -197,7 +204,7 @@ class Report:
 
     Args:
         given: parsed command line.
-        before: Checkpoint to restart from, whose records head the table.
+        before: Checkpoint to restart from, with the first records of the table.
     """
 
     def __init__(self, given: argparse.Namespace, before: Checkpoint | None) -> None:
@@ -208,7 +215,7 @@ class Report:
 
     def add(self, step: Step) -> None:
         """Show and write the record of a step."""
-        if step.record.step == len(self._steps):  # else the last one again, for its fields
+        if step.record.step == len(self._steps):  # else the last one once more, with its fields
             self._file.write(step.record)
             self._steps.append(step.record)
             self._show(table_row(step.record))
@@ -222,14 +229,14 @@ class Report:
         errors: dict[str, float] | None = None,
         true: TrueError | None = None,
     ) -> None:
-        """Complete the record of the last step, and show the result.
+        """Complete the record of the last step, and print the result.
 
         Args:
             step: the last one.
-            pictures: names of the files that were drawn.
+            pictures: names of their files.
             hertz: solution to compare with.
-            errors: deviations from known values, by name.
-            true: true error, measured on a finer mesh.
+            errors: relative deviations from known values by name.
+            true: against a solution on a finer mesh.
         """
         record, files = step.record, "steps.jsonl"
         if not self._given.records_only:
@@ -238,7 +245,7 @@ class Report:
         if true:
             record = replace(record, true_error=true, effectivity=record.estimate / true.relative)
         record = replace(record, errors=errors)
-        if step.record is self._steps[-1]:  # else it is one of the run before
+        if step.record is self._steps[-1]:  # else it is of the run before a restart
             self._file.write(record)
         self._show(total_seconds([r.seconds for r in [*self._steps[:-1], record]]))
         for line in _summary(self._given, record, hertz):
@@ -247,10 +254,10 @@ class Report:
 
 
 def _summary(given: argparse.Namespace, record: StepRecord, hertz: Hertz | None) -> Iterator[str]:
-    """Lines on the result, below the table."""
+    """Lines below the table."""
     if not record.reached and given.uniform is None:
         yield f"The tolerance was not reached in {given.max_steps} steps."
-    yield from doubt_lines(record)
+    yield from model_warnings(record)
     yield from force_warnings(record)
     yield from undirected(record)
     yield f"force {record.force:.6g}, largest pressure {record.max_pressure:.5g}"
@@ -265,7 +272,7 @@ def _summary(given: argparse.Namespace, record: StepRecord, hertz: Hertz | None)
 
 
 def _voice(quiet: bool) -> tuple[Callable[[str], None], Callable[[int, str], None] | None]:
-    """A function that prints a line on rank 0, and one that shows the present stage on a terminal, or None."""
+    """Functions that print a line on rank 0, and the present stage on a terminal; the latter may be None."""
     if quiet or COMM.rank:
         return (lambda _: None), None
     # A terminal shows the standard error directly, or through the mpirun that has started this rank.

@@ -19,7 +19,7 @@ from fx_contact.scenes import hertz
 #: By degree, for a cell of degree 2 costs eight: tolerance, order of the root mesh, root cells along a block.
 TOLERANCE, ORDER, COARSE = {1: 0.08, 2: 0.02}, {1: 3, 2: 6}, {1: 4, 2: 2}
 
-options = parser(__doc__, tolerance=TOLERANCE, order=ORDER, coarse=COARSE, output="results/hertz", whole=True)
+options = parser(__doc__, tolerance=TOLERANCE, order=ORDER, coarse=COARSE, output="results/hertz", symmetric=True)
 options.add_argument("--radius", type=float, default=1.0, help="of both spheres (%(default)s)")
 options.add_argument("--displacement", type=float, default=0.01, help="approach of the flat faces (%(default)s)")
 options.add_argument("--reference", choices=REFERENCES, help="record the deviations from these published values")

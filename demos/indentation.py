@@ -15,7 +15,7 @@ from fx_contact.plot import draw_mesh, draw_stress
 from fx_contact.results import true_error, write_fields
 from fx_contact.scenes import indentation
 
-options = parser(__doc__, tolerance=0.1, order=1, coarse=4, output="results/indentation", whole=True)
+options = parser(__doc__, tolerance=0.1, order=1, coarse=4, output="results/indentation", symmetric=True)
 options.add_argument("--displacement", type=float, default=0.01, help="of the cube's top (%(default)s)")
 options.add_argument("--ratio", type=float, default=100.0, help="of the cube's to the block's modulus (%(default)s)")
 

@@ -25,7 +25,7 @@ if __name__ == "__main__":
     options.add_argument("--control", metavar=CONTROLS, default="contact", help="of marking (%(default)s)")
     options.add_argument("--uniform", action="store_true", help="refine all cells in every step")
     options.add_argument("--output", type=Path, default=Path("results/manufactured"), help="folder (%(default)s)")
-    options.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    options.add_argument("--quiet", action="store_true", help="print errors only")
     given = options.parse_args()
     with plain_errors(COMM):
         records = RecordWriter(given.output, COMM)

@@ -19,6 +19,7 @@ from basix.ufl import element
 from dolfinx import fem, geometry
 from dolfinx.fem.petsc import LinearProblem
 
+from demos.manufactured_solution import adapt_manufactured, bump
 from fx_contact import adapt
 from fx_contact.estimate.shear_free import ShearFree, find_shear_free
 from fx_contact.estimate.stress_projection import projected_stress
@@ -26,7 +27,6 @@ from fx_contact.estimate.stress_recovery import StressRecovery, six
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.timing import Stages
-from fx_contact.results.manufactured import adapt_manufactured, bump
 from fx_contact.scenes import hertz
 from studies.incompressible import axisymmetric
 from studies.tables import plain, write

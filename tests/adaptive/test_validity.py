@@ -26,7 +26,7 @@ from fx_contact import (
 )
 from fx_contact.adaptive.validity import ModelWarning, _place_of_largest, load_warnings
 from fx_contact.fem.cell_strain import cell_strains
-from fx_contact.results import doubt_lines
+from fx_contact.results import model_warnings
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
@@ -71,7 +71,7 @@ def warned(scene, **options):
     """Warnings of a single solve, by kind; the same on all ranks, and lines of them in the record."""
     record = solve(scene, 0.5, **{"degree": 1, "max_steps": 1} | options).record
     assert WORLD.allgather(record.doubts).count(record.doubts) == WORLD.size, "ranks differ"
-    lines = doubt_lines(record)
+    lines = model_warnings(record)
     assert [line.partition(":")[0] for line in lines] == [warning.kind for warning in record.doubts]
     assert not any("\n" in line for line in lines)
     return {warning.kind: warning for warning in record.doubts}

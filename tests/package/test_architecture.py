@@ -61,9 +61,11 @@ def modules_imported(path):
 
 
 def outer_statements(body):
-    """Statements that run when a module is imported: not those inside functions."""
+    """Statements that run when a module is imported: not those inside functions or `if TYPE_CHECKING`."""
     for node in body:
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            continue
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
         yield node
         yield from outer_statements(ast.iter_child_nodes(node))

@@ -1,4 +1,4 @@
-"""Pictures of a step or a run, as PNG files; plotting libraries are imported only when one is drawn."""
+"""Pictures of a step or a run, as PNG files.  Plotting libraries are imported when a picture is drawn."""
 
 from fx_contact.plot.bodies import draw_bodies
 from fx_contact.plot.canvas import plotter_for

@@ -3,41 +3,59 @@
 import os
 import shutil
 import subprocess
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
 
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.parallel.agreement import shared_path
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.mpi import together
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pyvista import Plotter, PolyData
 
-def draw_on_first(comm, path, draw, canvas, given=None):
-    """Draw a picture on rank 0: on what the user gives there, or into a file, whose folder is made.
+Canvas = TypeVar("Canvas")
+
+
+def draw_on_first(
+    comm: MPI.Intracomm,
+    path: str | Path | None,
+    draw: Callable[[Canvas], None],
+    canvas: Callable[[Path], AbstractContextManager[Canvas]],
+    given: Canvas | None = None,
+) -> Path | Canvas | None:
+    """Draw a picture on rank 0, on given axes or a given plotter or into a file, and create its folder.
 
     Collective on comm.
 
     Args:
-        comm: MPI communicator.
-        path: of the PNG; not looked at where the user gives axes or a plotter.
-        draw: function that draws on axes or a plotter, called on rank 0 alone.
-        canvas: context manager of a path that yields axes or a plotter and saves them: `axes_for` or `plotter_for`.
-        given: matplotlib Axes or pyvista Plotter of the user, or None; that of rank 0 counts.
+        path: of the PNG, unused if axes or a plotter are given.
+        draw: called on rank 0 only.
+        canvas: `axes_for` or `plotter_for`.
+        given: matplotlib Axes or pyvista Plotter, or None; the one of rank 0 counts.
 
     Returns:
-        What is given, or else the Path of the picture.
+        The path, or what is given.
 
     Raises:
-        OutputError: the picture cannot be written, or there is neither a path nor what to draw on.
+        OutputError: the picture cannot be written, or neither a path nor axes nor a plotter are given.
     """
     if comm.bcast(given is not None):
         with together(comm):
             if comm.rank == 0:
+                assert given is not None
                 draw(given)
         return given
     path = shared_path(comm, "the name of a picture", path, OutputError)
-    if not path.suffix:  # what draws would give it one, and the picture would be elsewhere
+    if not path.suffix:  # matplotlib and pyvista would append one
         raise OutputError(
             f"the name of a picture must end in .png, got {str(path)!r}: if this is a folder, name a file"
         )
@@ -54,19 +72,18 @@ def draw_on_first(comm, path, draw, canvas, given=None):
     return path
 
 
+def on_first(comm: MPI.Intracomm, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+    """Arrays of all ranks, concatenated, on rank 0; on other ranks an empty list.  Collective on comm."""
+    parts = comm.gather(arrays)
+    return [np.concatenate(column) for column in zip(*(parts or ()))]
+
+
 @contextmanager
-def axes_for(path, width=6.4, height=4.4):
-    """Axes of a figure that is saved in the end.
-
-    Local.  Without pyplot, so that figures of a notebook or of another program are left alone.
-
-    Args:
-        path: of the PNG.
-        width, height: of the figure [inches].
-    """
+def axes_for(path: Path) -> "Iterator[Axes]":
+    """Axes of a new figure, saved at the end of the `with` block.  Local.  pyplot and its figures are not touched."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.add_subplot()
     axes.spines[["top", "right"]].set_visible(False)
     yield axes
@@ -74,16 +91,16 @@ def axes_for(path, width=6.4, height=4.4):
 
 
 @contextmanager
-def plotter_for(path, width=1200, height=840):
-    """A pyvista Plotter whose picture is saved in the end; without a display it starts a virtual one, Xvfb.
+def plotter_for(path: str | Path, width: int = 1200, height: int = 840) -> "Iterator[Plotter]":
+    """A pyvista Plotter whose picture is saved at the end of the `with` block.  Local.
 
-    Local.  For a `with` block, of one rank:
+    Without a display a virtual one, Xvfb, is started.
 
         with plotter_for("x.png") as plotter:
             plotter.add_mesh(step.to_pyvista(), scalars="von Mises stress")
 
     Args:
-        path: of the PNG, in a folder that is there.
+        path: of the PNG, in an existing folder.
         width, height: of the picture [pixels].
     """
     with _display():
@@ -97,24 +114,30 @@ def plotter_for(path, width=1200, height=840):
             plotter.close()  # before its display ends, or X ends the process
 
 
-def picture_size(plotter):
-    """Width and height of the picture, or of the present one of several, of a pyvista Plotter [pixels].  Local."""
+def picture_size(plotter: "Plotter") -> FloatArray:
+    """Width and height [pixels] of the picture, or of the active subplot.  Local."""
     x0, y0, x1, y1 = plotter.renderer.GetViewport()
-    return np.array(plotter.window_size) * [x1 - x0, y1 - y0]
+    return np.array(plotter.window_size) * np.array([x1 - x0, y1 - y0])
 
 
-def add_length(plotter):
-    """Lay a scale of length into the lower left corner, for a camera that looks in parallel.  Local.
+def view_axes(towards: FloatArray, up: FloatArray) -> FloatArray:
+    """Unit vectors, the rows of (3, 3), to the right, upward and to the eye.  Local.
 
     Args:
-        plotter: pyvista Plotter with its camera in place.
+        towards: (3,), direction from the picture to the eye.
+        up: (3,), direction that is vertical in the picture.
     """
+    right = np.cross(up, towards)
+    axes = np.stack([right, np.cross(towards, right), towards])
+    return axes / np.linalg.norm(axes, axis=1)[:, None]
+
+
+def add_length(plotter: "Plotter") -> None:
+    """Add a scale bar in the lower left corner, for the present camera and parallel projection.  Local."""
     camera, (width, height) = plotter.camera, picture_size(plotter)
     scale, focus = camera.parallel_scale, np.array(camera.focal_point)
-    towards = camera.position - focus
-    right = np.cross(camera.up, towards)
-    right /= np.linalg.norm(right)
-    up = np.cross(towards, right) / np.linalg.norm(towards)
+    towards = np.array(camera.position) - focus
+    right, up, _ = view_axes(towards, np.array(camera.up))
     power = 10.0 ** np.floor(np.log10(0.4 * scale))
     length = max(digit for digit in (1, 2, 5) if digit * power <= 0.4 * scale) * power
     start = focus + towards / 2 - 0.92 * scale * (width / height * right + up)  # before all bodies
@@ -125,11 +148,10 @@ def add_length(plotter):
     plotter.reset_camera_clipping_range()
 
 
-def bar(height, **more):
-    """What pyvista is told of a colour bar at the right, black numbers beside it: dict, `scalar_bar_args`.  Local.
+def bar(height: float, **more: Any) -> dict[str, Any]:
+    """`scalar_bar_args` of a vertical bar at the right, of a height relative to the picture's.  Local.
 
     Args:
-        height: share of the picture's.
         more: further entries.
     """
     place = {"position_x": 0.85, "position_y": 0.5 - height / 2, "width": 0.13, "height": height}
@@ -137,42 +159,21 @@ def bar(height, **more):
     return {"vertical": True, "background_color": "white", **place, **text} | more
 
 
-def add_note(plotter, text):
-    """Write black on white into the upper right corner.  Local.
-
-    Args:
-        plotter: pyvista Plotter.
-        text: str, of some lines.
-    """
-    width, height = picture_size(plotter)
-    size = max(9, int(height / 64))
-    place = (0.98 * width, 0.97 * height - 2.6 * size * len(text.splitlines()))
-    note = plotter.add_text(text, place, font_size=size, color="black")
-    note.prop.justification_horizontal = "right"
+def add_note(plotter: "Plotter", text: str) -> None:
+    """Write text into the upper right corner, black on white.  Local."""
+    size = max(9, int(picture_size(plotter)[1] / 64))
+    note = plotter.add_text(text, "upper_right", font_size=size, color="black")
     note.prop.background_color, note.prop.background_opacity = "white", 0.8
 
 
-def exceeded(surface, name, share):
-    """The value that a share of a surface's area exceeds.
-
-    Local.
-
-    Args:
-        surface: pyvista PolyData with point values of a name.
-        name: of the values.
-        share: of the area, in [0, 1].
-
-    Returns:
-        float, in the unit of the values.
-    """
+def exceeded(surface: "PolyData", name: str, share: float) -> float:
+    """Value that point data of a name exceed on a share of a surface's area.  Local."""
     cells = surface.point_data_to_cell_data().compute_cell_sizes(length=False, volume=False)
-    order = np.argsort(cells[name])[::-1]
-    area = cells["Area"][order].cumsum()
-    return cells[name][order][np.searchsorted(area, share * area[-1])]
+    return float(np.quantile(cells[name], 1 - share, weights=cells["Area"], method="inverted_cdf"))
 
 
 @contextmanager
-def _display():
+def _display() -> Iterator[None]:
     """An X display for pyvista: the present one, or else a virtual one."""
     if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
         yield

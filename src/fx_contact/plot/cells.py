@@ -1,53 +1,74 @@
-"""Leaves in three dimensions: around the contact or all of them, coloured by rank, level or part."""
+"""Leaves in three dimensions, around the contact or all of them, coloured by rank, level or part."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step import Step, check_step
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, picture_size, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
+
+if TYPE_CHECKING:
+    from pyvista import Plotter
+
+Colour: TypeAlias = tuple[float, float, float]
 
 #: Colours that the colour-blind tell apart (Okabe and Ito, without black).
 _PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
-#: Of a further round through them: how far they are mixed with white, or with black.
+#: Mixtures in successive rounds through the palette: grey value, 1 is white and 0 black, and its share.
 _MIXED = ((1.0, 0.0), (1.0, 0.5), (0.0, 0.4))
-#: Most groups that a legend lists.
+#: Maximum number of groups in a legend.
 _LISTED = 16
 
 
-def _number_colour(number):
+def _number_colour(number: int) -> Colour:
     """Colours of the palette in turn, then lighter and darker ones."""
     from matplotlib.colors import to_rgb
 
-    towards, share = _MIXED[number // len(_PALETTE) % len(_MIXED)]
-    return tuple((1 - share) * part + share * towards for part in to_rgb(_PALETTE[number % len(_PALETTE)]))
+    grey, share = _MIXED[number // len(_PALETTE) % len(_MIXED)]
+    red, green, blue = ((1 - share) * part + share * grey for part in to_rgb(_PALETTE[number % len(_PALETTE)]))
+    return red, green, blue
 
 
-def _level_colour(level):
-    """From light to dark, a level the same in all pictures."""
+def _level_colour(level: int) -> Colour:
+    """Colours from light to dark; a level has the same one in all pictures."""
     from matplotlib import colormaps
 
-    return colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)[:3]
+    red, green, blue, _ = colormaps["viridis_r"](0.95 - 0.85 * 0.75**level)
+    return red, green, blue
 
 
-#: What leaves can be coloured by.
-_COLOURS = {"rank": _number_colour, "level": _level_colour}
+#: Colourings of leaves.
+_COLOURS: dict[str, Callable[[int], Colour]] = {"rank": _number_colour, "level": _level_colour}
 
 
 @collective("step.forest.comm")
-def draw_mesh(step, path=None, zoom=3.0, colour="rank", *, plotter=None):
-    """The undeformed leaves around the contact, cut open along y = 0 and coloured.
+def draw_mesh(
+    step: Step,
+    path: str | Path | None = None,
+    zoom: float = 3.0,
+    colour: str = "rank",
+    *,
+    plotter: "Plotter | None" = None,
+) -> "Path | Plotter | None":
+    """Undeformed leaves around the contact, coloured, without those before the plane across y through its centre.
 
-    Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
+    Collective on the step's communicator; rank 0 draws and receives visible faces only.
 
     Args:
-        step: Step with contact.
-        path: of the PNG, if there is no plotter.
+        step: with contact.
+        path: of the PNG, if no plotter is given.
         zoom: half width of the picture, in contact radii.
         colour: "rank" or "level", of refinement.
-        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
+        plotter: to draw on, the one of rank 0; None: a file.
 
     Returns:
         Path of the picture, or the plotter.
@@ -62,33 +83,33 @@ def draw_mesh(step, path=None, zoom=3.0, colour="rank", *, plotter=None):
     return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path, plotter)
 
 
-def contact_size(step):
-    """Radius of the contact, of another than round contact its reach; at least the size of its facets [m].
+def contact_size(step: Step) -> float:
+    """Contact radius [m]; of a contact that is not round, the largest distance of a closed pair from its centre.
 
-    Collective on the step's communicator.
-
-    Args:
-        step: Step with contact.
+    Collective on the step's communicator.  At least the size of the facets in contact.
     """
-    shown = step.solution.active if step.record.active_pairs else np.ones(len(step.pairs), dtype=bool)
-    size, radius = float(np.sqrt(step.pairs.area[shown].max(initial=0.0))), step.record.contact_radius
+    pairs, radius = step.pairs, step.record.contact_radius
+    assert pairs is not None, "checked by check_step"
+    shown = step.solution.active if step.record.active_pairs else np.ones(len(pairs), dtype=bool)
+    size = float(np.sqrt(pairs.area[shown].max(initial=0.0)))
     if radius is None:
-        arm = np.linalg.norm(step.pairs.position[shown] - step.record.contact_centre, axis=1)
+        arm = np.linalg.norm(pairs.position[shown] - np.asarray(step.record.contact_centre), axis=1)
         size = max(size, float(arm.max(initial=0.0)))
     return max(radius or 0.0, step.forest.comm.allreduce(size, op=MPI.MAX))
 
 
 @collective("step.forest.comm")
-def draw_partition(step, path=None, colour="rank", *, plotter=None):
-    """All undeformed leaves, cut open along y = 0 through the contact's centre and coloured.
+def draw_partition(
+    step: Step, path: str | Path | None = None, colour: str = "rank", *, plotter: "Plotter | None" = None
+) -> "Path | Plotter | None":
+    """All undeformed leaves, coloured, without those before the plane across y through the centre of the contact.
 
-    Collective on the step's communicator; rank 0 draws.  Only faces that can be seen are brought together.
+    Collective on the step's communicator; rank 0 draws and receives visible faces only.
 
     Args:
-        step: Step.
-        path: of the PNG, if there is no plotter.
+        path: of the PNG, if no plotter is given.
         colour: "rank" or "level", of refinement.
-        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
+        plotter: to draw on, the one of rank 0; None: a file.
 
     Returns:
         Path of the picture, or the plotter.
@@ -104,14 +125,15 @@ def draw_partition(step, path=None, colour="rank", *, plotter=None):
     return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path, plotter)
 
 
-def draw_parts(forest, part, centre, reach, path):
-    """The leaves of a forest on one rank around a point, as `draw_mesh` shows them, coloured by part.
+def draw_parts(
+    forest: Forest, part: IntArray, centre: FloatArray, reach: float, path: str | Path
+) -> "Path | Plotter | None":
+    """Leaves of a forest on one rank around a point, as in `draw_mesh`, coloured by part.
 
     Local.
 
     Args:
-        forest: Forest, all of it on this rank.
-        part: (n,) int, part of each leaf.
+        part: (n,), part of each leaf.
         centre: (3,) point [m].
         reach: half width of the picture [m].
         path: of the PNG.
@@ -126,30 +148,49 @@ def draw_parts(forest, part, centre, reach, path):
     return _draw_groups(forest, part, path, colour=_number_colour, word="", cut=cut, centre=cut, reach=reach)
 
 
-def _draw_leaves(forest, colour, cut, centre, reach, path, plotter):
-    """Draw the leaves near a point, cut open at its y, looking at a centre, coloured by rank or level."""
+def _draw_leaves(
+    forest: Forest,
+    colour: str,
+    cut: FloatArray,
+    centre: FloatArray,
+    reach: float,
+    path: str | Path | None,
+    plotter: "Plotter | None",
+) -> "Path | Plotter | None":
+    """Leaves beyond the y of a point, in a picture about a centre, coloured by rank or level."""
     check_name("colouring", colour, _COLOURS)
     group = forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
-    look = {"cut": cut, "centre": centre, "reach": reach, "given": plotter}
-    return _draw_groups(forest, group, path, colour=_COLOURS[colour], word=colour, **look)
+    draw = partial(_draw_groups, colour=_COLOURS[colour], word=colour, cut=cut, centre=centre, reach=reach)
+    return draw(forest, group, path, given=plotter)
 
 
-def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given=None):
-    """Draw groups of leaves, each in the colour of its number; with a word before the number in the legend."""
+def _draw_groups(
+    forest: Forest,
+    group: IntArray,
+    path: str | Path | None,
+    *,
+    colour: Callable[[int], Colour],
+    word: str,
+    cut: FloatArray,
+    centre: FloatArray,
+    reach: float,
+    given: "Plotter | None" = None,
+) -> "Path | Plotter | None":
+    """Groups of leaves in the colours of their numbers, with a legend of word and number if there is a word."""
     leaf, face = visible_faces(forest, cut, reach)
-    parts = forest.comm.gather((face_points(forest, leaf, face), group[leaf]), root=0)
+    shown = on_first(forest.comm, face_points(forest, leaf, face), group[leaf])
 
-    def draw(plotter):
-        """The picture, on the first rank."""
-        faces, group = (np.concatenate(column) for column in zip(*parts))
+    def draw(plotter: "Plotter") -> None:
+        """The picture, on rank 0."""
+        faces, group = shown
         numbers = np.unique(group).tolist()
         for number in numbers:
             surface, edges = surface_and_edges(faces[group == number])
             plotter.add_mesh(surface, color=colour(number), ambient=0.65, diffuse=0.4)
-            nearer = edges.translate(1e-3 * reach * EYE)  # lest they lie in the surface
+            nearer = edges.translate(1e-3 * reach * EYE)  # before the surface
             plotter.add_mesh(nearer, color="#202020", line_width=2, lighting=False)
         if word and 1 < len(numbers) <= _LISTED:
-            _list_groups(plotter, {f"{word} {number}": colour(number) for number in numbers})
+            _add_legend(plotter, {f"{word} {number}": colour(number) for number in numbers})
         plotter.enable_parallel_projection()
         plotter.camera_position = [centre + reach * EYE, centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach
@@ -158,8 +199,8 @@ def _draw_groups(forest, group, path, *, colour, word, cut, centre, reach, given
     return draw_on_first(forest.comm, path, draw, plotter_for, given)
 
 
-def _list_groups(plotter, colours):
-    """Names on their colours, below each other at the right; the ink is black or white, whichever is read."""
+def _add_legend(plotter: "Plotter", colours: dict[str, Colour]) -> None:
+    """Names on their colours at the right, in black or white; pyvista's legend writes light colours on white."""
     width, height = picture_size(plotter)
     line = max(26, height / 28)
     for row, (name, colour) in enumerate(colours.items()):

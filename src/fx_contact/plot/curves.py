@@ -1,31 +1,48 @@
-"""Curves: contact pressure over the radius, error over the unknowns, force over the approach."""
+"""Curves: contact pressure over radius, error over unknowns, force over approach."""
 
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.step import Step, check_step
+from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.sweep_record import SweepRecord
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.plot.canvas import axes_for, draw_on_first
+from fx_contact.results.analytic import Hertz
+from fx_contact.results.reference_values import ContactReference
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @collective("step.forest.comm")
-def draw_pressure(step, path=None, exact=None, *, ax=None):
-    """Contact pressure of every node pair over the radius; against a solution, with the differences in a strip below.
+def draw_pressure(
+    step: Step,
+    path: str | Path | None = None,
+    exact: Hertz | ContactReference | None = None,
+    *,
+    ax: "Axes | None" = None,
+) -> "Path | Axes | None":
+    """Contact pressure of all contact nodes over the radius, and a known solution with the differences from it.
 
     Collective on the step's communicator; rank 0 draws.
 
     Args:
-        step: Step with contact.
-        path: of the PNG, if there is no ax.
-        exact: Hertz, ContactReference, or None for no curve.
-        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
+        step: with contact.
+        path: of the PNG, if no axes are given.
+        ax: axes to draw on, those of rank 0; None: a file.
 
     Returns:
-        Path of the picture, or the ax.
+        Path of the picture, or the axes.
 
     Raises:
         SceneError: no step, or one without contact.
@@ -37,20 +54,24 @@ def draw_pressure(step, path=None, exact=None, *, ax=None):
     return draw_on_first(step.forest.comm, path, draw, axes_for, ax)
 
 
-def _draw_pressure(axes, table, record, exact):
-    arm = table.points - record.contact_centre
-    along = np.einsum("ni,ni->n", arm, table.normal)
-    radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0))
-    closed = record.contact_radius  # of other than round contact: how far it reaches
+def _draw_pressure(
+    axes: "Axes", table: ContactTable | None, record: StepRecord, exact: Hertz | ContactReference | None
+) -> None:
+    assert table is not None, "gathered on rank 0"
+    arm = table.points - np.asarray(record.contact_centre)
+    height = np.einsum("ni,ni->n", arm, table.normal)
+    radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - height**2, 0))
+    closed = record.contact_radius  # None: the contact is not round
     reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
     axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
     if exact:
-        r, name = np.linspace(0, reach, 400), getattr(exact, "name", "Hertz")
+        r, name = np.linspace(0, reach, 400, dtype=np.float64), getattr(exact, "name", "Hertz")
         axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"{name}, F = {exact.force:.4g}")
-    below = _strip(axes) if exact and axes.get_subplotspec() else axes  # no room where the user placed the axes
-    if below is not axes:
+    below = axes
+    if exact and axes.get_subplotspec():  # axes that the user placed leave no room below
+        below = _add_strip(axes)
         off = table.pressure[near] - exact.pressure(radius[near])
         below.axhline(0, color="#D55E00", lw=1.2)
         below.plot(radius[near] / scale, 100 * off / exact.max_pressure, "o", ms=3, mfc="none", color="#0072B2")
@@ -63,9 +84,11 @@ def _draw_pressure(axes, table, record, exact):
     axes.legend(frameon=False)
 
 
-def _strip(axes):
-    """Axes below others, in a quarter of their place."""
-    places = axes.get_subplotspec().subgridspec(2, 1, height_ratios=(3, 1))
+def _add_strip(axes: "Axes") -> "Axes":
+    """Axes below others, in a quarter of their space."""
+    place = axes.get_subplotspec()
+    assert place is not None
+    places = place.subgridspec(2, 1, height_ratios=(3, 1))
     axes.set_subplotspec(places[0])
     axes.tick_params(labelbottom=False)
     below = axes.figure.add_subplot(places[1], sharex=axes)
@@ -74,19 +97,24 @@ def _strip(axes):
 
 
 @collective("comm")
-def draw_convergence(records, path=None, comm=MPI.COMM_WORLD, *, ax=None):
-    """Estimated error of every step over its unknowns, and the true one where it has been measured.
+def draw_convergence(
+    records: Sequence[StepRecord],
+    path: str | Path | None = None,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    ax: "Axes | None" = None,
+) -> "Path | Axes | None":
+    """Estimated errors of the steps of a run over their unknowns, and true errors where they were computed.
 
     Collective on comm; rank 0 draws.
 
     Args:
-        records: list of StepRecord, of the steps of a run, alike on all ranks.
-        path: of the PNG, if there is no ax.
-        comm: MPI communicator.
-        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
+        records: of the steps, the same on all ranks.
+        path: of the PNG, if no axes are given.
+        ax: axes to draw on, those of rank 0; None: a file.
 
     Returns:
-        Path of the picture, or the ax.
+        Path of the picture, or the axes.
 
     Raises:
         SceneError: comm is no communicator.
@@ -98,7 +126,7 @@ def draw_convergence(records, path=None, comm=MPI.COMM_WORLD, *, ax=None):
     return draw_on_first(comm, path, partial(_draw_convergence, records=records), axes_for, ax)
 
 
-def _draw_convergence(axes, records):
+def _draw_convergence(axes: "Axes", records: Sequence[StepRecord]) -> None:
     dofs, error = np.array([(r.dofs, 100 * r.estimate) for r in records]).T
     true = np.array([(r.dofs, 100 * r.true_error.relative) for r in records if r.true_error])
     axes.loglog(dofs, error, "o-", color="#0072B2", label="estimated")
@@ -119,23 +147,29 @@ def _draw_convergence(axes, records):
 
 @collective("comm")
 def draw_sweep(
-    points, path=None, comm=MPI.COMM_WORLD, *, quantity="force", label="value", logarithmic=False, ax=None
-):
-    """A quantity at the points of a load path over their values: with the force, a force-approach curve.
+    points: Sequence[SweepRecord],
+    path: str | Path | None = None,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    quantity: str = "force",
+    label: str = "value",
+    logarithmic: bool = False,
+    ax: "Axes | None" = None,
+) -> "Path | Axes | None":
+    """A quantity over the parameter of a load path; with the force, a force-approach curve.
 
     Collective on comm; rank 0 draws.
 
     Args:
-        points: list of SweepRecord, alike on all ranks.
-        path: of the PNG, if there is no ax.
-        comm: MPI communicator.
+        points: of the path, the same on all ranks.
+        path: of the PNG, if no axes are given.
         quantity: entry of a StepRecord that is a number.
-        label: of the values.
-        logarithmic: whether both axes are.
-        ax: matplotlib Axes to draw on, that of rank 0; None: a file.
+        label: of the parameter.
+        logarithmic: scale of both axes.
+        ax: axes to draw on, those of rank 0; None: a file.
 
     Returns:
-        Path of the picture, or the ax.
+        Path of the picture, or the axes.
 
     Raises:
         SceneError: comm is no communicator, or there is no such entry.
@@ -151,7 +185,7 @@ def draw_sweep(
     return draw_on_first(comm, path, draw, axes_for, ax)
 
 
-def _draw_sweep(axes, rows, quantity, label, logarithmic):
+def _draw_sweep(axes: "Axes", rows: FloatArray, quantity: str, label: str, logarithmic: bool) -> None:
     axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color="#0072B2")
     if logarithmic:
         axes.loglog()
@@ -159,7 +193,7 @@ def _draw_sweep(axes, rows, quantity, label, logarithmic):
     axes.set_ylabel(quantity.replace("_", " "))
 
 
-def _few_digits(value, _position):
-    """Ticks between powers of ten: only some, so that they do not run into each other."""
+def _few_digits(value: float, _position: float) -> str:
+    """Labels of the ticks at 2, 3 and 5 times a power of ten; more would run into each other."""
     first = f"{value:.0e}"[0]
     return f"{value:,g}" if first in "235" else ""

@@ -1,44 +1,66 @@
-"""Stress in a plane cut through the bodies."""
+"""Von Mises stress in a plane section of the bodies."""
 
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.pyvista_grid import import_pyvista
-from fx_contact.adaptive.step import check_step
+from fx_contact.adaptive.step import Step, check_step
 from fx_contact.estimate.stress_recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, add_note, bar, draw_on_first, exceeded, picture_size, plotter_for
+from fx_contact.plot.canvas import (
+    add_length,
+    add_note,
+    bar,
+    draw_on_first,
+    exceeded,
+    on_first,
+    picture_size,
+    plotter_for,
+)
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
 
-#: Axes that are shown to the right, away from the viewer and upward, by the axis that a cut is across.
+if TYPE_CHECKING:
+    from pyvista import Plotter, PolyData
+
+#: Axes to the right, away from the viewer and upward, by the normal of the section.
 _SHOWN = {"x": [1, 0, 2], "y": [0, 1, 2], "z": [0, 2, 1]}
-#: Share of the area whose stress is above the scale: beside edges it grows with every level.
+#: Share of the area with a stress above the scale: singular at edges, its maximum grows with every level.
 _SATURATED = 0.01
 
 
 @collective("step.forest.comm")
-def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
-    """Von Mises stress at the nodes, and the leaves in a plane through the contact's centre.
+def draw_stress(
+    step: Step,
+    path: str | Path | None = None,
+    zoom: float | None = None,
+    across: str = "y",
+    *,
+    plotter: "Plotter | None" = None,
+) -> "Path | Plotter | None":
+    """Von Mises stress and leaves in a plane through the centre of the contact.
 
-    Collective on the step's communicator; rank 0 draws.  Only leaves that the plane cuts are brought together.
+    Collective on the step's communicator; rank 0 draws and receives only the leaves that the plane cuts.
 
     Args:
-        step: Step, with contact if there is a zoom.
-        path: of the PNG, if there is no plotter.
-        zoom: half width of the picture, in contact radii; None: all of the bodies.
+        step: with contact, if a zoom is given.
+        path: of the PNG, if no plotter is given.
+        zoom: half width of the picture, in contact radii; None: all bodies.
         across: "x", "y" or "z", the normal of the plane.
-        plotter: pyvista Plotter to draw on, that of rank 0; None: a file.
+        plotter: to draw on, the one of rank 0; None: a file.
 
     Returns:
         Path of the picture, or the plotter.
 
     Raises:
-        SceneError: no step, or with a zoom one without contact, a zoom that is not positive, or another axis.
+        SceneError: no step, or one without contact if a zoom is given; a zoom that is not positive, or another axis.
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=zoom is not None)
@@ -50,44 +72,40 @@ def draw_stress(step, path=None, zoom=None, across="y", *, plotter=None):
     centre, reach = np.asarray(step.record.contact_centre)[axes], None
     y, depth = centre[1], points[:, :, 1]
     size = np.ptp(depth, axis=1)
-    # Slightly beside the plane, so that one between leaves cuts those of one side.
+    # A plane between leaves is shifted to cut those on one side of it.
     y += 1e-3 * comm.allreduce(float(size.min(initial=np.inf)), op=MPI.MIN)
     cut = (depth.min(axis=1) <= y) & (depth.max(axis=1) >= y)
     if zoom is not None:
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
     stress = von_mises(step.nodal_stress[cut])
-    parts = comm.gather((points[cut], stress, forest.mesh.body[forest.cell[cut]]), root=0)
+    shown = on_first(comm, points[cut], stress, forest.mesh.body[forest.cell[cut]])
 
-    def draw(plotter):
-        """The picture, on the first rank."""
-        points, values, body = (np.concatenate(column) for column in zip(*parts))
-        _draw_cut(plotter, points, values, body, centre=centre, reach=reach, y=y)
+    def draw(plotter: "Plotter") -> None:
+        """The picture, on rank 0."""
+        _draw_cut(plotter, *shown, centre=centre, reach=reach, y=y)
         plane = f"at {across} = {centre[1]:.3g}, undeformed"
         add_note(plotter, f"von Mises stress\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")
 
     return draw_on_first(comm, path, draw, partial(plotter_for, width=1500, height=1000), plotter)
 
 
-def cut_by_body(points, values, body, y):
-    """Leaves cut by a plane across y, each body by itself.
+def cut_by_body(points: FloatArray, values: FloatArray, body: IntArray, y: float) -> "list[PolyData]":
+    """Sections of the bodies in a plane across y, one for each body in it, with the point data "stress".
 
-    Local.  VTK merges coincident points of a cut: two bodies in contact would share the stress of one.  A leaf of
+    Local.  VTK merges coincident points of a section, which would mix the stresses of bodies in contact.  A leaf of
     degree p is shown by p^3 trilinear cells.
 
     Args:
-        points: (n, (p+1)^3, 3) float64, nodes of leaves, their axes in the order of `_SHOWN` [m].
-        values: (n, (p+1)^3) float64, stress there [Pa].
-        body: (n,) int, body of each leaf.
-        y: place of the plane [m].
-
-    Returns:
-        list of pyvista PolyData with point values "stress", one for each body that the plane cuts.
+        points: (n, (p+1)^3, 3), nodes of leaves, their axes in the order of `_SHOWN` [m].
+        values: (n, (p+1)^3), stress there [Pa].
+        body: (n,), body of each leaf.
+        y: position of the plane [m].
     """
     pyvista = import_pyvista()
     sections, parts = [], hexahedron.subcells(hexahedron.order_of(points.shape[1]))[:, [0, 1, 3, 2, 4, 5, 7, 6]]
-    for which in np.unique(body):
-        ours = body == which
+    for number in np.unique(body):
+        ours = body == number
         cells = (points.shape[1] * np.arange(ours.sum())[:, None, None] + parts).reshape(-1, 8)
         grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, points[ours].reshape(-1, 3))
         grid["stress"] = values[ours].ravel()
@@ -95,7 +113,16 @@ def cut_by_body(points, values, body, y):
     return sections
 
 
-def _draw_cut(plotter, points, values, body, *, centre, reach, y):
+def _draw_cut(
+    plotter: "Plotter",
+    points: FloatArray,
+    values: FloatArray,
+    body: IntArray,
+    *,
+    centre: FloatArray,
+    reach: float | None,
+    y: float,
+) -> None:
     section = import_pyvista().merge(cut_by_body(points, values, body, y), merge_points=False)
     focus, half = _window(points, centre, reach)
     width, height = picture_size(plotter)
@@ -111,8 +138,8 @@ def _draw_cut(plotter, points, values, body, *, centre, reach, y):
     add_length(plotter)
 
 
-def _window(points, centre, reach):
-    """The middle of a picture and half of its height: all leaves, or those near a centre, and room for the scales."""
+def _window(points: FloatArray, centre: FloatArray, reach: float | None) -> tuple[FloatArray, float]:
+    """Centre and half height of a picture of all leaves, or of those near a centre, with room for the scales."""
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     if reach is None:
         half = 0.6 * max(high[2] - low[2], high[0] - low[0])
@@ -121,13 +148,12 @@ def _window(points, centre, reach):
     return centre + [reach * quarter, 0, 0], 0.7 * reach
 
 
-def _outlines(points, y):
-    """The lines in which a plane across y cuts the faces of leaves."""
+def _outlines(points: FloatArray, y: float) -> "PolyData":
+    """Lines in which a plane across y cuts the faces of leaves."""
     pyvista = import_pyvista()
     order = hexahedron.order_of(points.shape[1])
-    quads = points[:, hexahedron.face_nodes(order)[:, hexahedron.subcells(order, 2)[:, [0, 1, 3, 2]]]].reshape(
-        -1, 4, 3
-    )
+    corners = hexahedron.face_nodes(order)[:, hexahedron.subcells(order, 2)[:, [0, 1, 3, 2]]]
+    quads = points[:, corners].reshape(-1, 4, 3)
     quads = quads[(quads[:, :, 1].min(axis=1) <= y) & (quads[:, :, 1].max(axis=1) >= y)]
     faces = np.arange(4 * len(quads)).reshape(-1, 4)
     skin = pyvista.PolyData.from_regular_faces(quads.reshape(-1, 3), faces)

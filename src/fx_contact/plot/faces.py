@@ -1,30 +1,35 @@
-"""Faces of leaves that a picture shows, as surfaces and lines of pyvista."""
+"""Faces of leaves for pictures, as surfaces and lines of pyvista.  All is local."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.problem import hexahedron
 
-#: From the centre of a picture to the eye.
+if TYPE_CHECKING:
+    from pyvista import PolyData
+
+#: Direction from the picture to the eye.
 EYE = np.array([-2.2, -4.0, 1.2])
-#: Straight pieces by which an edge of a curved leaf is drawn.
+#: Straight pieces k of an edge of a curved leaf.
 PIECES = 4
 
 
-def visible_faces(forest, centre, reach, cut=True):
-    """Leaf faces near a point on the boundary; of a cut, of the half beyond its y, on the boundary or the cut.
-
-    Local.
+def visible_faces(
+    forest: Forest, centre: FloatArray, reach: float, cut: bool = True
+) -> tuple[Int64Array, Int64Array]:
+    """This rank's leaf faces on the boundary near a point; with a cut, those at or beyond its y, and in the cut.
 
     Args:
-        forest: Forest.
         centre: (3,) point [m].
-        reach: leaves are near whose middle is three times that or less from it along each axis [m].
-        cut: whether only the half beyond the point's y is shown.
+        reach: a third of the largest distance of a leaf's centre from the point, along each axis [m].
 
     Returns:
-        (m,) int leaves and (m,) int their local faces.
+        (m,) leaves and (m,) their local faces.
     """
     position = leaf_positions(forest, slice(None), 1)
     middle = position.mean(axis=1) - centre
@@ -41,14 +46,14 @@ def visible_faces(forest, centre, reach, cut=True):
     return np.flatnonzero(near)[leaf], face
 
 
-def face_points(forest, leaf, face):
-    """Points of faces of leaves, undeformed: (m, (k+1)^2, 3) float64 [m], k = `PIECES`.  Local."""
+def face_points(forest: Forest, leaf: IntArray, face: IntArray) -> FloatArray:
+    """Points of leaf faces, undeformed: (m, (k+1)^2, 3) [m], k = `PIECES`."""
     points = leaf_positions(forest, leaf, PIECES)
     return points[np.arange(len(leaf))[:, None], hexahedron.face_nodes(PIECES)[face]]
 
 
-def surface_and_edges(faces):
-    """Faces of leaves as pyvista's surface, and their edges as lines; faces as `face_points` gives them.  Local."""
+def surface_and_edges(faces: FloatArray) -> "tuple[PolyData, PolyData]":
+    """Surface of leaf faces, given by `face_points`, and lines along their edges."""
     count, first = PIECES + 1, faces.shape[1] * np.arange(len(faces))[:, None, None]
     quads = (first + hexahedron.subcells(PIECES, 2)[:, [0, 1, 3, 2]]).reshape(-1, 4)
     grid = np.arange(count**2).reshape(count, count)

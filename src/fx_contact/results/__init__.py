@@ -1,5 +1,8 @@
 """Results: records and fields on disk, contact surfaces, comparison with known and with finer solutions."""
 
+import warnings
+from typing import Any
+
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.results.accuracy import contact_errors, field_error
 from fx_contact.results.analytic import Hertz, HertzLine, Persson, ShrinkFit
@@ -7,7 +10,7 @@ from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import REFERENCES, ContactReference
-from fx_contact.results.report import doubt_lines, force_warnings, table_head, table_row, total_seconds
+from fx_contact.results.report import force_warnings, model_warnings, table_head, table_row, total_seconds
 
 __all__ = [
     "REFERENCES",
@@ -19,9 +22,9 @@ __all__ = [
     "ShrinkFit",
     "contact_errors",
     "contact_functions",
-    "doubt_lines",
     "field_error",
     "force_warnings",
+    "model_warnings",
     "table_head",
     "table_row",
     "total_seconds",
@@ -29,3 +32,11 @@ __all__ = [
     "undirected",
     "write_fields",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The former name `doubt_lines`, with a warning."""
+    if name != "doubt_lines":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn("doubt_lines is now model_warnings", DeprecationWarning, stacklevel=2)
+    return model_warnings

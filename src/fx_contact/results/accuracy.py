@@ -92,7 +92,9 @@ def _pressure_error(step: Step, reference: ContactReference) -> float:
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     assert pairs is not None, "checked by check_step"
-    known = reference.pressure(np.linalg.norm((pairs.position - step.record.contact_centre)[:, :2], axis=1))
+    known = reference.pressure(
+        np.linalg.norm((pairs.position - np.asarray(step.record.contact_centre))[:, :2], axis=1)
+    )
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
     return float(np.sqrt(sums[0] / sums[1]))
@@ -102,7 +104,7 @@ def _axis_error(step: Step, reference: ContactReference) -> float:
     """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
     forest, comm, space = step.forest, step.forest.comm, step.elasticity.prolongation.space
     leaf, node = space.example.T
-    position = space.positions() - step.record.contact_centre
+    position = space.positions() - np.asarray(step.record.contact_centre)
     upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
     on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
     stress = step.nodal_stress[leaf, node, VOIGT.index((2, 2))]

@@ -1,52 +1,57 @@
-"""Both sides of the contact surfaces as a mesh of facets, with what happens on them."""
+"""Fields on both sides of the contact surfaces, on a mesh of facets."""
+
+from typing import Any
 
 import basix.ufl
 import numpy as np
 from basix import CellType
+from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
+from fx_contact.adaptive.step import Step
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.compat import stay
 from fx_contact.parallel.meeting import collective
 from fx_contact.problem import hexahedron
 from fx_contact.results.vtx import function_on
 
-#: Fields with one component: at the nodes, then of the leaf behind the facet.
+#: Scalar fields: nodal ones, then those of the leaf behind the facet.
 _SCALARS = ("pressure", "closed", "gap", "body", "level", "rank", "indicator")
 
 
 @collective("step.forest.comm")
-def contact_functions(step):
-    """Fields on both sides of the contact surfaces.
+def contact_functions(step: Step) -> dict[str, fem.Function]:
+    """Fields on both sides of the contact surfaces, by name, on a mesh of quadrilaterals.
 
-    Collective on the step's communicator.  Facets have the order of the leaves' geometry or of the displacement, the
-    higher one.  They share no nodes: a field may jump from one to the next, and one with a value for each facet is
-    constant there.
+    Collective on the step's communicator.  Facets are on the rank of their leaf and have the order of its geometry or
+    of the displacement, the higher one.  They share no nodes: fields may jump between them, and one with a value for
+    each facet is constant there.
 
     Args:
-        step: Step with contact.
+        step: with contact.
 
     Returns:
-        dict: name -> dolfinx Function on a mesh of quadrilaterals, each facet on the rank of its leaf: `displacement`
-        [m]; `pressure` (`ContactState`) [Pa]; `closed`, 1 for a closed pair and 0 for an open
-        one; open `gap` [m]; `body`, as numbered in the root mesh; and of the leaf behind the facet `level`, `rank` and
-        `indicator` [J^(1/2)].
+        `displacement` [m]; `pressure` [Pa]; `closed`, 1 for a closed pair and 0 for an open one; open `gap` [m];
+        `body`, as numbered in the root mesh; and of the leaf behind the facet `level`, `rank` and `indicator`
+        [J^(1/2)].
     """
-    forest, space, leaf_order = step.forest, step.elasticity.prolongation.space, step.leaf_mesh.order
-    order = max(leaf_order, space.degree)
+    forest, space = step.forest, step.elasticity.prolongation.space
+    leaf_order, degree = step.leaf_mesh.order, step.record.degree
+    order = max(leaf_order, degree)
     leaf, face = forest.contact_faces()
     on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
     points = face_interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
-    nodal = face_interpolation(space.degree, order) @ nodal_values(step)[space.on_faces(leaf, face)]
-    nodal[:, :, 4] = nodal[:, :, 4] > 0.5  # a status, also between nodes
+    nodal = face_interpolation(degree, order) @ nodal_values(step)[space.on_faces(leaf, face)]
+    nodal[:, :, 4] = nodal[:, :, 4] > 0.5  # 0 or 1 also between nodes
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     rank = np.full(len(leaf), forest.comm.rank)
     of_facet = np.stack([forest.mesh.body[forest.cell[leaf]], forest.level[leaf], rank, indicator[leaf]], axis=1)
     values = np.concatenate([nodal, np.repeat(of_facet[:, None], points.shape[1], axis=1)], axis=2)
 
-    def element(*shape):
-        """Lagrange element of the facets' order."""
+    def element(*shape: int) -> Any:
+        """Equispaced Lagrange element of the facets' order."""
         variant = basix.LagrangeVariant.equispaced
         return basix.ufl.element("Lagrange", "quadrilateral", order, lagrange_variant=variant, shape=shape or None)
 
@@ -67,39 +72,25 @@ def contact_functions(step):
     return fields
 
 
-def face_interpolation(order, finer):
-    """Values at the nodes of a facet of one order from those of another.
-
-    Local.
-
-    Args:
-        order: of the nodes where values are known.
-        finer: order of the nodes where they are wanted.
-
-    Returns:
-        ((finer+1)^2, (order+1)^2) float64.
-    """
-    along = hexahedron.lagrange(order, np.linspace(0, 1, finer + 1))
-    return np.kron(along, along)
+def face_interpolation(order: int, finer: int) -> FloatArray:
+    """Values at the nodes of a facet of another order: ((finer+1)^2, (order+1)^2).  Local."""
+    edge = hexahedron.lagrange(order, np.linspace(0, 1, finer + 1))
+    return np.asarray(np.kron(edge, edge), dtype=np.float64)
 
 
-def nodal_values(step):
-    """Displacement, pressure, status and gap at this rank's nodes, the last three zero off the contact.
+def nodal_values(step: Step) -> FloatArray:
+    """Displacement [m], and pressure [Pa], status (1 closed) and open gap [m], 0 off the contact: (m, 6).
 
-    Collective on the step's communicator.
-
-    Args:
-        step: Step with contact.
-
-    Returns:
-        (m, 6) float64: displacement [m], pressure [Pa], 1 where a pair is closed, open gap [m].
+    Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
+    has the mean of its rows, weighted by their areas.
     """
     pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
+    assert pairs is not None, "checked by check_step"
     rows = pairs.area[:, None] * np.stack(
         [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1
     )
     sums = prolongation.zeros(4)
-    blocks = pairs.blocks  # a node where contact pairs of the scene meet is in several rows
+    blocks = pairs.blocks
     weight = np.linalg.norm(blocks.values, axis=1)[:, None]
     np.add.at(sums, blocks.node, weight * rows[blocks.row])
     sums = prolongation.summed(sums)

@@ -5,9 +5,11 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -111,7 +113,7 @@ def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
 def write_fields(step: Step, folder: str | Path) -> None:
     """Write a step's fields for ParaView, on curved cells, replacing existing files.
 
-    Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the recovered stress [Pa] (`point_fields`);
+    Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the projected stress [Pa] (`point_fields`);
     `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both
     sides of the contact surfaces, if there are any (`contact_functions`).
 
@@ -123,7 +125,7 @@ def write_fields(step: Step, folder: str | Path) -> None:
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
     place = shared_path(comm, "the output folder", folder, OutputError, as_folder)
     write_vtx(comm, place / "fields.bp", point_fields(step), time)
-    values = {
+    values: dict[str, npt.NDArray[Any]] = {
         "indicator": step.estimate.error,
         "level": step.forest.level[leaf],
         "rank": np.full(len(leaf), comm.rank),

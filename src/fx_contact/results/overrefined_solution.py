@@ -65,5 +65,10 @@ def _on(forest: Forest, scene: Scene) -> Forest:
     here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
     if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
         raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")
-    surfaces = {"pairing": scene.pairing, "contact_surfaces": scene.contact_surfaces}
-    return replace(forest, mesh=scene.mesh, lattice=Lattice(scene.mesh), **surfaces)
+    return replace(
+        forest,
+        mesh=scene.mesh,
+        lattice=Lattice(scene.mesh),
+        pairing=scene.pairing,
+        contact_surfaces=scene.contact_surfaces,
+    )

@@ -48,9 +48,9 @@ def force_warnings(record: StepRecord) -> list[str]:
     return lines
 
 
-def doubt_lines(record: StepRecord) -> list[str]:
-    """Model warnings of the last step, a line each."""
-    return [f"{doubt.kind}: {doubt.message}" for doubt in record.doubts]
+def model_warnings(record: StepRecord) -> list[str]:
+    """Warnings about violated assumptions of the model, a line each, from the last step."""
+    return [f"{warning.kind}: {warning.message}" for warning in record.doubts]
 
 
 def total_seconds(steps: Sequence[Mapping[str, float]]) -> str:
