@@ -319,11 +319,10 @@ class Run:
     def _start(self, prolongation: Prolongation, values: FloatArray | None) -> StepStart:
         """Displacement and carried fields from the values at the nodes of the leaves."""
         if values is None:
-            displacement, carried = np.zeros((prolongation.owned, 3)), np.zeros((*prolongation.space.cells.shape, 0))
-        else:
-            leaf, node = prolongation.space.example.T
-            displacement, carried = prolongation.injected(values[leaf, node, :3]), values[..., 3:].copy()
-        return StepStart(prolongation, displacement, carried, self._history)
+            values = np.zeros((*prolongation.space.cells.shape, 3))
+        leaf, node = prolongation.space.example.T
+        displacement = prolongation.injected(values[leaf, node, :3])
+        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history)
 
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""

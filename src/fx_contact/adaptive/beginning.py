@@ -136,8 +136,9 @@ class Beginning:
                     f"{marked.min()} to {marked.max()}"
                 )
         history = RefinementHistory(step.history.effectivity, compared=True)
-        forest, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
-        return cls(forest, values, history)
+        refined, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
+        assert values is not None, "given values are interpolated"
+        return cls(refined, values, history)
 
 
 def first_forest(scene: Scene, comm: MPI.Intracomm, kind: str) -> Forest:

@@ -23,7 +23,7 @@ from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
 from fx_contact.parallel.agreement import check_alike, differences
-from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
@@ -129,7 +129,7 @@ def _by_leaf(step: Step) -> FloatArray:
     return result
 
 
-def _names(cell: IntArray, level: IntArray, anchor: IntArray) -> npt.NDArray[np.uint64]:
+def _names(cell: Int32Array, level: Int8Array, anchor: Int32Array) -> npt.NDArray[np.uint64]:
     """Names (n,) of leaves."""
     return leaf_code(cell, anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level.astype(np.uint64)
 
@@ -227,8 +227,9 @@ class Checkpoint:
         leaves, keys, values, error, refine = map(
             self._file.array, ("leaves", "nodes", "values", "indicator", "refine")
         )
-        surfaces = scene.pairing, scene.contact_surfaces
-        forest = with_cuts(Forest(comm, scene.mesh, Lattice(scene.mesh), *surfaces, *_named(leaves)))
+        cell, level, anchor = _named(leaves)
+        root = comm, scene.mesh, Lattice(scene.mesh), scene.pairing, scene.contact_surfaces
+        forest = with_cuts(Forest(*root, cell, level, anchor))
         keys, rows = np.unique(keys, return_index=True)
         space = Space(forest, content["degree"])
         directory = Directory(comm, keys, forest.homes.of_points)

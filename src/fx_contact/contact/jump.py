@@ -88,7 +88,7 @@ class Jump:
         values = np.where(np.abs(values) > self._ROUNDING, values, 0.0)
         self.blocks = replace(blocks, values=values)
         self.matrix = Products(rows, self.blocks)
-        self.movable = blocks.sums(values.any(axis=1), len(rows)) > 0
+        self.movable = blocks.sums(values.any(axis=1).astype(float), len(rows)) > 0
         self.gap, self._full_gap = rows.gap - rows.jump(supports.values), rows.gap
 
     def penetration(self, u: FloatArray) -> FloatArray:

@@ -44,7 +44,7 @@ class ElementResidual:
         bubbles = _bubbles(mesh, elasticity.prolongation.space.degree)
         weights = fem.functionspace(mesh, ("DG", 0, (3, 3)))
         e, v = (ufl.dot(bubbles, c) for c in (ufl.TrialFunction(weights), ufl.TestFunction(weights)))
-        self._loaded, force = fem.Constant(mesh, 1.0), ufl.div(elasticity.stress(u))
+        self._loaded, force = fem.Constant(mesh, np.float64(1.0)), ufl.div(elasticity.stress(u))
         if body_force is not None:
             force += self._loaded * body_force
         residual, energy = ufl.inner(force, v), ufl.inner(elasticity.hooke(e), ufl.sym(ufl.grad(v)))

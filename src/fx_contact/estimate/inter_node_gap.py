@@ -81,7 +81,7 @@ class _Facets:
     def __init__(self, kind: RowKind, space: Space, leaf: Int64Array, face: Int64Array, nodal: FloatArray) -> None:
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
-        line = np.linspace(0, 1, parts + 1)
+        line = np.linspace(0, 1, parts + 1, dtype=np.float64)
         bilinear, self._shape = (_tensor(order, line) for order in (1, degree))
         hats = np.stack([np.interp(line, np.linspace(0, 1, degree + 1), row) for row in np.eye(degree + 1)], axis=1)
         self._linear = np.kron(hats, hats)  # between neighbouring nodes
@@ -129,7 +129,7 @@ class _Facets:
 def _tensor(order: int, x: FloatArray) -> FloatArray:
     """Lagrange functions of a facet's nodes at a grid of points: (k^2, (p+1)^2), first coordinate fastest."""
     line = hexahedron.lagrange(order, x)
-    return np.kron(line, line)
+    return np.asarray(np.kron(line, line), np.float64)
 
 
 def _simpson(count: int) -> FloatArray:

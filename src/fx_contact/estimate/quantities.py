@@ -218,7 +218,7 @@ class Displacement(Quantity):
         direction = check_direction("the direction", self.direction)
         return Functional(float(direction @ vector), float(np.linalg.norm(vector)), load=weight * direction)
 
-    def _place(self, mesh: RootMesh) -> tuple[np.int64, FloatArray]:
+    def _place(self, mesh: RootMesh) -> tuple[int, FloatArray]:
         """Root cell and reference coordinates (3,) of the point."""
         if self.body is not None:
             check_name("body", self.body, mesh.bodies, "the root mesh has")
@@ -236,7 +236,7 @@ class Displacement(Quantity):
                 f"the point of {self!r} is in {' and '.join(map(repr, found))}: name one of them as `body`"
             )
         first = bodies.index(found[0])
-        return cells[first], coordinates[first]
+        return int(cells[first]), coordinates[first]
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class Reaction(Quantity):
         scene, direction = state.scene, self._unit_direction(state.scene)
         held = held_nodes(scene, state.elasticity.prolongation)
         shared, w = shared_forces(scene.conditions, held, residual), np.zeros(residual.shape)
-        image, vector = scene.mirrors.force(direction), np.zeros(3)
+        image, vector = scene.mirrors.force(direction), np.zeros_like(direction)
         for nodes, condition in zip(held, scene.conditions):
             if condition.where == self.where:
                 vector += condition.across @ shared[nodes].sum(axis=0)

@@ -68,15 +68,16 @@ def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) ->
             facets = facets[extent[:, column] <= _FLAT * extent.max(axis=1)]
         on[nodes_on(space, facets), column] = 1
     on[prolongation.hanging] = 0
-    on_planes: BoolArray = prolongation.restrict(on) > 0
+    on_planes: BoolArray = np.greater(prolongation.restrict(on), 0)
     if not planes:
         return ShearFree(on_planes)
-    nodes = np.flatnonzero(on_planes[:, 3:].any(axis=1))
+    oblique: BoolArray = np.any(on_planes[:, 3:], axis=1, keepdims=True)
+    nodes = np.flatnonzero(oblique)
     shears = np.array([_shears(normal) for normal in (*np.eye(3), *(plane.normal for plane in planes))])
     values, vectors = np.linalg.eigh(np.tensordot(on_planes[nodes].astype(float), shears, axes=1))
     vectors = vectors * (values <= SAME_PLANE)[:, None]
     kept = vectors @ vectors.swapaxes(1, 2) * (_WEIGHT / _WEIGHT[:, None])
-    return ShearFree(np.where(on_planes[:, 3:].any(axis=1)[:, None], False, on_planes[:, :3]), (nodes, kept))
+    return ShearFree(on_planes[:, :3] & ~oblique, (nodes, kept))
 
 
 def _shears(normal: npt.ArrayLike) -> FloatArray:

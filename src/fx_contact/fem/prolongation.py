@@ -14,7 +14,7 @@ from dolfinx.la import InsertMode, vector
 from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
-from fx_contact.forest.forest import LatticePoints
+from fx_contact.forest.lattice_points import LatticePoints
 from fx_contact.parallel.arrays import FloatArray, Int8Array, Int64Array, IntArray
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory

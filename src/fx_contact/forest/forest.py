@@ -7,8 +7,10 @@ immutable: refinement and migration return new ones.
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.forest.homes import Homes
@@ -72,10 +74,12 @@ class Forest:
         """(n, 8, 3), lattice coordinates of the leaf corners."""
         return lattice.leaf_corners(self.anchor, self.level)
 
-    def evaluate(self, cell: IntArray, points: IntArray | FloatArray) -> FloatArray:
+    def evaluate(self, cell: IntArray, points: npt.NDArray[np.number[Any]]) -> FloatArray:
         """Positions (n, ..., 3) [m] of points (n, ..., 3), in lattice coordinates of root cells (n,).  Local."""
         cells = np.repeat(cell, math.prod(points.shape[1:-1]))
-        return self.mesh.evaluate(cells, points.reshape(-1, 3, 1) / SIDE).reshape(points.shape)
+        return self.mesh.evaluate(cells, np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE).reshape(
+            points.shape
+        )
 
     def positions(self, leaf: IntArray, corner: IntArray) -> FloatArray:
         """Positions (m, 3) [m] of corners (m,) of leaves (m,).  Local."""
