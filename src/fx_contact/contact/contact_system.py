@@ -152,12 +152,13 @@ class ContactSystem:
             z: first guess; None: 0.
         """
         jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
-        z, projection = np.zeros_like(load) if z is None else z, self._projection_of(jump)
+        guess = np.zeros_like(load) if z is None else z
+        projection = self._projection_of(jump)
         if projection is not None:
             projection.close(self._active & self._projected)
-            z = projection.onto_closed(z)
+            guess = projection.onto_closed(guess)
         equations = self._equations(jump, load, self._stiffness, projection)
-        z = self.solver.solve(equations, z, max(tolerance, self._options.tolerance))
+        z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
         force = PenaltyTerm(jump, self._capped).forces(z)
         if projection is not None:
             force += self._projected_forces(jump, load, projection, z)

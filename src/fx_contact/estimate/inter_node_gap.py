@@ -122,8 +122,10 @@ class _Facets:
         """int max(p, 0) |g - g_I| dA by nodal p (n, (p+1)^2): (n,)."""
         gap = _normal_part(self._apart, self._normal)
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
-        work = self._area * ((np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)) @ self._simpson)
-        return np.asarray(work)
+        work: FloatArray = self._area * (
+            (np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)) @ self._simpson
+        )
+        return work
 
 
 def _tensor(order: int, x: FloatArray) -> FloatArray:

@@ -75,7 +75,7 @@ def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) ->
     nodes = np.flatnonzero(oblique)
     shears = np.array([_shears(normal) for normal in (*np.eye(3), *(plane.normal for plane in planes))])
     values, vectors = np.linalg.eigh(np.tensordot(on_planes[nodes].astype(float), shears, axes=1))
-    vectors = vectors * (values <= SAME_PLANE)[:, None]
+    vectors = vectors * np.asarray(values <= SAME_PLANE)[:, None]
     kept = vectors @ vectors.swapaxes(1, 2) * (_WEIGHT / _WEIGHT[:, None])
     return ShearFree(on_planes[:, :3] & ~oblique, (nodes, kept))
 
