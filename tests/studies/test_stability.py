@@ -162,7 +162,7 @@ def test_twins_are_kept_apart(monkeypatch):
         NAMED["tilt/spheres/30-about-x"],
         replace(first, tolerance=0.5),
         replace(first, degree=1),
-        replace(first, method="penalty", factor=10.0),
+        replace(first, method="penalty", factor=50.0),
         replace(first, method="penalty", factor=100.0),
     ]
     kept = {}
