@@ -61,8 +61,9 @@ def last(scene, tolerance, **options):
         for degree, poisson, ranks in ((1, 0.3, 3), (2, 0.3, 1), (2, 0.45, 2))
     ],
 )
-def test_turned_hertz(degree, poisson):
+def test_turned_hertz(degree, poisson, monkeypatch):
     """A quarter of two spheres turned by 30 degrees about z is what it was, hanging nodes and rubber too."""
+    monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)  # of loose adjoints errors differ
     scene = hertz(order=2, coarse=2, material=Material(1.0, poisson))
     goals = (Reaction("top", 0.05),)
     here, there = (last(one, 0.2, degree=degree, goals=goals) for one in (scene, turned(scene, rotation("z", 30))))
