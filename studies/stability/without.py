@@ -35,12 +35,12 @@ SECONDS, SCORES = 20.0, TOP / "studies/stability/scores.csv"
 
 def _none(between, *_):
     """No leaf of a GapBetweenNodes: (n,) bool."""
-    return np.zeros(len(between._state.forest), dtype=bool)
+    return np.zeros(len(between._forest), dtype=bool)
 
 
 def _no_gap(between):
     """No gap on the cells of a GapBetweenNodes: (ncells,) float64."""
-    return np.zeros(len(between._state.elasticity.leaf_mesh.leaf))
+    return np.zeros(len(between._leaf))
 
 
 #: What is put in the place of a rule, by its name: object, attribute, replacement.

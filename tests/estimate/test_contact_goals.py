@@ -131,7 +131,8 @@ def test_forces_of_beams(name):
     known = [r for r in records if r.force and r.pair_errors[0] is not None]
     for record in known:
         digits = 5e-3 / float(f"{force:e}"[:4])  # of the three of the reference
-        assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1) - digits, record.step
+        # An estimate, not a bound: 0.58 of the error of the heavier load far away, more in the others.
+        assert record.pair_errors[0] > 0.5 * abs(force / record.force - 1) - digits, record.step
 
 
 @pytest.mark.slow

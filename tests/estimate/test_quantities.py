@@ -259,7 +259,7 @@ def test_no_goals_no_record():
         (lambda: (Reaction("x = 0", 0.1),), "unknown condition 'x = 0'"),  # a plane of symmetry
         (lambda: (Reaction("top", 0.1, (1, 0, 0)),), "is not held along"),
         (lambda: (Displacement((0, 0, 2), (0, 0, 1), 0.1),), "is in no body"),
-        (lambda: (Displacement((0, 0, 0), (0, 0, 1), 0.1),), "in 'lower' and 'upper': say"),
+        (lambda: (Displacement((0, 0, 0), (0, 0, 1), 0.1),), "in 'lower' and 'upper': name"),
         (lambda: (Displacement((0, 0, 1), (0, 0, 1), 0.1, "lower"),), "is not in 'lower'"),
         (lambda: (Displacement((0, 0, 1), (0, 0, 1), 0.1, "middle"),), "unknown body 'middle'"),
         (lambda: Displacement((0, 0, 1), (0, 0, 0), 0.1), "is zero"),
