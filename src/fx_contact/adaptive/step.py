@@ -86,7 +86,7 @@ class Step(SolvedState):
 
     @property
     def resultants(self) -> tuple[Resultant, ...]:
-        """Those of contact pairs, loads, conditions, and the balance of each body.  Local."""
+        """Resultants of contact pairs, loads, conditions, and the balance of each body.  Local."""
         return self.record.resultants or ()
 
     @property

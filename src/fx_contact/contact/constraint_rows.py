@@ -83,7 +83,7 @@ class PressureCorrection(Protocol):
     """A linear correction of force over area in the rows of one contact."""
 
     def change(self) -> FloatArray:
-        """What is added to the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
+        """Correction of the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
 
     def transposed(self, weight: FloatArray) -> FloatArray:
         """Transpose of the correction as a map of pressures, of weights (n,): (n,).  Collective."""

@@ -96,7 +96,7 @@ class Jump:
         return self.rows.jump(u) - self._full_gap
 
     def with_gap(self, gap: FloatArray) -> Jump:
-        """The same with another D (n,) [m], and nothing prescribed.  Local."""
+        """Jump with another gap D (n,) [m], and nothing prescribed.  Local."""
         other = copy(self)
         other.gap = other._full_gap = gap
         return other

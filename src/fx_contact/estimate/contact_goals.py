@@ -42,7 +42,7 @@ class ContactError:
         return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
 
     def with_more(self, goals: Sequence[JudgedGoal], comm: MPI.Intracomm) -> "ContactError":
-        """The same with leaves to refine for goals of the user.  Collective on comm."""
+        """Contact error with the leaves to refine for goals of the user added.  Collective on comm."""
         refine = np.max([self.refine, *(goal.refine for goal in goals)], axis=0)
         return replace(self, refine=refine, leaves=comm.allreduce(int((refine > 0).sum())))
 

@@ -114,7 +114,7 @@ class Elasticity:
         return field
 
     def on(self, prolongation: Prolongation) -> Elasticity:
-        """The same bodies with displacements of another degree, on the same forest.  Collective."""
+        """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""
         return Elasticity(self.leaf_mesh, *self._bodies, prolongation, self._stages)
 
     def nodal_space(self, components: int) -> fem.FunctionSpace:

@@ -92,7 +92,7 @@ class Supports:
         mat.assemble()
 
     def in_frames(self) -> Supports:
-        """The same supports in orthonormal frames R aligned with the planes, with P R in the place of P.
+        """Supports in orthonormal frames R aligned with the planes, with P R in the place of P.
 
         R turns by the smallest rotation the axis nearest to the normal, or to the line in which planes meet, into that.
         Normal directions become prescribed components with value 0.  Multigrid that smooths components separately works

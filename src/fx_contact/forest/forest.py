@@ -208,7 +208,7 @@ class Forest:
         return replace(self, cell=cell, level=level, anchor=exchange.forward(self.anchor)), exchange
 
     def ordered(self, order: IntArray) -> "Forest":
-        """The same forest with this rank's leaves permuted by `order` (n,).  Local."""
+        """Forest with this rank's leaves permuted by `order` (n,).  Local."""
         return replace(self, cell=self.cell[order], level=self.level[order], anchor=self.anchor[order])
 
     def _closure(self, marked: BoolArray) -> BoolArray:

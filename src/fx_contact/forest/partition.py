@@ -128,7 +128,7 @@ def repartition(
 
 
 def with_cuts(forest: Forest) -> Forest:
-    """The same forest with cuts of the curve through its leaves, for homes near them before a repartition.
+    """Forest with cuts of the curve through its leaves, for homes near them before a repartition.
 
     Collective on forest.comm; few ranks need no cuts.
     """

@@ -98,7 +98,7 @@ class Scene:
 
     @cached_property
     def oblique_planes(self) -> tuple[ObliquePlane, ...]:
-        """Those of the `conditions` that are oblique planes."""
+        """Oblique planes among the `conditions`."""
         return tuple(c for c in self.conditions if isinstance(c, ObliquePlane))
 
     @cached_property
