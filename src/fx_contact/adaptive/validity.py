@@ -193,7 +193,9 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
 
     def sums(*columns: FloatArray) -> FloatArray:
         """Of each column over the rows of each contact: (columns, contacts)."""
-        return comm.allreduce(np.stack([np.bincount(rows.contact, column, count) for column in columns]))
+        return comm.allreduce(
+            np.stack([np.bincount(rows.contact, column, count) for column in columns]).astype(float)
+        )
 
     total, moved, gap, closed, surface = sums(force, force * slid, area * rows.gap, area, rows.area)
     moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)

@@ -317,7 +317,8 @@ class ConstraintRows:
         """
         presses = force > 0
         columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
-        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns])
+        # NumPy counts no rows in integers.
+        sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
         self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
         total, area, compliance = sums
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
