@@ -139,7 +139,7 @@ def _mark(
         (ncells,), number of refinements, and the two sums at the threshold chosen.
     """
     first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, child_error)]
-    sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first])
+    sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first]).astype(float)
     comm.Allreduce(MPI.IN_PLACE, sums)
     once, twice = np.cumsum(sums, axis=1)
     chosen = choose(once, twice)
