@@ -245,6 +245,23 @@ ASKED = {
     "estimated error": "{estimated:.2%}",
     "true error": "{true:.2%}",
 }
+FORCES = {
+    "scene": "{scene}",
+    "degree": "{degree:d}",
+    "tolerance": "{tolerance:.0%}",
+    "unknowns": "{dofs:,}",
+    "true error": "{true:.2%}",
+    "estimated": "{estimated:.2%}",
+    "estimated over true": "{effectivity:.1f}",
+}
+STRESS = {
+    "problem": "{problem}",
+    "degree": "{degree:d}",
+    "unknowns": "{dofs:,}",
+    "of the cells": "{raw:.2%}",
+    "of the estimate": "{recovered:.2%}",
+    "shown": "{projected:.2%}",
+}
 SWEEPS = {
     "tolerance": "{tolerance:.0%}",
     "points": "{points:d}",
@@ -308,6 +325,8 @@ TABLES = {
     "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
     "studies/stability/iterations.csv": partial(markdown, columns=ITERATIONS),
     "studies/goals/asked.csv": partial(markdown, columns=ASKED),
+    "studies/goals/forces.csv": partial(markdown, columns=FORCES),
+    "studies/effectivity/stress.csv": partial(markdown, columns=STRESS),
     "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
     "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
