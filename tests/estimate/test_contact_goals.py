@@ -120,7 +120,15 @@ BEAMS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error"))
+        if name == "a heavier load far away"
+        else name
+        for name in BEAMS
+    ],
+)
 def test_forces_of_beams(name):
     """However little energy a force has to do with, it is as right as asked for, and its error is known."""
     make, degree, tolerance, force = BEAMS[name]
@@ -131,8 +139,7 @@ def test_forces_of_beams(name):
     known = [r for r in records if r.force and r.pair_errors[0] is not None]
     for record in known:
         digits = 5e-3 / float(f"{force:e}"[:4])  # of the three of the reference
-        # An estimate, not a bound: 0.58 of the error of the heavier load far away, more in the others.
-        assert record.pair_errors[0] > 0.5 * abs(force / record.force - 1) - digits, record.step
+        assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1) - digits, record.step
 
 
 @pytest.mark.slow

@@ -29,7 +29,6 @@ alone = pytest.mark.skipif(WORLD.size > 1, reason="scores on one rank")
 
 @pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="two minutes, on one number of ranks")
-@pytest.mark.skipif("FX_CONTACT_MATRIX" not in os.environ, reason="minutes: FX_CONTACT_MATRIX=1 runs it")
 def test_scores():
     """What `--quick` runs, each on one rank: right, rightly refused, or not right for the reason that is kept."""
     _, kept = read(TOP / "studies/stability/scores.csv")
