@@ -123,9 +123,11 @@ BEAMS = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error"))
-        if name == "a heavier load far away"
-        else name
+        (
+            pytest.param(name, marks=pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error"))
+            if name == "a heavier load far away"
+            else name
+        )
         for name in BEAMS
     ],
 )
