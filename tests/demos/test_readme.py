@@ -74,7 +74,8 @@ SMALLER = (
 )
 #: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
-LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.forces|studies\.effectivity\.stress|notebooks/execute\.py"
+LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.forces|studies\.effectivity\.stress"
+LONG += r"|notebooks/execute\.py"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"
 PARSED += r"((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"
