@@ -29,7 +29,7 @@ _ALONG_AXIS = 1e-12
 def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> Supports:
     """Displacement conditions of a scene at the owned conforming nodes.
 
-    Collective on forest.comm.  Hanging nodes have no conditions of their own.
+    Collective on forest.comm.
 
     Raises:
         SceneError: a function fails or is not finite at a node, or two conditions prescribe different values at one
@@ -47,7 +47,6 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
 
         def place(row: int, nodes: Int64Array = ours) -> FloatArray:
-            """Position of a node."""
             return _position(prolongation, int(nodes[row]))
 
         with together(forest.comm):
@@ -65,7 +64,6 @@ def _with_planes(
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
 
         def place(row: int, nodes: Int64Array = nodes) -> FloatArray:
-            """Position of a node."""
             return _position(prolongation, int(nodes[row]))
 
         with together(prolongation.comm):
@@ -95,7 +93,7 @@ def shared_forces(
     """Minimum-norm distribution of reaction forces r (owned, 3) [N] over the conditions at each node: G^+ r.
 
     Local.  The force of a condition is H G^+ r with H its `across` and G the sum of H over the conditions of the node:
-    in the direction of an axis equal parts of r.  The nodes of each condition come from `held_nodes`.
+    in the direction of an axis equal parts of r.  `supported`: from `held_nodes`.
     """
     count: FloatArray = np.zeros(forces.shape)
     tilted = np.zeros(len(forces), dtype=bool)

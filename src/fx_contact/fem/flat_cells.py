@@ -1,8 +1,8 @@
 """Blocks of nodes that flat cells couple strongly, for the smoother of p-multigrid.
 
-A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  Where a cell is much longer than one of
-its axes, point relaxation reduces errors across that axis alone.  A smoother that solves for all nodes along it at once
-takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and Applications, 1985, section 10.1).
+A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  A smoother that solves for all nodes
+along its short axes at once takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and Applications,
+1985, section 10.1).
 """
 
 import numpy as np
@@ -23,11 +23,11 @@ FLAT = 3.0
 def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     """Blocks of the conforming nodes: those on a line along the short axes of flat cells, from cell to cell.
 
-    Collective.  A block may have nodes of several ranks.
+    Collective.  A block may have nodes of several ranks; None: no cell of any rank is flat.
 
     Returns:
         (owned,), block of each owned node: a random number, whose remainder by comm.size is the rank of one of its
-        nodes, which solves for the block.  None: no cell of any rank is flat.
+        nodes, which solves for the block.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm

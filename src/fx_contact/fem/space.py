@@ -26,18 +26,14 @@ _GAUSS: dict[int, tuple[FloatArray, FloatArray]] = {
 
 
 class Space:
-    """The nodes of degree p of this rank's leaves.
+    """The nodes of degree p = 1 or 2 of this rank's leaves.
 
     Collective on forest.comm.
 
-    Args:
-        degree: p, 1 or 2.
-
     Attributes:
-        keys: (m,), lattice keys of the nodes, in the order of their first leaves.
+        keys: (m,), lattice keys of the nodes, in the order of their first leaves; there is a `directory` of them.
         cells: (n, (p+1)^3), position in `keys` of the nodes of each leaf.
         example: (m, 2), a leaf of each node and its local number there.
-        directory: of the keys.
         face_nodes: (6, (p+1)^2), local nodes of each face of a leaf, first tangent fastest.
         edge_nodes: (12, p+1), local nodes of each edge, from its low end.
 

@@ -77,9 +77,8 @@ class Forest:
     def evaluate(self, cell: IntArray, points: npt.NDArray[np.number[Any]]) -> FloatArray:
         """Positions (n, ..., 3) [m] of points (n, ..., 3), in lattice coordinates of root cells (n,).  Local."""
         cells = np.repeat(cell, math.prod(points.shape[1:-1]))
-        return self.mesh.evaluate(cells, np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE).reshape(
-            points.shape
-        )
+        places = np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE
+        return self.mesh.evaluate(cells, places).reshape(points.shape)
 
     def positions(self, leaf: IntArray, corner: IntArray) -> FloatArray:
         """Positions (m, 3) [m] of corners (m,) of leaves (m,).  Local."""
@@ -128,17 +127,17 @@ class Forest:
         return self.contact_surfaces.same(contact_surfaces) and np.array_equal(self.pairing.partner, pairing.partner)
 
     def boundary_faces(self, facets: IntArray) -> tuple[Int64Array, Int64Array]:
-        """Leaves (m,) and their local faces (m,) on root facets (k, 2), as (root cell, local face).  Local."""
+        """Leaves (m,) and their local faces (m,) on root facets (k, 2).  Local."""
         return self._within(facets, lattice.root_faces(self.anchor, self.level))
 
     def boundary_edges(self, edges: IntArray) -> tuple[Int64Array, Int64Array]:
-        """Leaves (m,) and their local edges (m,) on root edges (k, 2), as (root cell, local edge).  Local."""
+        """Leaves (m,) and their local edges (m,) on root edges (k, 2).  Local."""
         return self._within(edges, lattice.root_edges(self.anchor, self.level))
 
     def _within(self, rows: IntArray, on: BoolArray) -> tuple[Int64Array, Int64Array]:
         """Faces or edges of leaves on those of root cells (k, 2), from the mask (n, 6 or 12) of those on any."""
         wanted = np.zeros((len(self.mesh.cells), on.shape[1]), dtype=bool)
-        wanted[rows[:, 0], rows[:, 1]] = True
+        wanted[tuple(rows.T)] = True
         leaf, entity = np.nonzero(on & wanted[self.cell])
         return leaf, entity
 
@@ -172,20 +171,9 @@ class Forest:
         return replace(self, cell=self.cell[parent], level=level, anchor=anchor), RefinementMap(parent, child)
 
     def refined_with(self, times: IntArray, values: FloatArray | None = None) -> tuple["Forest", FloatArray | None]:
-        """Refine leaves repeatedly, and interpolate a field.
+        """Refine each leaf a number of times (n,), and interpolate nodal values (n, (p+1)^3, ...) of a field.
 
-        Collective on comm.
-
-        Args:
-            times: (n,), number of refinements of each leaf; its children stop at the finest level.
-            values: (n, (p+1)^3, ...), nodal values of a field of degree p on the leaves.
-
-        Returns:
-            The new forest, and the nodal values on its leaves, if any were given.
-
-        Raises:
-            GeometryError: a leaf of the finest level is to be refined.
-            SolveError: as `refined`.
+        Collective on comm.  Children stop at the finest level.  Raises errors as `refined`.
         """
         forest, children = self.refined(times > 0)
         values = None if values is None else children.interpolated(values)
@@ -196,12 +184,9 @@ class Forest:
         return forest.refined_with(times, values)
 
     def moved(self, destination: IntArray) -> tuple["Forest", Exchange]:
-        """Send leaves to ranks (n,).
+        """Send leaves to ranks (n,): the new forest, ordered by source rank, and the exchange, for other leaf data.
 
         Collective on comm.
-
-        Returns:
-            The new forest, with leaves ordered by source rank, and the exchange, to send other leaf data alike.
         """
         exchange = Exchange(self.comm, destination)
         cell, level = exchange.forward(self.cell), exchange.forward(self.level)

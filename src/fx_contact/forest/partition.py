@@ -6,8 +6,7 @@
     sfc              Hilbert curve that ignores contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, after a partition by the curve
 
-A partition is a sequence of stages, each of which redistributes the units.  Parts are the ranks of a run, or any
-number of parts in a study.
+A partition is a sequence of stages, each of which redistributes the units.  Parts are the ranks of a run.
 """
 
 from collections.abc import Callable
@@ -51,9 +50,8 @@ def by_graph(units: Units, parts: int, _present: Int32Array) -> tuple[Int32Array
 def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array, None]:
     """Stage: units with contact on some parts, in proportion to their weight, the other units on the rest.
 
-    Collective on units.comm.  The units of each present part are cut into as many blocks of local numbers as there are
-    new parts.  The first block of present part p goes to the new part p, modulo the number of parts, so that remainders
-    spread.
+    Collective on units.comm.  The units of each present part are cut into a block for each new part, the first one for
+    the part of the same number, so that remainders spread.
     """
     mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
     contact, total = units.comm.allreduce(mine, op=MPI.SUM)
@@ -70,12 +68,7 @@ def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of partition.
-
-    Attributes:
-        pairs: True if it keeps facing leaves together.
-        stages: applied one after the other.
-    """
+    """A kind of partition by successive stages; `pairs`: facing leaves stay together."""
 
     pairs: bool
     stages: tuple[Stage, ...]
@@ -92,18 +85,12 @@ KINDS = {
 def repartition(
     forest: Forest, values: LeafValues | None, kind: str = "contact-sfc"
 ) -> tuple[Forest, LeafValues | None]:
-    """Move leaves, and values (n, ...) carried by them, to the ranks that a partition assigns.
+    """Move leaves, and values (n, ...) carried by them, to the ranks that a partition assigns, in curve order.
 
     Collective on forest.comm; one rank only sorts them.
 
-    Args:
-        kind: a key of `KINDS`.
-
-    Returns:
-        The new forest, each rank's leaves in curve order, and the values.
-
     Raises:
-        SceneError: unknown kind.
+        SceneError: a kind that is no key of `KINDS`.
         PartitionError: a rank would get no leaf.
     """
     check_name("partition", kind, KINDS)
@@ -135,9 +122,8 @@ def with_cuts(forest: Forest) -> Forest:
     if few(forest.comm):
         return forest
     keys = curve_keys(forest, pairs=False)
-    return replace(
-        forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size)
-    )
+    cuts = space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size)
+    return replace(forest, cuts=cuts)
 
 
 def _moved(forest: Forest, values: LeafValues | None, destination: IntArray) -> tuple[Forest, LeafValues | None]:

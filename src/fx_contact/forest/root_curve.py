@@ -10,10 +10,9 @@ from fx_contact.problem.root_mesh import RootMesh
 
 
 class RootCurve:
-    """Hilbert keys of points in root cells.  Local.
+    """Hilbert keys of points in root cells.
 
-    The curve inside a root cell runs in local axes aligned with the global ones as closely as possible.  Keys follow
-    from integers, so they are equal on all ranks.
+    Local.  The curve inside a root cell runs in local axes aligned with the global ones as closely as possible.
     """
 
     def __init__(self, mesh: RootMesh) -> None:
@@ -33,14 +32,7 @@ class RootCurve:
         self._flip = np.take_along_axis(slope, self._axis[:, :, None], axis=2)[:, :, 0] < 0
 
     def keys(self, cell: IntArray, anchor: IntArray) -> Int64Array:
-        """Keys (n,) of leaves, or of the finest leaves that contain given points.
-
-        Local.
-
-        Args:
-            cell: (n,), root cells.
-            anchor: (n, 3), low corners of leaves, or points, in lattice units, below `lattice.SIDE`.
-        """
+        """Keys (n,) of leaves by root cells (n,) and low corners (n, 3), or of the finest leaves at points.  Local."""
         local = np.take_along_axis(anchor >> 1, self._axis[cell], axis=1)
         # The reflection of an anchor is the far corner of the reflected leaf, and lies in that leaf.
         local = np.where(self._flip[cell], (1 << MAX_LEVEL) - 1 - local, local)

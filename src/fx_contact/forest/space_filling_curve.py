@@ -33,13 +33,8 @@ def hilbert(points: IntArray, bits: int) -> Int64Array:
 
 def _spread(x: Int64Array) -> Int64Array:
     """Two zero bits between the bits of integers below 2^21."""
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
+    masks = 0x1F00000000FFFF, 0x1F0000FF0000FF, 0x100F00F00F00F00F, 0x10C30C30C30C30C3, 0x1249249249249249
+    for shift, mask in zip((32, 16, 8, 4, 2), masks):
         x = (x | x << shift) & mask
     return x
 
@@ -49,13 +44,11 @@ def cut_curve(comm: MPI.Intracomm, keys: Int64Array, weights: Int64Array, parts:
 
     Collective on comm.  Bisection for all cuts at once: each round is one reduction of the weights below all distinct
     thresholds, few at first.  A cut is found once the weight between its bounds, less than twice the lightest weight,
-    is that of one key.  For 8192 parts of a million leaves this takes nine numbers a part in all, instead of one a part
-    for each bit of the keys (studies/partition).
+    is that of one key.
 
     Args:
         keys: (n,), non-negative, this rank's share of the curve in any order.
         weights: (n,), positive.
-        parts: number of parts.
 
     Returns:
         (parts - 1,), ascending: part p holds the keys k with cuts[p-1] <= k < cuts[p].

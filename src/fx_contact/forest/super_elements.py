@@ -21,12 +21,9 @@ def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:
 
 
 class Units:
-    """This rank's units, in curve order.
+    """This rank's units, in curve order: super-elements of facing leaves if `pairs`, else single leaves.
 
     Local; the leaves of a super-element must be on one rank.
-
-    Args:
-        pairs: True for super-elements of facing leaves, False for single leaves.
 
     Attributes:
         of_leaf: (n,), unit of each leaf.

@@ -1,4 +1,4 @@
-"""The size of MUMPS' Cholesky factors: predicted from the number of unknowns, or by its analysis."""
+"""Size of MUMPS' Cholesky factors: predicted from the number of unknowns, or by its analysis."""
 
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -45,7 +45,7 @@ class Outcome:
 
 
 class KrylovSolver:
-    """A KSP of PETSc and a preconditioner of the types in the options, by default the first of the methods.
+    """A KSP of PETSc, by default the first of the methods, and a preconditioner.
 
     Collective on comm.
 
@@ -91,17 +91,10 @@ class KrylovSolver:
 
 
 class KrylovMethod(ABC):
-    """A Krylov method for `Equations`, stopped by the energy norm of the error.
+    """A Krylov method for `Equations`, stopped by the energy norm omega (4) of the error.
 
-    Collective.
-
-    Args:
-        krylov: from `create`.
-        stiffness: A, symmetric positive definite.
-        matrix: A or close to it, for the preconditioner.
-        energy_norm: omega (4).
-        objects: free the method.
-        pressures: unknowns of this rank beside the displacement.
+    Collective.  The stiffness A is symmetric positive definite, the matrix A or close to it, for the preconditioner;
+    `pressures` is the number of this rank's unknowns beside the displacement.
     """
 
     METHODS: ClassVar[tuple[str, ...]]  # allowed values of `ksp_type`

@@ -25,17 +25,9 @@ MIXED_CYCLES = 3
 
 
 class Ladder:
-    """The preconditioners of one linear solver.
+    """The preconditioners of one linear solver: at first `name`, a key of `PRECONDITIONERS`, with PETSc `options`.
 
-    Local, but for `fallback`.
-
-    Args:
-        unknowns: on all ranks.
-        mixed: pressures are unknowns too.
-
-    Attributes:
-        name: the first preconditioner, a key of `PRECONDITIONERS`.
-        options: its PETSc options, without prefix.
+    Local, but for `fallback`.  `mixed`: pressures are unknowns too.
     """
 
     def __init__(self, solver: Solver, unknowns: int, coarse: CoarseLevel | None, mixed: bool) -> None:
@@ -56,7 +48,7 @@ class Ladder:
         return self._checks.pop(0)[1] * self._unknowns if self._checks and used >= self._checks[0][0] else None
 
     def end_checks(self) -> None:
-        """Make no more checks: the user has chosen, or a replacement is in use."""
+        """Make no more checks."""
         self._checks = []
 
     def fallback(self, comm: MPI.Intracomm, present: str) -> str | None:

@@ -38,10 +38,7 @@ class LinearSolver:
 
     Args:
         matrix: A without the volume term, symmetric positive definite; owned by the solver from now on.
-        energy_norm: omega (4), of A.
-        objects: free the solver.
         coarse: level below the matrix, for p-multigrid.
-        volume: term of nearly incompressible bodies.
 
     Attributes:
         preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the user's own.
@@ -134,13 +131,12 @@ class LinearSolver:
         return u
 
     def _given(self, equations: Equations, u: FloatArray) -> Equations:
-        """The equations; for factors with the volume term less its forces of prescribed displacements."""
+        """For factors with the volume term, equations less its forces of prescribed displacements."""
         if self._volume is None or isinstance(self._method, FlexibleGmres):
             return equations
         return replace(equations, load=equations.load - self._volume.prescribed_forces(u))
 
     def _matrix_to_factorise(self) -> PETSc.Mat:
-        """A copy of the matrix, with the volume term."""
         mat = as_aij(self.matrix)
         if self._volume is not None:
             self._volume.add_to(mat)

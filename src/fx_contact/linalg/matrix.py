@@ -68,11 +68,8 @@ class BlockMatrix:
 def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied: bool = True) -> BlockMatrix:
     """An empty matrix with room for the couplings of nodes, no more.
 
-    Collective on comm.
-
-    Args:
-        graph: bool, square, the couplings known to this rank, of the nodes of `imap`, owned and ghosts.
-        copied: the preconditioner will need a copy of the matrix; p-multigrid does not.
+    Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
+    and ghosts.  With p-multigrid the matrix is not copied.
 
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.

@@ -10,11 +10,9 @@ from fx_contact.parallel.exchange import Exchange
 class CoarseLevel:
     """A coarse matrix K_c + (B I)^T k B I and the interpolation I from its unknowns.
 
-    Collective.
+    Collective.  K_c, to which the penalty term is added, and I are AIJ matrices.
 
     Args:
-        matrix: AIJ matrix K_c, to which the penalty term is added.
-        interpolation: AIJ matrix I, fine unknowns by coarse ones.
         blocks: (owned,), block of each fine node, from `flat_cells.strong_blocks`; None: a node is a block.
     """
 

@@ -21,13 +21,10 @@ _Thing = TypeVar("_Thing")
 
 
 class PetscObjects:
-    """Objects of PETSc that are freed at the end of a `with` block, also where an error of this package ends it.
+    """Objects with `destroy` and `incRef`, freed at the end of a `with` block, also by an error of this package.
 
     Collective.  Errors of this package are raised on all ranks.  Any other may have come to this rank alone, which must
     not wait for the rest: then nothing is freed.
-
-    Args:
-        things: objects with `destroy` and `incRef`; they may be destroyed before.
     """
 
     def __init__(self, *things: Any) -> None:
@@ -49,10 +46,9 @@ class PetscObjects:
         return thing
 
     def leak(self) -> None:
-        """Never free them, after a failure of PETSc on some ranks, whose objects then differ from rank to rank.
+        """Never free them: after a failure on some ranks, whose objects then differ, freeing would hang.
 
-        Local, but on all ranks.  Freeing is collective, also in PETSc's own clean-up at the end of the program, and
-        would hang; so one reference to each is kept for good.
+        Local, but on all ranks.  One reference to each is kept for good, as PETSc cleans up at the end of the program.
         """
         for thing in self._things:
             if thing:  # not destroyed before
@@ -62,13 +58,10 @@ class PetscObjects:
 
 @contextmanager
 def petsc_errors(comm: MPI.Intracomm, prefix: str, objects: PetscObjects) -> Iterator[None]:
-    """PETSc's errors become SolveError on all ranks; those of Python inside our callbacks are raised unchanged.
+    """Raises SolveError on all ranks for an error of PETSc on any; errors of Python in our callbacks stay as they are.
 
     Collective on comm.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  After a
     failure the objects are never freed.
-
-    Raises:
-        SolveError: PETSc has failed on any rank.
     """
     try:
         with together(comm, _TIMEOUT):

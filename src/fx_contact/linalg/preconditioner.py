@@ -14,10 +14,8 @@ from fx_contact.parallel.arrays import Int64Array
 class Preconditioner:
     """M^-1 for a matrix.
 
-    hypre smooths with the values of the matrix itself, not with a copy: without `set_up` after a change of the matrix,
-    the preconditioner may be indefinite.  Its options are read when the Krylov method reads its own.
-
-    Collective on comm.
+    Collective on comm.  hypre smooths with the values of the matrix itself, not with a copy: without `set_up` after a
+    change of the matrix M may be indefinite.
     """
 
     def __init__(self, comm: MPI.Intracomm, options: PetscOptions, objects: PetscObjects) -> None:
@@ -65,8 +63,7 @@ class Preconditioner:
 class ProjectedPreconditioner:
     """P M^-1 P^T + S, with B P = 0, and S the inverse of the constraints' penalty; S = 0 for rigid constraints.
 
-    The stiffer the penalty, the weaker the coupling of the two parts.  Without a projector it is M^-1 alone, `inner`.
-    The vector is work space.  Collective.
+    Collective.  Without a projector it is M^-1, `inner`.  The vector is work space.
     """
 
     def __init__(self, inner: Preconditioner, vector: PETSc.Vec) -> None:

@@ -1,9 +1,9 @@
 """Exchange of array rows between ranks that know the destinations of their rows, but not the rows they will receive.
 
-On few ranks the lengths and the rows are sent all to all, at a cost that grows with the number of ranks.  On more ranks
-a rank communicates only with its partners, found by a nonblocking consensus (T. Hoefler, C. Siebert, A. Lumsdaine,
-PPoPP 2010): lengths go by synchronous sends; a rank whose sends have completed enters a barrier, and receives until all
-ranks have entered it.  One rank may then be an exchange ahead of another, so two tags alternate.
+On few ranks the lengths and the rows are sent all to all.  On more ranks a rank communicates only with its partners,
+found by a nonblocking consensus (T. Hoefler, C. Siebert, A. Lumsdaine, PPoPP 2010): lengths go by synchronous sends; a
+rank whose sends have completed enters a barrier, and receives until all ranks have entered it.  One rank may then be an
+exchange ahead of another, so two tags alternate.
 
 Point-to-point messages go over the communicator of the meetings, where no receive of the user can match them.
 """

@@ -101,20 +101,13 @@ class Directory:
         asked[slot[found]] = True
         return self._exchange.backward(asked[self._slot])
 
-    def share(self, rows: npt.NDArray[Scalar], given: BoolArray) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """Registered values (n, ...), zero where there is none, and a mask (n,) of the keys that have one.
-
-        Args:
-            rows: (n, ...), values for this rank's keys; values registered by several ranks are equal.
-            given: (n,), keys for which this rank registers a value.
-        """
-        table, known = self._table(rows, given)
-        return self._exchange.backward(table[self._slot]), self._exchange.backward(known[self._slot])
-
     def lookup(
         self, queries: Int64Array, rows: npt.NDArray[Scalar], given: BoolArray
     ) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """As `share`, for any keys (m,), repetition allowed; only values of queried keys are sent."""
+        """Registered values (m, ...) of queried keys (m,), zero where there is none, and a mask of those that have one.
+
+        Queries may repeat.  Of `rows` (n, ...) those `given` (n,) are registered; values of several ranks are equal.
+        """
         queries, back = np.unique(queries, return_inverse=True)
         slot, found, exchange = self._visit(queries)
         wanted = np.zeros(len(self._distinct), dtype=bool)
@@ -137,8 +130,8 @@ class Directory:
     ) -> tuple[Int64Array, Int32Array]:
         """Give each key one owner among the ranks that registered it, and number the keys owner by owner.
 
-        The owner is drawn by `ballot` among the ranks with the highest claim.  Shared keys thus spread evenly, and two
-        keys with the same claimants and the same ballot have the same owner.
+        The owner is drawn by `ballot` among the ranks with the highest claim: keys spread evenly, and two with the same
+        claimants and ballot have the same owner.
 
         Args:
             active: (n,), keys to be numbered, alike on all ranks that registered a key; default all.
@@ -164,8 +157,8 @@ class Directory:
         numbers: Int64Array = np.full(n, -1, dtype=np.int64)
         numbers[own] = offset + np.arange(own.sum())
         if self.comm.size > 1:
-            shared, known = self.share(numbers, own)
-            numbers = np.where(known, shared, -1)
+            table, known = self._table(numbers, own)
+            numbers = self._exchange.backward(np.where(known, table, -1)[self._slot])
         return numbers, owner
 
     def _visit(self, queries: Int64Array) -> tuple[Int64Array, BoolArray, Exchange]:

@@ -16,9 +16,6 @@ from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.results.reference_values import ContactReference
 
-#: Entries of a StepRecord that are compared with a reference.
-FIGURES = ("force", "contact_radius", "max_pressure")
-
 
 @dataclass(frozen=True)
 class FieldError:
@@ -37,12 +34,9 @@ def field_error(elasticity: Elasticity, u: fem.Function, exact: Expr) -> FieldEr
     off = u - exact
     densities = [ufl.inner(elasticity.hooke(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
     densities += [ufl.inner(v, v) for v in (off, exact)]
-    form = compiled(
-        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
-    )
-    sums = fem.assemble_vector(form).array.reshape(-1, 4).sum(axis=0)
-    total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
-    energy, energy_scale, l2, l2_scale = np.sqrt(total)
+    comm, integrand = elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise))
+    sums = fem.assemble_vector(compiled(comm, integrand * dx)).array.reshape(-1, 4).sum(axis=0)
+    energy, energy_scale, l2, l2_scale = np.sqrt(comm.allreduce(sums, op=MPI.SUM))
     return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
 
 
@@ -55,8 +49,6 @@ def energy_distance(step: Step, values: FloatArray) -> float:
     """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
 
     Collective on the step's communicator.  The values (n, (p+1)^3, 3) of v [m] are at the nodes of this rank's leaves.
-    The difference of the energies would be too small, since the bodies penetrate each other between the nodes of curved
-    facets; `Elasticity.change_norm` measures v - u itself.
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -71,15 +63,14 @@ def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
     Collective on the step's communicator.
 
     Returns:
-        `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has them also `pressure`, in
-        the L2 norm over the contact surface, and `axis_stress`, the stress along the axis in the Euclidean norm over
-        the reference's heights.
+        `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
+        L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
 
     Raises:
         SceneError: no step, or one without contact.
     """
     check_step(step, contact=True)
-    found = {name: getattr(step.record, name) for name in FIGURES}
+    found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
     result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
@@ -92,9 +83,8 @@ def _pressure_error(step: Step, reference: ContactReference) -> float:
     """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     assert pairs is not None, "checked by check_step"
-    known = reference.pressure(
-        np.linalg.norm((pairs.position - np.asarray(step.record.contact_centre))[:, :2], axis=1)
-    )
+    arm = pairs.position - np.asarray(step.record.contact_centre)
+    known = reference.pressure(np.linalg.norm(arm[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
     return float(np.sqrt(sums[0] / sums[1]))

@@ -99,7 +99,7 @@ class RecordWriter:
 
 
 def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
-    """Number of the finished step whose record a line is, apart from its costs; None if it is of no finished step."""
+    """Number of the finished step whose record a line is, apart from its costs; None: it is of no such step."""
     try:
         entries = json.loads(line)
         known = next(record for record in finished if record.step == entries["step"])
@@ -140,8 +140,7 @@ def write_fields(step: Step, folder: str | Path) -> None:
 def point_fields(step: Step) -> list[fem.Function]:
     """Displacement [m] and stress [Pa] at equispaced points of each cell, for ParaView.
 
-    Collective on the step's communicator.  VTX draws cells of the order of a function: here the higher one of geometry
-    and displacement, so that the fields are written exactly.
+    Collective on the step's communicator.  The order is the higher one of geometry and displacement.
     """
     order, variant, fields = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced, []
     for name, given in (("displacement", step.displacement), ("stress", step.stress)):

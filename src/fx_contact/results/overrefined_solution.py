@@ -19,19 +19,15 @@ from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.accuracy import energy_distance
 
-#: Degree of over-refined solutions.
-DEGREE = 2
-
 
 @collective("step.forest.comm")
 def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> TrueError:
     """Distance of a step from a finer solution of degree 2, computed from it with default settings.
 
-    Collective on the step's communicator.  The step's displacement is interpolated from forest to forest, exactly in
-    the coordinates of the leaves.  After a step of degree 1 the first finer space is that of degree 2 on its leaves.
+    Collective on the step's communicator.  After a step of degree 1 the first finer space is that of degree 2 on its
+    leaves.
 
     Args:
-        step: to start from.
         tolerance: of the finer solution [-]; half the step's error leaves an eighth of it to the finer estimate.
         scene: with the same root cells and a better geometry; None: the step's own.
 
@@ -43,13 +39,12 @@ def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> True
     tolerance = check_tolerance("the tolerance of the finer solution", tolerance)
     finer: Scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
-    if step.record.degree == DEGREE:
-        marked[step.leaf_mesh.leaf], _ = for_tolerance(
-            step.estimate, tolerance, None, ErrorControl(), step.forest.comm
-        )
+    if step.record.degree == 2:
+        chosen, _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
+        marked[step.leaf_mesh.leaf] = chosen
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, finer))
-    for fine in adapt(finer, tolerance, step.forest.comm, degree=DEGREE, allow=tuple(REFUSED), beginning=beginning):
+    for fine in adapt(finer, tolerance, step.forest.comm, degree=2, allow=tuple(REFUSED), beginning=beginning):
         pass
     distance = energy_distance(fine, fine.carried)
     # Energy errors add in squares (Galerkin orthogonality); contact and penalty disturb it by less than the error of
@@ -65,10 +60,5 @@ def _on(forest: Forest, scene: Scene) -> Forest:
     here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
     if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
         raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")
-    return replace(
-        forest,
-        mesh=scene.mesh,
-        lattice=Lattice(scene.mesh),
-        pairing=scene.pairing,
-        contact_surfaces=scene.contact_surfaces,
-    )
+    surfaces, lattice = scene.contact_surfaces, Lattice(scene.mesh)
+    return replace(forest, mesh=scene.mesh, lattice=lattice, pairing=scene.pairing, contact_surfaces=surfaces)

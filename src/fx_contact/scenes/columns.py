@@ -90,11 +90,6 @@ def patch(
 ) -> Scene:
     """Contact patch test: a `stack` of two blocks of side and height 1, with uniform pressure p = u / (h/E1 + h/E2).
 
-    Local.
-
-    Args:
-        lower, upper: materials.
-        displacement: of the top, downwards [m].
-        order, cells: as in `stack`.
+    Local.  Other arguments as in `stack`.
     """
     return stack((lower, upper), displacement, order=order, cells=cells)

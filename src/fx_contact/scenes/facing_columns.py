@@ -18,28 +18,20 @@ def columns_mesh(
     end: str,
     place: Callable[[str, FloatArray], Sequence[npt.ArrayLike] | FloatArray],
 ) -> RootMesh:
-    """Root mesh of two columns 0.5 x depth x 1 along z that meet in the plane z = 0.
+    """Root mesh of two columns 0.5 x depth x 1 along z that meet in the plane z = 0, with cells along x, y, z.
 
     Local.  The bodies are "lower" and "upper", the surfaces "bottom", "top", "lower END", "upper END", "x = 0", "y = 0"
     and "y = length".
 
     Args:
-        order: of the cell maps.
-        cells: of each column along x, y, z.
-        depth: along y [-].
-        end: name of the facing ends.
         place: maps the name of a body and points (3, n) [-] of it to their positions [m].
     """
     bodies = {
         name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, name))
         for name, low in (("lower", -1.0), ("upper", 0.0))
     }
-    surfaces: dict[str, str | list[str]] = {
-        "bottom": "lower bottom",
-        "top": "upper top",
-        f"lower {end}": "lower top",
-        f"upper {end}": "upper bottom",
-    }
+    surfaces: dict[str, str | list[str]] = {"bottom": "lower bottom", "top": "upper top"}
+    surfaces |= {f"lower {end}": "lower top", f"upper {end}": "upper bottom"}
     for plane, side in (("x = 0", "left"), ("y = 0", "front"), ("y = length", "back")):
         surfaces[plane] = [f"{body} {side}" for body in bodies]
     return root_mesh_from_shapes(bodies, surfaces)

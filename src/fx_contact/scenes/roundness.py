@@ -26,13 +26,11 @@ def check_roundness(
 ) -> None:
     """Raises GeometryError if a surface deviates too much from its sphere within twice the contact radius.
 
-    Local.  A polynomial surface deviates from the sphere by a small fraction of the radius, and cells meet at a small
-    angle.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
+    Local.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
     of order 1 is not checked: it stands for a polyhedron.
 
     Args:
         surface: name of the round surface, whose pole is a vertex.
-        centre, radius: of the sphere [m].
         contact_radius, approach: expected by Hertz's theory [m].
     """
     if mesh.order == 1 or not approach > 0:

@@ -42,13 +42,11 @@ def spheres(
         SceneError, GeometryError: an argument out of range, or a root mesh too coarse for so small a displacement.
     """
     curvature = _curvatures(radii)
-    side = 1 / np.abs(curvature).max() if side is None else side
-    lengths = {"radius": 1 / np.abs(curvature).max(), "side": side}
-    check_arguments(order, coarse, lengths, {"displacement": displacement})
-    if side * np.abs(curvature).max() >= np.sqrt(2):
-        raise SceneError(
-            f"a column of side {side} has no end of radius {1 / np.abs(curvature).max()}: take a smaller side"
-        )
+    radius = 1 / np.abs(curvature).max()
+    side = radius if side is None else side
+    check_arguments(order, coarse, {"radius": radius, "side": side}, {"displacement": displacement})
+    if side / radius >= np.sqrt(2):
+        raise SceneError(f"a column of side {side} has no end of radius {radius}: take a smaller side")
 
     def place(body: str, x: FloatArray) -> FloatArray:
         """Map from boxes to bodies: layers bend towards the contact, the flat faces stay flat."""
@@ -58,16 +56,12 @@ def spheres(
 
     mesh = columns_mesh(order, (coarse,) * 3, 0.5, "end", place)
     _check_ends(mesh, curvature, displacement)
+    vertical = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement))
     return Scene(
         name="spheres",
         mesh=mesh,
         materials={"lower": lower, "upper": upper},
-        dirichlet=(
-            Dirichlet("bottom", z=0.0),
-            Dirichlet("top", z=-float(displacement)),
-            SymmetryPlane("x = 0"),
-            SymmetryPlane("y = 0"),
-        ),
+        dirichlet=(*vertical, SymmetryPlane("x = 0"), SymmetryPlane("y = 0")),
         contact=(ContactPair("lower end", "upper end", direction=(0.0, 0.0, 1.0)),),
         symmetry=4,
         contact_centre=(0.0, 0.0, 0.0),
