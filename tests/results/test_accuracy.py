@@ -11,8 +11,7 @@ from fx_contact import Dirichlet, Enforcement, Material, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.errors import SceneError
-from fx_contact.results.accuracy import contact_errors, energy_distance
-from fx_contact.results.overrefined_solution import true_error
+from fx_contact.results.accuracy import contact_errors, energy_distance, true_error
 from fx_contact.results.reference_values import hertz_a, ssnv104
 from fx_contact.scenes import hertz, indentation, stack
 

@@ -15,7 +15,6 @@ from mpi4py import MPI
 
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.lattice_points import LatticePoints
-from fx_contact.forest.refinement_map import RefinementMap
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.exchange import Exchange, few
@@ -26,6 +25,27 @@ from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
 from fx_contact.problem.root_mesh import RootMesh
+
+
+@dataclass(frozen=True, eq=False)
+class RefinementMap:
+    """Parent and child of each leaf of a refined forest; a leaf and its parent are on the same rank.
+
+    Attributes:
+        parent: (n,), index of the leaf before refinement.
+        child: (n,), number of the leaf among the children of its parent, -1 where the parent was not refined.
+    """
+
+    parent: Int64Array
+    child: Int8Array
+
+    def interpolated(self, values: FloatArray) -> FloatArray:
+        """Nodal values (n, (p+1)^3, ...) of a field of degree p, from those before refinement.  Local; exact."""
+        result: FloatArray = values[self.parent]
+        for child, interpolation in enumerate(hexahedron.child_interpolation(hexahedron.order_of(values.shape[1]))):
+            rows = self.child == child
+            result[rows] = np.einsum("ij,nj...->ni...", interpolation, result[rows])
+        return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_contact.forest.root_curve import RootCurve
+from fx_contact.forest.space_filling_curve import RootCurve
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
 from fx_contact.problem.facet_pairing import Pairing, decode_leaf

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
-from fx_contact.forest.root_curve import RootCurve
+from fx_contact.forest.space_filling_curve import RootCurve
 from fx_contact.parallel.arrays import Int64Array
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 

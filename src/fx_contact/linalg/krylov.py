@@ -11,8 +11,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg.operator import Equations, Operator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.petsc_objects import PetscObjects, petsc_errors
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions, petsc_errors
 from fx_contact.linalg.preconditioner import Preconditioner, ProjectedPreconditioner
 from fx_contact.linalg.stopping import EnergyNorm, StoppingRule
 from fx_contact.parallel.arrays import FloatArray

@@ -1,15 +1,16 @@
 """The ladder of preconditioners: the first one, and its replacements where a Krylov method is slow or fails.
 
 1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.
-2. Cholesky factors, if they are small and the user has chosen no preconditioner: `FACTORISATION_CHECKS`.
+2. MUMPS' Cholesky factors, if they are small and the user has chosen no preconditioner: `FACTORISATION_CHECKS`.
 3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG.
 """
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
-from fx_contact.linalg import factors
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.solver_options import Solver, preconditioner_options
+from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditioner_options
+from fx_contact.parallel.memory import shortage
 
 #: (iterations of one solve, bytes per unknown) at which Cholesky factors take over if their entries need no more.
 #: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that bend PCG takes 400 to more than 2000.
@@ -22,6 +23,12 @@ FALLBACKS = ("cholesky", "boomeramg-robust")
 #: all solves, with 1, 2, 3: clamped blocks at 0.499 42, 38, 34 and 28, 24, 23; Hertz at 0.49999 26, 23, 22 and 52, 47,
 #: 46 (`studies.incompressible.run --cycles`).
 MIXED_CYCLES = 3
+
+#: Bytes of the factors of n unknowns over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates
+#: (`studies.cost.flat --factors`).
+_BYTES = 300
+#: Kinds of preconditioner that factorise the matrix.
+FACTORISATIONS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 
 
 class Ladder:
@@ -53,5 +60,34 @@ class Ladder:
 
     def fallback(self, comm: MPI.Intracomm, present: str) -> str | None:
         """The preconditioner that replaces the present one where it fails; None: there is none.  Collective on comm."""
-        name = FALLBACKS[0 if factors.can_be_made(comm, factors.predicted_bytes(self._unknowns)) else 1]
+        name = FALLBACKS[0 if can_be_made(comm, predicted_bytes(self._unknowns)) else 1]
         return None if present in (FALLBACKS[0], name) else name
+
+
+def predicted_bytes(unknowns: int) -> float:
+    """Memory for the factors of a solid body, on all ranks.  Local."""
+    return _BYTES * unknowns ** (4 / 3)
+
+
+def can_be_made(comm: MPI.Intracomm, size: float) -> bool:
+    """True if PETSc has MUMPS, and the hosts have so many bytes for all ranks.  Collective on comm."""
+    return PETSc.Sys.hasExternalPackage("mumps") and shortage(comm, size / comm.size) is None
+
+
+def analysed(matrix: PETSc.Mat) -> tuple[float, float]:
+    """Bytes of the factors of an SPD AIJ matrix, and of all memory for them, summed over ranks, by MUMPS' analysis.
+
+    Collective on matrix.comm.  Ordering and estimate hardly depend on the number of ranks; the memory grows with it.
+    """
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor = pc.getFactorMatrix()
+    factor.setMumpsIcntl(14, PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"])
+    factor.setMumpsIcntl(23, 1)  # memory [MB], too little to go on after the analysis
+    pc.setUp()
+    entries, megabytes = factor.getMumpsInfog(20), factor.getMumpsInfog(17)
+    pc.destroy()
+    return 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes

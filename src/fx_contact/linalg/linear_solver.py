@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.linalg import factors
+from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod, KrylovSolver
 from fx_contact.linalg.ladder import FALLBACKS, Ladder
 from fx_contact.linalg.matrix import BlockMatrix, as_aij
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
@@ -68,9 +67,9 @@ class LinearSolver:
             self._ladder.end_checks()
         krylov = _method(volume).create(self._comm, self._options, objects)
         kind = krylov.preconditioner.pc.getType()
-        if kind in factors.FACTORISATIONS:
+        if kind in ladder.FACTORISATIONS:
             what = f"the preconditioner {kind!r} of {unknowns:,} unknowns"
-            need = factors.predicted_bytes(unknowns) / self._comm.size
+            need = ladder.predicted_bytes(unknowns) / self._comm.size
             check_memory(self._comm, what, need, "take 'boomeramg', the default, or more hosts")
         self._method = self._method_of(krylov, matrix.in_format_of(kind), volume)
         self.preconditioner = krylov.preconditioner.name(self._ladder.name)
@@ -144,11 +143,11 @@ class LinearSolver:
 
     def _factorise(self, most: float) -> bool:
         """Change to Cholesky factors if their entries need at most so many bytes; False: they do not."""
-        if self._replaced or self.preconditioner in FALLBACKS or not factors.can_be_made(self._comm, most):
+        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, most):
             return False
         mat = self._matrix_to_factorise()
-        size, memory = factors.analysed(mat)
-        if size <= most and factors.can_be_made(self._comm, memory):
+        size, memory = ladder.analysed(mat)
+        if size <= most and ladder.can_be_made(self._comm, memory):
             method = self._replacement("cholesky", mat)
             if not method.preconditioner.pc.getFailedReason():
                 self._method.preconditioner.pc.reset()

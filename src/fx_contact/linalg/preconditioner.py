@@ -5,8 +5,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg.operator import Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS
 from fx_contact.parallel.arrays import Int64Array
 

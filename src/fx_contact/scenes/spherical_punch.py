@@ -11,7 +11,7 @@ from fx_contact.problem.scene import Scene
 from fx_contact.results.analytic import Hertz
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.cube_indentation import cube_on_block
-from fx_contact.scenes.roundness import check_roundness, sagitta
+from fx_contact.scenes.round_bodies import check_roundness, sagitta
 from fx_contact.scenes.symmetry import sideways
 
 

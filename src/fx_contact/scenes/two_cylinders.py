@@ -10,8 +10,7 @@ from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.facing_columns import columns_mesh
-from fx_contact.scenes.roundness import sagitta
+from fx_contact.scenes.round_bodies import columns_mesh, sagitta
 
 
 def cylinders(

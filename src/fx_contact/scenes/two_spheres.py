@@ -12,8 +12,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.facing_columns import columns_mesh
-from fx_contact.scenes.roundness import check_roundness, sagitta
+from fx_contact.scenes.round_bodies import check_roundness, columns_mesh, sagitta
 
 
 def spheres(
