@@ -66,9 +66,8 @@ def test_contact_surface(degree):
     inside, far = radius < 0.6 / degree * exact.contact_radius, radius > 2 * exact.contact_radius
     assert inside.any() and np.allclose(values["closed"][inside], 1)
     assert np.allclose(values["gap"][inside], 0, atol=1e-9)
-    assert (
-        (values["closed"][far] == 0).all() and (values["pressure"][far] == 0).all() and (values["gap"][far] > 0).all()
-    )
+    closed, pressure, gap = (values[name][far] for name in ("closed", "pressure", "gap"))
+    assert (closed == 0).all() and (pressure == 0).all() and (gap > 0).all()
 
 
 @pytest.mark.parametrize("order", [1, 2])
