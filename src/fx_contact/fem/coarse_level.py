@@ -53,9 +53,8 @@ def _interpolation(fine: Prolongation, coarse: Prolongation, below: Supports) ->
     corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
     weights = np.kron(corners, np.kron(corners, corners))[node]
     nodes = coarse.space.cells[leaf]
-    values = csr_matrix(
-        (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
-    )
+    entries = weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)
+    values = csr_matrix(entries, shape=(fine.owned, len(coarse.space)))
     values.eliminate_zeros()
     matrix = kron(values @ coarse.matrix, identity(3), format="csr") @ below.ghosted(coarse).projector()
     matrix.eliminate_zeros()

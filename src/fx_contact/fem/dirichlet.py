@@ -1,6 +1,7 @@
 """Prescribed displacements and symmetry planes of a scene at the conforming nodes of a forest."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -45,11 +46,8 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
         # The owner of a node need not have a leaf face on the surface: the value comes from ranks that have one.
         mean = prolongation.averaged(at, values)
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
-
-        def place(row: int, nodes: Int64Array = ours) -> FloatArray:
-            return _position(prolongation, int(nodes[row]))
-
         with together(forest.comm):
+            place = partial(_position, prolongation, ours)
             result[ours] = merged(result[ours], condition, mean[ours], _SAME * largest, place)
     if not scene.oblique_planes:
         return Supports(result)
@@ -62,12 +60,8 @@ def _with_planes(
     """Arguments of Supports: prescribed components, those by planes across axes included, and P at oblique planes."""
     across: FloatArray = np.zeros((len(prescribed), 3, 3))
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
-
-        def place(row: int, nodes: Int64Array = nodes) -> FloatArray:
-            return _position(prolongation, int(nodes[row]))
-
         with together(prolongation.comm):
-            plane.check(prescribed[nodes], largest, place)
+            plane.check(prescribed[nodes], largest, partial(_position, prolongation, nodes))
         across[nodes] += plane.across
     nodes = np.flatnonzero(across.any(axis=(1, 2)))
     free, across = np.isnan(prescribed[nodes]), across[nodes]
@@ -136,9 +130,9 @@ def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> Int6
     return here[~prolongation.hanging[here]]
 
 
-def _position(prolongation: Prolongation, node: int) -> FloatArray:
-    """Position (3,) [m] of an owned conforming node."""
-    return prolongation.space.positions(np.flatnonzero(prolongation.conforming == node))[0]
+def _position(prolongation: Prolongation, nodes: Int64Array, row: int) -> FloatArray:
+    """Position (3,) [m] of one of some owned conforming nodes."""
+    return prolongation.space.positions(np.flatnonzero(prolongation.conforming == nodes[row]))[0]
 
 
 def _nodes_at(scene: Scene, space: Space, name: str) -> IntArray:

@@ -44,7 +44,7 @@ class Rows(Protocol):
 class Elasticity:
     """Displacements of degree p on a leaf mesh with one material a body.
 
-    Collective on mesh.comm.  Displacements are arguments, as a `field` or conforming values.
+    Collective on mesh.comm.
 
     Args:
         materials: (nbodies, 2), rows (E [Pa], nu [-]), in the order of the bodies.
@@ -88,9 +88,7 @@ class Elasticity:
         if self.projects:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
-            self._projection = VolumeProjection(
-                mesh, prolongation.space.degree, lambda integrand, cells: self._compiled(integrand, cells)
-            )
+            self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
@@ -107,10 +105,9 @@ class Elasticity:
         field = self.blank()
         field.function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
         if field.projected is not None:
-            moments = self._integral(
-                "moments", ufl.inner(ufl.TestFunction(self._projection.space), ufl.div(self.argument.function))
-            )
-            field.projected.x.array[:] = self._projection.projected(moments.vector(field))
+            q = ufl.TestFunction(self._projection.space)
+            moments = self._integral("moments", ufl.inner(q, ufl.div(self.argument.function))).vector(field)
+            field.projected.x.array[:] = self._projection.projected(moments)
         return field
 
     def on(self, prolongation: Prolongation) -> Elasticity:

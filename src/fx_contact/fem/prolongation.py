@@ -156,9 +156,8 @@ def _masters(space: Space) -> tuple[Int64Array, FloatArray]:
         asked = np.flatnonzero(directory.asked(space.keys))
         leaf, which, point = example[asked].T
         rows = np.column_stack([space.keys[space.cells[leaf[:, None], nodes[which]]], point])
-        rows, found = Directory(space.forest.comm, directory.keys[asked], space.forest.homes.of_points).lookup(
-            space.keys, rows, np.ones(len(asked), dtype=bool)
-        )
+        known = Directory(space.forest.comm, directory.keys[asked], space.forest.homes.of_points)
+        rows, found = known.lookup(space.keys, rows, np.ones(len(asked), dtype=bool))
         share = shares[rows[found, -1]]
         masters[found, : nodes.shape[1]] = np.where(share != 0, rows[found, :-1], _NONE)
         weights[found, : nodes.shape[1]] = share

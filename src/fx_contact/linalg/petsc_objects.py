@@ -91,16 +91,10 @@ def clear_hypre_errors() -> None:
 
 
 class PetscOptions:
-    """The options of one PETSc object.
+    """The options of one PETSc object: defaults, which another `pc_type` of the user replaces, and given by the user.
 
-    Collective on comm.  PETSc ignores the case of names; here they are in small letters.
-
-    Args:
-        defaults: the program's options; another `pc_type` of the user replaces all of them.
-        given: the user's options.
-
-    Attributes:
-        of_user: options given by the user, as arguments or on the command line, without prefix.
+    Collective on comm.  PETSc ignores the case of names; here they are in small letters, without prefix.  `of_user` are
+    those given and those of the command line.
 
     Raises:
         SceneError: ranks have different options under the prefix on the command line; PETSc would hang.
@@ -137,12 +131,9 @@ class PetscOptions:
                 database.delValue(name)
 
     def check_read(self) -> None:
-        """See that all options of the user have been read.
+        """Raises SceneError if an option of the user has not been read on any rank: solvers inside others are on some.
 
         Collective on comm.
-
-        Raises:
-            SceneError: one has not been read on any rank: solvers inside others are on some.
         """
         for name in sorted(set.intersection(*map(set, self._comm.allgather(sorted(self._unread))))):
             raise SceneError(

@@ -136,9 +136,8 @@ def _announced(
     own, status = targets == link.rank, MPI.Status()
     barrier: MPI.Request | None = None
     found = dict(zip(map(int, targets[own]), map(int, lengths[own])))
-    requests = [
-        link.Issend(lengths[i : i + 1], rank, tag) for i, rank in enumerate(map(int, targets)) if rank != link.rank
-    ]
+    others = map(int, np.flatnonzero(~own))
+    requests = [link.Issend(lengths[i : i + 1], int(targets[i]), tag) for i in others]
     while True:
         message = link.Improbe(MPI.ANY_SOURCE, tag, status)
         if message is not None:

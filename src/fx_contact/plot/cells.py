@@ -144,9 +144,8 @@ def _draw_groups(
 ) -> "Path | Plotter | None":
     """Leaves beyond the y of a point, about a centre, in the colours of their groups; a legend if there is a word."""
     leaf, face = visible_faces(forest, cut, reach)
-    shown, colour = on_first(forest.comm, face_points(forest, leaf, face), group[leaf]), _COLOURS.get(
-        word, _number_colour
-    )
+    shown = on_first(forest.comm, face_points(forest, leaf, face), group[leaf])
+    colour = _COLOURS.get(word, _number_colour)
 
     def draw(plotter: "Plotter") -> None:
         """The picture, on rank 0."""

@@ -143,9 +143,9 @@ def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> True
     for fine in adapt(finer, tolerance, step.forest.comm, degree=2, allow=tuple(REFUSED), beginning=beginning):
         pass
     distance = energy_distance(fine, fine.carried)
-    # Energy errors add in squares (Galerkin orthogonality); contact and penalty disturb it by less than the error of
-    # the estimate.
-    relative = float(np.hypot(distance, fine.record.estimate))
+    relative = float(
+        np.hypot(distance, fine.record.estimate)
+    )  # energy errors add in squares (Galerkin orthogonality)
     return TrueError(distance, fine.record.estimate, fine.record.dofs, relative)
 
 

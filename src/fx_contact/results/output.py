@@ -30,14 +30,11 @@ _TELLING, _SAME = ("cells", "dofs", "force", "estimate"), 1e-6
 class RecordWriter:
     """Writer of `steps.jsonl` in a folder, created if missing: a step record per line, on disk as soon as written.
 
-    Collective on comm.
+    Collective on comm.  `path` is that of the file.
 
     Args:
         finished: records of the steps before a restart.  With them the complete lines of the file are kept and missing
             ones added; without, the file starts empty.
-
-    Attributes:
-        path: of the file.
 
     Raises:
         SceneError: comm is no communicator.

@@ -24,18 +24,15 @@ def indentation(
 ) -> Scene:
     """A cube of side H on a block 3 H x 3 H x H, pressed down at its top; the block's bottom is fixed vertically.
 
-    Local.  The meshes match on the contact surface, the initial gap is zero.
+    Local.  The meshes match on the contact surface, the initial gap is zero.  Raises SceneError or GeometryError for an
+    argument out of range.
 
     Args:
         side: H [m].
         displacement: of the cube's top, downwards [m].
-        block, cube: materials.
         order: of the root mesh, 1 to 6; the geometry is affine.
         coarse: root cells along H, even.
         symmetry: "quarter" models x, y >= 0, "full" the whole.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range.
     """
     check_arguments(order, coarse, {"side": side}, {"displacement": displacement}, symmetry, even=True)
     vertical = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement))

@@ -32,9 +32,9 @@ def hertz(
     symmetry: str = "quarter",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Scene:
-    """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces.
+    """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces, half on each.
 
-    Collective on comm.  The flat faces move by half the displacement each, free laterally; the gap is measured along z.
+    Collective on comm.  The flat faces are free laterally; the gap is measured along z.
 
     Args:
         radius: of both spheres [m].

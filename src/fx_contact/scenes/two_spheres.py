@@ -27,18 +27,15 @@ def spheres(
     """Two square columns with spherical ends, "lower" and "upper", pressed together pole to pole.
 
     Local.  A quarter is modelled.  The meshes of the ends match for all radii: an infinite radius is a flat end (a
-    sphere on a block), a negative one a hollow end (a ball in a socket).
+    sphere on a block), a negative one a hollow end (a ball in a socket).  Raises SceneError or GeometryError for an
+    argument out of range, or a root mesh too coarse for so small a displacement.
 
     Args:
         radii: of the lower and the upper end [m]; 1/R1 + 1/R2 = 1/R* must be positive.
         displacement: approach of the columns' flat ends [m]; the lower one is fixed vertically.
         side: width and height of each column [m]; None: the smaller radius.
-        lower, upper: materials.
         order: of the root mesh, 2 to 6 for round ends.
         coarse: root cells along half a side.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range, or a root mesh too coarse for so small a displacement.
     """
     curvature = _curvatures(radii)
     radius = 1 / np.abs(curvature).max()
