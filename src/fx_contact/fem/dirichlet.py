@@ -131,7 +131,6 @@ def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> Int6
 
 
 def _position(prolongation: Prolongation, nodes: Int64Array, row: int) -> FloatArray:
-    """Position (3,) [m] of one of some owned conforming nodes."""
     return prolongation.space.positions(np.flatnonzero(prolongation.conforming == nodes[row]))[0]
 
 

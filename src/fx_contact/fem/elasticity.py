@@ -277,5 +277,4 @@ class Elasticity:
 
 
 def _first_lame(second: FloatArray) -> FloatArray:
-    """The first Lame coefficient for `MATRIX_POISSON` and the second one."""
     return 2 * MATRIX_POISSON / (1 - 2 * MATRIX_POISSON) * second

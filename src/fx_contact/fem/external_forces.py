@@ -1,7 +1,6 @@
 """Surface and body forces of a scene on the conforming unknowns, integrated over the curved leaves with NumPy.
 
-A user's force is a NumPy function of position, evaluated at the integration points.  UFL would need its interpolant,
-as quadrature spaces exist on cells alone, and seconds to compile each new form.
+A user's force is a NumPy function of position, evaluated at the integration points.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -125,7 +124,6 @@ def _places(forest: Forest, force: _Load) -> Iterator[tuple[IntArray, int | None
 def _rule(space: Space, order: int, face: int | None, more: int = 0, parts: int = 1) -> _Rule:
     """The rule of loads, with so many points more, in each of so many parts."""
     # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    # NumPy has any number of points.  The errors of their last digits matter for gaps alone (`Space.facet_rule`).
     points, weights = np.polynomial.legendre.leggauss(space.degree + (1 if face is None else order) + more)
     halves = np.add.outer(np.arange(parts), (points + 1) / 2).ravel()
     return halves / parts, np.tile(weights / 2, parts) / parts

@@ -1,9 +1,8 @@
 """Hanging nodes and the prolongation P from conforming to all nodal unknowns.
 
 A node of a fine leaf on an edge or face of a coarser leaf, but none of its nodes, hangs there: its value is that of the
-coarser leaf's function.  At degree 1 these are the middles of edges and faces, with the weights 1/2 and 1/4 (section 2
-of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang themselves are
-replaced by theirs.
+coarser leaf's function (section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).
+Masters that hang themselves are replaced by theirs.
 """
 
 from typing import TypeVar

@@ -1,8 +1,8 @@
 """Displacement conditions at conforming nodes, as orthogonal projectors on the free displacements.
 
 At a node some components are prescribed; on symmetry planes oblique to the axes also N u = 0, with N the projector on
-the span of the normals there, without prescribed components.  Components remain those along x, y and z.  With the
-projector P = I - N and s similar to the diagonal of K, the matrix is P K P + s N.
+the span of the normals there, without prescribed components.  With P = I - N and s similar to the diagonal of K, the
+matrix is P K P + s N.
 """
 
 from __future__ import annotations

@@ -164,9 +164,8 @@ class Forest:
     def refined(self, marked: BoolArray) -> tuple["Forest", RefinementMap]:
         """Refine the marked leaves (n,), their partners, and the leaves that the balance requires.
 
-        Collective on comm.  Facing leaves are refined together (5).  No quarter point of an edge of a leaf is a vertex,
-        so every edge has at most one hanging node.  Leaves around the rim of a paired surface are refined with it, so
-        facing vertices are both hanging or both conforming.
+        Collective on comm.  Facing leaves are refined together (5), and those around the rim of a paired surface with
+        it.  No quarter point of an edge of a leaf is a vertex, so every edge has at most one hanging node.
 
         Returns:
             The new forest, with children in the place of their parent, and the map to this one.

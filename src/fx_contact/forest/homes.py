@@ -1,8 +1,7 @@
 """Home ranks of keys, where the values registered for a key meet (`parallel.mpi.Directory`): near the leaves.
 
 The home of a lattice point is the rank whose piece of the space-filling curve contains it, by the cuts of the last
-partition, which all ranks know.  The key gives a root entity and integer coordinates there; a root cell of that entity
-gives the key on the curve.  So a rank communicates with its neighbours only.  Refinement keeps leaves near their homes.
+partition, which all ranks know.  So a rank communicates with its neighbours only.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@
     sfc              Hilbert curve that ignores contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, after a partition by the curve
 
-A partition is a sequence of stages, each of which redistributes the units.  Parts are the ranks of a run.
+A partition is a sequence of stages, each of which redistributes the units.
 """
 
 from collections.abc import Callable

@@ -13,15 +13,13 @@ from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditi
 from fx_contact.parallel.memory import shortage
 
 #: (iterations of one solve, bytes per unknown) at which Cholesky factors take over if their entries need no more.
-#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that bend PCG takes 400 to more than 2000.
-#: On flat cells 7 to 14 iterations suffice except in bodies that bend, FGMRES 19 to 48.  In seconds factors pay where
-#: cells are flatter than 1:16 (`studies.cost.preconditioners`, `studies.cost.flat`).
+#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that bend PCG takes 400 to more than 2000,
+#: on flat cells of others 7 to 14, FGMRES 19 to 48 (`studies.cost.preconditioners`, `studies.cost.flat`).
 FACTORISATION_CHECKS = {"default": ((50, 4.5e3), (200, 6e3)), "flat cells": ((30, 4.5e3), (200, 6e3))}
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")
-#: Cycles of BoomerAMG below p-multigrid in the mixed form.  The last solve's iterations, and microseconds an unknown of
-#: all solves, with 1, 2, 3: clamped blocks at 0.499 42, 38, 34 and 28, 24, 23; Hertz at 0.49999 26, 23, 22 and 52, 47,
-#: 46 (`studies.incompressible.run --cycles`).
+#: Cycles of BoomerAMG below p-multigrid in the mixed form: 4 to 8 iterations less than with one, 12 to 18 % less time
+#: (`studies.incompressible.run --cycles`).
 MIXED_CYCLES = 3
 
 #: Bytes of the factors of n unknowns over n^(4/3): 240 to 270 in blocks, 80 to 170 in plates

@@ -158,7 +158,6 @@ class LinearSolver:
         return False
 
     def _fall_back(self) -> bool:
-        """Change to a stronger preconditioner; False: there is none."""
         name = None if self._replaced else self._ladder.fallback(self._comm, self.preconditioner)
         if name is None:
             return False

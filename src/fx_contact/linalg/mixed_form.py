@@ -112,7 +112,6 @@ class FlexibleGmres(KrylovMethod):
         reasons, next_check, allowed = PETSc.KSP.ConvergedReason, np.inf, np.nan
 
         def converged(ksp: PETSc.KSP, count: int, norm: float) -> int:
-            """PETSc's convergence reason, or that to continue."""
             nonlocal next_check, allowed
             if norm > next_check:
                 return reasons.DIVERGED_MAX_IT if count >= most else reasons.ITERATING
@@ -149,7 +148,6 @@ class FlexibleGmres(KrylovMethod):
         return forces * self._root, strains / self._weight
 
     def _parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Displacement (owned, 3) and pressure (m,) of unknowns."""
         return values[: self._size].reshape(-1, 3), values[self._size :]
 
     def _product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -19,9 +19,8 @@ from fx_contact.parallel.meeting import meetings_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-#: Largest number P of ranks with an exchange all to all and hashed homes.  If rows are sent three times, it takes
-#: log2 P + 3 (P - 1) messages per rank, and log2 P + 5 k between k partners.  The busiest of 64 ranks has k = 18 to 22,
-#: so both are equal at about 32 (studies/partition: 36 against 50 ms on 32 ranks, 89 against 51 ms on 64).
+#: Largest number P of ranks with an exchange all to all and hashed homes: of 3 (P - 1) messages per rank, against 5 k
+#: between k = 18 to 22 partners (studies/partition: 36 against 50 ms on 32 ranks, 89 against 51 ms on 64).
 FEW_RANKS = 32
 #: Tags of lengths, alternating, and of rows.
 _LENGTHS, _ROWS = (1206, 1207), 1208

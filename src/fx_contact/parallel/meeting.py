@@ -53,14 +53,12 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
     argument, *attributes = comm.split(".")
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        """The function with its meeting."""
         name = what or function.__qualname__.removesuffix(".__init__")
         parameters = inspect.signature(function).parameters
         place, default = list(parameters).index(argument), parameters[argument].default
 
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            """The function after its meeting."""
             found: Any = args[place] if place < len(args) else kwargs.get(argument, default)
             step = getattr(getattr(found, "record", None), "step", None)
             for attribute in attributes:
@@ -224,7 +222,6 @@ def _wait(meetings: list[Meetings], limit: float = np.inf, name_late: bool = Fal
 
 
 def _sentence(calls: list[str]) -> str:
-    """Error message for different calls, one per rank."""
     named = ", ".join(
         f"{what} on {_ranks([rank for rank, call in enumerate(calls) if call == what])}"
         for what in dict.fromkeys(calls)

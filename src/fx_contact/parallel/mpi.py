@@ -4,9 +4,8 @@ A lattice point is named by an int64 key that every rank computes alike.  Values
 computed from the key: one exchange there, one back.  Homes are near the leaves that have the keys (`forest.homes`), or
 given by a hash.  No rank stores more than its share of the keys.
 
-Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  A collective of Python objects
-makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed.  Python frees the
-communicators of dolfinx at any time, also while it handles an exception, and the removal may then hang.
+Collectives of this package use the user's communicator, never one of dolfinx or PETSc: one of Python objects makes
+mpi4py attach a lock, whose removal may hang where Python frees a communicator of dolfinx while it handles an exception.
 """
 
 import pickle
@@ -34,8 +33,8 @@ def together(comm: MPI.Intracomm, timeout: float | None = None) -> Iterator[None
     Collective on comm.  The block must not communicate, unless there is a timeout.
 
     Args:
-        timeout: for a block that communicates [s].  The other ranks may wait for the failed one inside the block.  If
-            they do not leave it in time, the failed rank prints its error and aborts all ranks.
+        timeout: for a block that communicates [s], in which other ranks may wait for a failed one.  If they do not
+            leave it in time, that rank prints its error and aborts all ranks.
 
     Raises:
         Exception: the error of the lowest rank on which the block failed.

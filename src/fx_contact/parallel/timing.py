@@ -100,7 +100,6 @@ def _log_stages() -> dict[str, PETSc.Log.Stage]:
 
 
 def _clocks() -> FloatArray:
-    """Wall and CPU seconds of this process."""
     return np.array([time.perf_counter(), time.process_time()])
 
 
@@ -112,5 +111,4 @@ def _resident() -> int:
 
 
 def _peak() -> int:
-    """Maximum of the resident memory of this process so far [bytes]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

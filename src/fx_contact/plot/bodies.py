@@ -82,7 +82,6 @@ def draw_bodies(
     shown = on_first(step.forest.comm, points, values)
 
     def draw(plotter: "Plotter") -> None:
-        """The picture, on rank 0."""
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
         add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")

@@ -152,7 +152,6 @@ def exceeded(surface: "PolyData", name: str, share: float) -> float:
 
 @contextmanager
 def _display() -> Iterator[None]:
-    """An X display for pyvista: the present one, or else a virtual one."""
     if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
         yield
         return

@@ -127,7 +127,6 @@ def draw_parts(
 
 
 def _groups(forest: Forest, colour: str) -> IntArray:
-    """Rank or level (n,) of the leaves."""
     check_name("colouring", colour, _COLOURS)
     return forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
 
@@ -148,7 +147,6 @@ def _draw_groups(
     colour = _COLOURS.get(word, _number_colour)
 
     def draw(plotter: "Plotter") -> None:
-        """The picture, on rank 0."""
         faces, group = shown
         numbers = np.unique(group).tolist()
         for number in numbers:

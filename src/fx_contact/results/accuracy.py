@@ -91,7 +91,6 @@ def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
 
 
 def _pressure_error(step: Step, reference: ContactReference) -> float:
-    """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     assert pairs is not None, "checked by check_step"
     arm = pairs.position - np.asarray(step.record.contact_centre)
