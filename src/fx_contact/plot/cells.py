@@ -100,8 +100,8 @@ def draw_partition(
 ) -> "Path | Plotter | None":
     """All undeformed leaves, coloured, without those before the plane across y through the centre of the contact.
 
-    Collective on the step's communicator; rank 0 draws and receives visible faces only.  Arguments and errors are those
-    of `draw_mesh`.
+    Collective on the step's communicator; rank 0 draws and receives visible faces only.  Arguments as in `draw_mesh`.
+    Raises SceneError for an unknown colouring or no step, OutputError if the picture cannot be written.
     """
     check_step(step)
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
