@@ -21,11 +21,8 @@ def _flags() -> list[str]:
 def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
     """Compile a form, or take it from FFCx's cache.
 
-    Collective on comm, the user's communicator with the ranks of the form's mesh.  A run killed during compilation
-    leaves a file in the cache that makes FFCx fail after 10 s; the error names it.
-
-    Raises:
-        CompilationError: the form cannot be compiled, cached or loaded on some rank.
+    Collective on comm, the user's communicator.  Raises CompilationError if the form cannot be compiled, cached or
+    loaded on some rank: a run killed during compilation leaves a file that makes FFCx fail; the error names it.
     """
     result, failure = None, None
     try:

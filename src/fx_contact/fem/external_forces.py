@@ -30,10 +30,7 @@ _Rule: TypeAlias = tuple[FloatArray, FloatArray]
 def load(scene: Scene, forest: Forest, elasticity: Elasticity) -> FloatArray:
     """Generalised external forces (owned, 3) [N] on the conforming nodes.
 
-    Collective on forest.comm.
-
-    Raises:
-        SceneError: a force that is a function fails or is not finite somewhere.
+    Collective on forest.comm.  Raises SceneError if a force that is a function fails or is not finite somewhere.
     """
     return load_and_totals(scene, forest, elasticity)[0]
 

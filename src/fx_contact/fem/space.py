@@ -28,7 +28,7 @@ _GAUSS: dict[int, tuple[FloatArray, FloatArray]] = {
 class Space:
     """The nodes of degree p = 1 or 2 of this rank's leaves.
 
-    Collective on forest.comm.
+    Collective on forest.comm.  Raises SceneError for another degree.
 
     Attributes:
         keys: (m,), lattice keys of the nodes, in the order of their first leaves; there is a `directory` of them.
@@ -36,9 +36,6 @@ class Space:
         example: (m, 2), a leaf of each node and its local number there.
         face_nodes: (6, (p+1)^2), local nodes of each face of a leaf, first tangent fastest.
         edge_nodes: (12, p+1), local nodes of each edge, from its low end.
-
-    Raises:
-        SceneError: another degree.
     """
 
     def __init__(self, forest: Forest, degree: int) -> None:

@@ -162,13 +162,11 @@ class Forest:
         return leaf, entity
 
     def refined(self, marked: BoolArray) -> tuple["Forest", RefinementMap]:
-        """Refine the marked leaves (n,), their partners, and the leaves that the balance requires.
+        """Refine the marked leaves (n,), their partners, and the leaves that the balance requires; also the map.
 
         Collective on comm.  Facing leaves are refined together (5), and those around the rim of a paired surface with
         it.  No quarter point of an edge of a leaf is a vertex, so every edge has at most one hanging node.
-
-        Returns:
-            The new forest, with children in the place of their parent, and the map to this one.
+        Children are in the place of their parent.
 
         Raises:
             GeometryError: a leaf of the finest level is marked.

@@ -149,11 +149,7 @@ class KrylovMethod(ABC):
 
     @abstractmethod
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
-        """Iterate from a first guess (owned, 3) [m], at most so many times.
-
-        Raises:
-            SolveError: an energy norm that is not finite.
-        """
+        """Iterate from a first guess (owned, 3) [m], at most so many times.  Raises SolveError as `StoppingRule`."""
 
 
 class ConjugateGradients(KrylovMethod):

@@ -69,10 +69,8 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied
     """An empty matrix with room for the couplings of nodes, no more.
 
     Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
-    and ghosts.  With p-multigrid the matrix is not copied.
-
-    Raises:
-        SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
+    and ghosts.  With p-multigrid the matrix is not copied.  Raises SolveError if the matrix and its preconditioner
+    would not fit into the memory that the hosts have left.
     """
     lengths = _row_lengths(comm, graph, imap)
     needed = (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths)

@@ -37,8 +37,7 @@ class StoppingRule:
     def allowed(self, u: FloatArray, tolerance: float, reference: float | None = None) -> float:
         """The error allowed near u [J^(1/2)], relative to an energy norm, by default omega(u).
 
-        Raises:
-            SolveError: an energy norm that is not finite.
+        Raises SolveError for an energy norm that is not finite.
         """
         reference = self.energy_norm(u) if reference is None else reference
         scaled = (self._root * u).ravel()

@@ -75,10 +75,8 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
 def calling(comm: Any, what: str) -> Iterator[None]:
     """Context of a collective call of a name, as for `collective`.
 
-    Collective on comm.  Anything but a communicator has no meeting: the call itself will raise an error.
-
-    Raises:
-        CallError: other ranks make another call, failed in the previous one, or have ended their program.
+    Collective on comm.  Raises CallError if other ranks make another call, failed in the previous one, or have ended
+    their program.  Anything but a communicator has no meeting: the call itself will raise an error.
     """
     meetings = meetings_of(comm)
     if meetings is None or meetings.inside:
@@ -109,11 +107,8 @@ def expect_end() -> None:
 def leave(error: BaseException | None = None) -> None:
     """Notify the other ranks of the end of this rank's program, and wait until they have ended or taken note.
 
-    Collective on the communicators that have Meetings.  All ranks are aborted if this one ends by an error and the
-    others do not answer, since they may wait for it in messages of their own.
-
-    Args:
-        error: that ends the program; None: the last one that Python has printed, if any.
+    Collective on the communicators that have Meetings.  If the program ends by an error, by default the last one that
+    Python has printed, and the others do not answer, all ranks are aborted: they may wait in messages of their own.
     """
     if MPI.Is_finalized():
         return

@@ -28,16 +28,10 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 @contextmanager
 def together(comm: MPI.Intracomm, timeout: float | None = None) -> Iterator[None]:
-    """Run a block of local code; an error on any rank is raised on every rank.
+    """Run a block of local code; an error on any rank is raised on every rank, by default that of the lowest one.
 
-    Collective on comm.  The block must not communicate, unless there is a timeout.
-
-    Args:
-        timeout: for a block that communicates [s], in which other ranks may wait for a failed one.  If they do not
-            leave it in time, that rank prints its error and aborts all ranks.
-
-    Raises:
-        Exception: the error of the lowest rank on which the block failed.
+    Collective on comm.  The block must not communicate, unless there is a timeout [s]: if the other ranks do not leave
+    it in time, the failed one prints its error and aborts all.
     """
     error: BaseException | None = None
     try:
@@ -134,7 +128,7 @@ class Directory:
 
         Args:
             active: (n,), keys to be numbered, alike on all ranks that registered a key; default all.
-            claim: (n,), the highest one wins; default equal.
+            claim: (n,); default equal.
             ballot: (n,) non-negative; default the key itself.
 
         Returns:

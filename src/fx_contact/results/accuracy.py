@@ -71,14 +71,11 @@ def energy_distance(step: Step, values: FloatArray) -> float:
 def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
     """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
 
-    Collective on the step's communicator.
+    Collective on the step's communicator.  Raises SceneError for no step or one without contact.
 
     Returns:
         `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
         L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
-
-    Raises:
-        SceneError: no step, or one without contact.
     """
     check_step(step, contact=True)
     found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
