@@ -38,13 +38,14 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
     """
     conditions = [condition for condition in scene.conditions if isinstance(condition, Dirichlet)]
     with together(forest.comm):
-        local = [_prescribed(condition, scene, prolongation) for condition in conditions]
-    largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in local), default=0.0)
+        places = [_conforming_at(scene, prolongation, condition.where) for condition in conditions]
+        local = [condition.at(prolongation.space.positions(here)) for condition, here in zip(conditions, places)]
+    largest = max((np.nanmax(np.abs(values), initial=0.0) for values in local), default=0.0)
     largest = forest.comm.allreduce(largest, op=MPI.MAX)
     result = np.full((prolongation.owned, 3), np.nan)
-    for condition, (at, values) in zip(conditions, local):
+    for condition, here, values in zip(conditions, places, local):
         # The owner of a node need not have a leaf face on the surface: the value comes from ranks that have one.
-        mean = prolongation.averaged(at, values)
+        mean = prolongation.averaged(prolongation.conforming[here], values)
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
         with together(forest.comm):
             place = partial(_position, prolongation, ours)
@@ -118,34 +119,25 @@ def held_nodes(
     return [np.flatnonzero(column) for column in prolongation.summed(on).T]
 
 
-def _prescribed(condition: Dirichlet, scene: Scene, prolongation: Prolongation) -> tuple[IntArray, FloatArray]:
-    """This rank's conforming nodes on which a condition acts, as positions in the index map, and its values [m]."""
-    here = _conforming_at(scene, prolongation, condition.where)
-    return prolongation.conforming[here], condition.at(prolongation.space.positions(here))
-
-
-def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> Int64Array:
-    """This rank's conforming nodes at a named place, as positions in the Space."""
-    here = np.unique(_nodes_at(scene, prolongation.space, where))
+def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> IntArray:
+    """This rank's conforming nodes on a named surface or curve, or at a named vertex, as positions in the Space."""
+    space, forest, mesh = prolongation.space, prolongation.space.forest, prolongation.space.forest.mesh
+    if where in mesh.surfaces:
+        here = nodes_on(space, mesh.surfaces[where])
+    elif where in mesh.curves:
+        leaf, edge = forest.boundary_edges(mesh.curves[where])
+        here = space.cells[leaf[:, None], space.edge_nodes[edge]]
+    else:
+        cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(where)))
+        points = (SIDE * hexahedron.CORNERS[corner])[:, None]
+        place = space.find(forest.lattice.keys(cell, points)[:, 0])
+        here = place[place >= 0]
+    here = np.unique(here)
     return here[~prolongation.hanging[here]]
 
 
 def _position(prolongation: Prolongation, nodes: Int64Array, row: int) -> FloatArray:
     return prolongation.space.positions(np.flatnonzero(prolongation.conforming == nodes[row]))[0]
-
-
-def _nodes_at(scene: Scene, space: Space, name: str) -> IntArray:
-    """This rank's nodes on a named surface or curve, or at a named vertex, of the root mesh."""
-    forest, mesh = space.forest, space.forest.mesh
-    if name in mesh.surfaces:
-        return nodes_on(space, mesh.surfaces[name])
-    if name in mesh.curves:
-        leaf, edge = forest.boundary_edges(mesh.curves[name])
-        return space.cells[leaf[:, None], space.edge_nodes[edge]]
-    cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(name)))
-    points = (SIDE * hexahedron.CORNERS[corner])[:, None]
-    place = space.find(forest.lattice.keys(cell, points)[:, 0])
-    return place[place >= 0]
 
 
 def nodes_on(space: Space, facets: IntArray) -> IntArray:
