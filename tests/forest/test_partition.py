@@ -18,9 +18,8 @@ from model_problems import (
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.forest.partition import KINDS, repartition
+from fx_contact.forest.partition import KINDS, curve_keys, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.forest.super_elements import curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from studies.partition.assignment import assign

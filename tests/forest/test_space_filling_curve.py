@@ -7,7 +7,7 @@ from model_problems import grown, pressed, roots, scramble, two_boxes
 from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
-from fx_contact.forest.super_elements import curve_keys
+from fx_contact.forest.partition import curve_keys
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import BITS
 
