@@ -1,7 +1,7 @@
-"""Two equal cylinders crossed at right angles: Hertz's contact of a sphere with a plane, on bodies of your own.
+"""Two equal cylinders crossed at right angles: Hertz's contact of a sphere with a plane, on own bodies.
 
-One rod is a quarter of a cylinder about z. The other, along y, is swept from the contact face of the first, from its
-own round side to its flat back, so that the surfaces match facet by facet, whatever the radii.
+One rod is a quarter of a cylinder about z. The other, along y, is swept from the contact face of the first, between its
+round side and its flat back, so that the surfaces have the same facets for any radius.
 
     mpirun -n 2 python3 demos/crossed_cylinders.py --tolerance 0.02
 """

@@ -1,8 +1,8 @@
 """Two elastic half-spheres pressed together, pole to pole, to a prescribed accuracy.
 
-Shows the whole method: curved hexahedra refined where the estimated error is, facing cells refined together and kept
-on one rank, contact found by an active set. A line is printed for every adaptive step; at the end the refined mesh is
-drawn, and the contact pressure against Hertz's.
+Curved hexahedra are refined by the estimated error, facing cells together and on one rank; an active set determines
+the contact. The demo prints a line for each adaptive step, and draws the refined mesh and the contact pressure against
+Hertz's.
 
     mpirun -n 2 python3 demos/hertz.py --tolerance 0.01
 """

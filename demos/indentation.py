@@ -1,6 +1,6 @@
 """A stiff cube (E = 100 Pa) pressed into a soft block (E = 1 Pa): affine cells, a singularity.
 
-The stress is singular along the edges of the cube's footprint; that is where the mesh is refined. The standard
+The mesh is refined along the edges of the cube's footprint, where the stress is singular. The standard
 benchmark models all four quarters at a tolerance of 6 %:
 
     mpirun -n 2 python3 demos/indentation.py --symmetry full --tolerance 0.06

@@ -1,7 +1,7 @@
 """A manufactured solution on a quarter of a ring: effectivity of the error estimate, and rate of convergence.
 
-The displacement is chosen, a smooth bump on the curved inside, and the load follows from it. A line for every step has
-the estimated and the true error in the energy norm, their ratio (the effectivity), and the error in the L2 norm.
+The displacement is a smooth bump on the curved inside; the load follows from it. A line for each step has the estimated
+and the true error in the energy norm, their ratio (the effectivity), and the error in the L2 norm.
 
     mpirun -n 2 python3 demos/manufactured.py --tolerance 0.04
     mpirun -n 2 python3 demos/manufactured.py --uniform

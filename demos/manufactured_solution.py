@@ -1,6 +1,6 @@
-"""Manufactured solution: the error of the discretisation is known, so that the estimate can be judged.
+"""Manufactured solution: a problem with a known discretisation error, to test the estimate.
 
-A smooth displacement u is chosen on a quarter of a ring.  The loads are the body force f = -div sigma(u) and the
+A smooth displacement u is prescribed on a quarter of a ring.  The loads are the body force f = -div sigma(u) and the
 tractions t = sigma(u) n; both ends of the ring have prescribed displacements.  There is no contact.
 """
 
@@ -68,7 +68,7 @@ def bump(x: Any) -> list[Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class ManufacturedRecord(SolveRecord):
-    """The figures of one step, with the errors that are known here.
+    """The figures of one step, with its true errors.
 
     Attributes:
         true_error: error relative to the solution in the energy norm [-].

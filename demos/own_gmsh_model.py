@@ -1,6 +1,6 @@
-"""Your own model, from Gmsh to a picture: the eye of a rod, pulled up by the hollow pin in it, with a little play.
+"""Own Gmsh model: the eye of a rod, pulled up by a hollow pin in it, with 1 mm play.
 
-Half of both (x >= 0) and half their thickness are modelled: mpirun -n 2 python3 demos/own_gmsh_model.py
+Half of both bodies (x >= 0) and of their thickness are modelled: mpirun -n 2 python3 demos/own_gmsh_model.py
 """
 
 import gmsh

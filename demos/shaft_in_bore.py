@@ -1,6 +1,7 @@
-"""A shaft lies in a bore with some play and is pulled down: conforming contact, against Persson's solution.
+"""A shaft in a bore with play, pulled down: conforming contact, against Persson's solution.
 
-Half of a slice in plane strain is modelled. Shaft and hub have as many cells around, so that their surfaces match.
+Half of a slice in plane strain is modelled. Shaft and hub have the same number of cells around, so that their surfaces
+match.
 
     mpirun -n 2 python3 demos/shaft_in_bore.py --play 0.0005
 """

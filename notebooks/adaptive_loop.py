@@ -18,7 +18,7 @@
 # # The adaptive loop
 #
 # `adapt` repeats four stages, solve, estimate, mark and refine, until the error is below the tolerance. It is an iterator:
-# each turn of the loop below is one solution on one mesh, with all its data.
+# each step of the loop below is a solution on one mesh, with all its data.
 
 # %%
 from fx_contact import adapt
@@ -37,8 +37,8 @@ for step in adapt(scene, tolerance=0.04):
 # %% [markdown]
 # ## Refine
 #
-# The root mesh does not resolve the contact; refinement does. A refined leaf is divided into eight, and leaves that share
-# an edge differ by one level at most. The leaf that faces it on the other body is refined too, so that nodes face nodes.
+# The root mesh does not resolve the contact. Refinement divides a leaf into eight; leaves that share
+# an edge differ by one level at most. The facing leaf of the other body is refined too, so that nodes face nodes.
 
 # %%
 import matplotlib.pyplot as plt
@@ -53,8 +53,8 @@ for number, (axes, picture) in enumerate(zip(panels, pictures)):
 # ## Estimate
 #
 # The element stress jumps between cells. Zienkiewicz and Zhu average it at the nodes; the difference estimates the error
-# $\xi_T$ of a cell. For quadratic displacements, the default, $\xi_T$ is the residual inside the cell if that is larger.
-# The estimate of the whole is $\xi = (\sum \xi_T^2)^{1/2}$. The run ends when $\xi$, relative to the energy norm $\omega$ of
+# $\xi_T$ of a cell. For quadratic displacements, the default, $\xi_T$ is the element residual if that is larger.
+# The global estimate is $\xi = (\sum \xi_T^2)^{1/2}$. The run ends when $\xi$, relative to the energy norm $\omega$ of
 # the solution, is below the tolerance.
 
 # %%
@@ -65,14 +65,14 @@ from fx_contact.plot import draw_convergence
 Image(draw_convergence(records, "../results/notebooks/convergence.png"), width=600)
 
 # %% [markdown]
-# The first step hardly resolves contact: a single pair is closed. Once the mesh is fine there, the error falls faster than
-# on a mesh that is refined everywhere.
+# In the first step a single pair is closed. Once the mesh resolves the contact, the error decreases faster than
+# with uniform refinement.
 #
 # ## Mark
 #
-# If each of $N$ cells had the error $e\,\omega/\sqrt N$, the whole error would be the tolerance $e$. Cells above this
-# threshold are marked, twice if their children would exceed it too. Before the last step the threshold moves: up if fewer
-# cells suffice, down if a few more cells save a step.
+# If each of $N$ cells has the error $e\,\omega/\sqrt N$, the total error is the tolerance $e$. Cells above a
+# threshold are marked, twice if the error of their children is expected to exceed it. The threshold is the highest value,
+# down to $e\,\omega/\sqrt N$, for which the next step is expected to meet the tolerance.
 
 # %%
 import numpy as np
@@ -88,12 +88,12 @@ plt.ylabel("cells of the last step")
 plt.legend();
 
 # %% [markdown]
-# Some cells exceed the threshold in the last step too; cells below it compensate for them. The tail of small errors on the
-# left remains: those cells have small neighbours or are root cells, which cannot be coarser.
+# In the last step some cells exceed $e\,\omega/\sqrt N$; cells below compensate for them. The small errors on the
+# left belong to cells that cannot be coarser: they have small neighbours or are root cells.
 #
 # ## Cost of the stages
 #
-# Each record has the seconds of its stages (compilation happens once and is kept on disk).
+# Each record has the seconds of its stages (compiled kernels are cached on disk).
 
 # %%
 stages = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine")
@@ -109,7 +109,7 @@ plt.legend(bbox_to_anchor=(1, 1));
 # %% [markdown]
 # ## Marking by hand
 #
-# `Beginning.after` refines the leaves that *you* mark, here all leaves near the pole, and `adapt` goes on from there.
+# `Beginning.after` refines the leaves that *you* mark, here all leaves near the pole, and `adapt` continues from there.
 
 # %%
 from dolfinx.mesh import compute_midpoints

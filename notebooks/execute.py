@@ -1,9 +1,9 @@
-"""Run notebooks from top to bottom, as their user would, and say how long their cells take.
+"""Execute notebooks and print the seconds of their cells.
 
     python3 notebooks/execute.py notebooks/hertz_in_five_minutes.ipynb
 
-With another XDG_CACHE_HOME there are no compiled kernels of FFCx, as on a new machine. The notebooks on disk are left
-as they are; with --output DIR what they show is kept there.
+With another XDG_CACHE_HOME there are no compiled kernels of FFCx, as on a new machine. The notebooks on disk do not
+change; --output DIR saves executed copies.
 """
 
 import argparse
@@ -44,10 +44,10 @@ def execute(path, limit=600):
 
 
 def main():
-    """Run what the command line names."""
+    """Execute the notebooks of the command line."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("notebook", type=Path, nargs="+")
-    options.add_argument("--output", type=Path, help="folder for the notebooks with what they show")
+    options.add_argument("--output", type=Path, help="folder for the executed notebooks")
     arguments = options.parse_args()
     for path in arguments.notebook:
         notebook, rows = execute(path)

@@ -18,7 +18,7 @@
 # # Hertz in five minutes
 #
 # Two elastic half-spheres are pressed together, pole to pole. This notebook computes the contact radius, the contact
-# pressure and the stress below the surface on one rank. By symmetry a quarter of each body is modelled.
+# pressure and the stress below the surface on one rank. A quarter of each body is modelled.
 
 # %%
 from IPython.display import Image
@@ -34,7 +34,7 @@ Image(draw_mesh(steps[-1], "../results/notebooks/mesh.png", colour="level"), wid
 
 # %% [markdown]
 # `adapt` solved the problem several times and refined the cells with the largest estimated errors, until the stress error
-# was 20 % in the energy norm. Every step has a record, which a run with files writes to `steps.jsonl`. Force, radius and
+# was at most 20 % in the energy norm. Every step has a record. Force, radius and
 # pressure are much more accurate than 20 %.
 
 # %%
@@ -46,7 +46,7 @@ print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
 # ## Pressure
 #
 # A dot is the pressure at a pair of facing nodes; a facet has nine. The curve is Hertz's solution of half-spaces for the
-# same force. The dots deviate at the rim of the contact, within one facet.
+# same force. The dots deviate at the rim of the contact, by at most one facet.
 
 # %%
 from fx_contact.results import Hertz
@@ -63,8 +63,8 @@ print(f"contact radius   {step.record.contact_radius:.5f} m,  Hertz {theory.cont
 # %% [markdown]
 # ## Stress
 #
-# The material yields below the surface, not at it: the von Mises stress is largest half a contact radius down. This is
-# why gears and bearings fail from within. The lines are the leaves that refinement has left.
+# The von Mises stress has its maximum half a contact radius below the surface. There the material yields first,
+# for instance in gears and bearings. The lines are the leaves of the refined mesh.
 
 # %%
 from fx_contact.plot import draw_stress
@@ -74,7 +74,7 @@ Image(draw_stress(step, "../results/notebooks/stress.png", zoom=2), width=700)
 # %% [markdown]
 # ## Variation of the approach
 #
-# Hertz's force grows with the approach to the power 3/2. Do finite bodies follow?
+# Hertz's force grows with the approach to the power 3/2. The same scene at four approaches:
 
 # %%
 import matplotlib.pyplot as plt
@@ -93,7 +93,7 @@ plt.ylabel("force [N]")
 plt.legend();
 
 # %% [markdown]
-# Almost: they are a little stiffer, since the loaded faces are flat and near, not infinitely far away.
+# Finite bodies are slightly stiffer, since the loaded faces are flat and at a finite distance.
 #
-# `fx_contact.results.output.write_fields(step, "results")` writes all fields for ParaView; the last two cells of
-# [the adaptive loop](adaptive_loop.ipynb) show its parts.
+# `fx_contact.results.write_fields(step, "results")` writes all fields for ParaView.
+# [The adaptive loop](adaptive_loop.ipynb) shows the stages of a step.

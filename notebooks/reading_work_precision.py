@@ -17,9 +17,8 @@
 # %% [markdown]
 # # Reading a work-precision plot
 #
-# "Fast" and "accurate" mean nothing alone. A work-precision plot has the time that a run took on one axis and the *true*
-# error of its result on the other, a point a run, a line a method. `studies/work_precision` makes them for both degrees
-# of this program, in half an hour; here are four runs.
+# A work-precision plot shows the *true* error of a result over the time of the run: a point for each run, a line for each
+# method. `studies/work_precision` makes such plots for both degrees in half an hour; here are four runs.
 
 # %%
 import sys
@@ -40,9 +39,8 @@ for point in wanted:
     print(point.line, "--", point.case.command)
 
 # %% [markdown]
-# Each is a command that you can run yourself. `--true-error` goes on, after the clock has stopped, to a finer solution
-# and measures the distance to it; `--reference hertz-a` compares force, pressure and radius with a computation that does
-# not use this program.
+# Each run is a command. `--true-error` computes a finer solution after the timed part and measures the distance to it;
+# `--reference hertz-a` compares force, pressure and radius with an independent computation.
 
 # %%
 from pathlib import Path
@@ -74,16 +72,15 @@ axes.margins(x=0.3)
 axes.legend();
 
 # %% [markdown]
-# How to read it:
+# Interpretation:
 #
-# - **Down and to the left is better.** Draw a horizontal line at the error that you need: the leftmost method there is
-#   the cheapest for you. Draw a vertical one at the time that you have: the lowest method is the most accurate.
-# - **The slope says what more accuracy costs.** Uniform cells of degree 2 need eight times the unknowns for a quarter of
+# - **Low and left is better.** At a given error the leftmost method is the cheapest; at a given time the lowest method
+#   is the most accurate.
+# - **The slope is the cost of accuracy.** Uniform cells of degree 2 need eight times the unknowns for a quarter of
 #   the error of a smooth solution, and contact is not smooth.
-# - **All steps count.** The adaptive line pays for its first coarse solutions too; at low accuracy that can cost more than
-#   it brings.
-# - **The error is the true one.** A method that judges itself may flatter itself. Is the estimate honest? Then the
-#   effectivity, estimated over true error, is near 1:
+# - **All steps count.** The time of the adaptive line includes its first coarse solutions; at low accuracy they may cost
+#   more than they save.
+# - **The error is the true one.** The effectivity, estimated over true error, is near 1 for a reliable estimate:
 
 # %%
 for point in wanted:
@@ -94,8 +91,8 @@ for point in wanted:
     )
 
 # %% [markdown]
-# Last, energy is not all: whoever needs the force alone looks at the plot of the force. On adapted cells it is right to
-# a percent or so long before the stress field is; on uniform ones not even the contact is resolved.
+# Other quantities have other errors. On adapted cells the force is accurate to about a percent on meshes with a much larger
+# stress error; uniform cells do not resolve the contact.
 
 # %%
 for point in wanted:

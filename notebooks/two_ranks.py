@@ -17,8 +17,8 @@
 # %% [markdown]
 # # Two ranks from a notebook
 #
-# A notebook is one process. `ipyparallel` starts further ones under `mpirun`, its engines, and cells that begin with `%%px`
-# run on all of them at once: there `MPI.COMM_WORLD` has two ranks, and the program is the same as on one.
+# A notebook is one process. `ipyparallel` starts further processes, its engines, under `mpirun`. Cells that begin with `%%px`
+# run on all engines: there `MPI.COMM_WORLD` has two ranks, and the program is the same as on one rank.
 
 # %%
 import ipyparallel as ipp
@@ -40,8 +40,8 @@ for step in adapt(hertz(), tolerance=0.08, comm=comm):
 print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record.cells:,} leaves")
 
 # %% [markdown]
-# Everything that the documentation calls *collective* must be called on all ranks, so in a `%%px` cell, pictures
-# too. Rank 0 draws; only what can be seen is sent there.
+# All ranks must make the calls that the documentation names *collective*, for instance pictures: use a `%%px` cell.
+# Rank 0 draws, and only visible data are sent to it.
 
 # %%
 # %%px
@@ -54,11 +54,11 @@ from IPython.display import Image, display
 display(Image("../results/notebooks/partition.png", width=600), Image("../results/notebooks/ranks.png", width=600))
 
 # %% [markdown]
-# Leaves that face each other across the contact are on one rank: a node pair never needs a message. The record says so,
-# and how many facets between the ranks are cut.
+# Leaves that face each other across the contact are on one rank, so that node pairs need no messages. The record has the
+# number of split pairs and of cut facets.
 
 # %%
-# Local things come back with `pull`: here the record, the same on both ranks.
+# `pull` returns local objects: here the record, the same on both ranks.
 client[:].execute("record = step.record").get()
 print(client[:].pull("record").get()[0].partition)
 

@@ -26,7 +26,7 @@ PAGES += tuple(sorted(str(page.relative_to(TOP)) for page in (TOP / "studies").g
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="each command starts its own processes")
 
 #: Programs that are not where the tests run, or that change the machine.
-ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt|git|cd"
+ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt|git|cd|export"
 #: What is run, without the launcher.
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"

@@ -15,8 +15,6 @@ from fx_contact.results.accuracy import contact_errors, energy_distance, true_er
 from fx_contact.results.reference_values import hertz_a, ssnv104
 from fx_contact.scenes import hertz, indentation, patch, stack
 
-pytestmark = pytest.mark.whole_run
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degree, steps", [(1, 3), (2, 2)])
@@ -45,7 +43,7 @@ def test_adaptive_rate_and_effectivity():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_true_error_of_hertz():
     """At e = 8 % the true error is what was asked for, and estimated within 10 %."""
     *_, step = adapt(hertz(), 0.08)
@@ -110,7 +108,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
     few, many = (clamped(0.4, height=10.0, cells=cells) for cells in ((2, 2, 1), (3, 3, 18)))
@@ -121,7 +119,7 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
     force = 7.61418e-3  # this program's at 2 %, from 6 x 6 x 12 cells a body
