@@ -22,7 +22,7 @@ from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction,
 from fx_contact.contact.contact_solver import _impose
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.linalg.factors import analysed
+from fx_contact.linalg.ladder import analysed
 from fx_contact.parallel.timing import Stages
 from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import plain, write

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fx_contact.forest.partition import KINDS
-from fx_contact.forest.super_elements import Units
+from fx_contact.forest.partition import KINDS, Units
 from fx_contact.parallel.errors import PartitionError
 
 

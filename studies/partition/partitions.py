@@ -7,8 +7,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import adapt
-from fx_contact.forest.partition import KINDS, along_curve, by_graph
-from fx_contact.forest.super_elements import curve_keys
+from fx_contact.forest.partition import KINDS, along_curve, by_graph, curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL

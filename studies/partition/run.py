@@ -26,8 +26,7 @@ from fx_contact import adapt
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.leaf_graph import create_leaf_graph
-from fx_contact.forest.partition import KINDS
-from fx_contact.forest.super_elements import Units, curve_keys
+from fx_contact.forest.partition import KINDS, Units, curve_keys
 from fx_contact.parallel.errors import OutputError, PartitionError
 from fx_contact.parallel.exchange import FEW_RANKS
 from fx_contact.parallel.mpi import together

@@ -13,8 +13,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.krylov import ConjugateGradients
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import preconditioner_options
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import DISTRIBUTIONS, grown, pressed, roots, two_boxes, vertex_positions
+from model_problems import DISTRIBUTIONS, conforming_positions, grown, pressed, roots, two_boxes
 
 from fx_contact import Dirichlet, Traction
 from fx_contact.estimate.shear_free import find_shear_free
@@ -17,21 +17,16 @@ from fx_contact.scenes import hertz, indentation
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-@pytest.mark.parametrize(
-    "scene, axis",
-    [(hertz(order=2, coarse=2, symmetry="full"), 0.0), (indentation(coarse=4, symmetry="full"), 0.0)],
-    ids=["hertz", "indentation"],
-)
-def test_curves(scene, axis, distribution):
+@pytest.mark.parametrize("make", [hertz, indentation])
+def test_curves(make, distribution):
     """Sideways conditions along the axis and a side hold all conforming vertices there, and no others."""
+    scene = make(order=2, coarse=2, symmetry="full")
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2))
     prolongation = Prolongation(Space(forest, 1))
     assert prolongation.hanging_global > 0
     prescribed = find_supports(scene, forest, prolongation).prescribed
-    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-    position = np.empty((prolongation.owned, 3))
-    position[prolongation.conforming[own]] = vertex_positions(forest)[own]
-    on_axis = np.abs(position[:, :2] - axis).max(axis=1) < 1e-9
+    position, _ = conforming_positions(forest, prolongation)
+    on_axis = np.abs(position[:, :2]).max(axis=1) < 1e-9
     everywhere(((~np.isnan(prescribed[:, 0])) == on_axis).all(), "x is not held just along the axis")
     held = WORLD.allreduce(int((~np.isnan(prescribed[:, 1])).sum()))
     assert held > WORLD.allreduce(int(on_axis.sum())) > 5, "y is held along a side too"
@@ -51,9 +46,7 @@ def test_conditions_that_differ_between_root_nodes(distribution, turned):
         forest = DISTRIBUTIONS[distribution](grown(roots(bumpy), levels))
         prolongation = Prolongation(Space(forest, 1))
         prescribed = find_supports(bumpy, forest, prolongation).prescribed
-        own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-        position = np.empty((prolongation.owned, 3))
-        position[prolongation.conforming[own]] = vertex_positions(forest)[own]
+        position, _ = conforming_positions(forest, prolongation)
         top = position[:, 2] > 2 - 1e-9
         everywhere(np.abs(prescribed[top, 2] + 0.01).max(initial=0.0) < 1e-12, "not what is prescribed")
         side = (position[:, 2] > 1e-9) & (np.abs(position[:, 1]) < 1e-9)
@@ -93,27 +86,28 @@ def test_planes_without_shear_stress(held, free):
     forest = grown(roots(scene), 1)
     prolongation = Prolongation(Space(forest, 1))
     along_z = find_shear_free(scene, forest, prolongation).across[:, 2]
-    own = (prolongation.conforming >= 0) & (prolongation.conforming < prolongation.owned)
-    height = np.empty(prolongation.owned)
-    height[prolongation.conforming[own]] = vertex_positions(forest)[own, 2]
+    height = conforming_positions(forest, prolongation)[0][:, 2]
     everywhere((along_z[height > 2 - 1e-9] == free).all(), "at the top")
     everywhere(not along_z[np.abs(height - 1.5) < 0.4].any(), "between")
 
 
-def test_a_plane_under_a_traction_has_shear_stress():
-    """A load along a plane that is held across alone."""
-    scene = replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),))
-    forest = grown(roots(scene), 1)
-    everywhere(
-        not find_shear_free(scene, forest, Prolongation(Space(forest, 1))).across[:, 2].any(), "no shear stress"
-    )
-
-
-def test_a_curved_facet_is_no_plane():
-    """Though its mean normal lies along an axis, as at the pole of a sphere."""
-    scene = held_above({"z": -0.01}, order=2)
+def bulged(scene):
+    """The scene with a curved top, whose mean normal lies along an axis, as at the pole of a sphere."""
     points = scene.mesh.points.copy()
     points[:, 2] += np.where(points[:, 2] > 1.5, 0.1 * np.sin(np.pi * points[:, 0]) ** 2, 0.0)
-    scene = replace(scene, mesh=replace(scene.mesh, points=points))
+    return replace(scene, mesh=replace(scene.mesh, points=points))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        replace(held_above({"z": -0.01}), tractions=(Traction("upper z high", (1e-3, 0.0, 0.0)),)),
+        bulged(held_above({"z": -0.01}, order=2)),
+    ],
+    ids=["under a traction", "curved"],
+)
+def test_planes_with_shear_stress(scene):
+    """Though held across alone."""
     forest = grown(roots(scene), 1)
-    everywhere(not find_shear_free(scene, forest, Prolongation(Space(forest, 1))).across[:, 2].any(), "a plane")
+    across = find_shear_free(scene, forest, Prolongation(Space(forest, 1))).across
+    everywhere(not across[:, 2].any(), "no shear stress")

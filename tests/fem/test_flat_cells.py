@@ -8,7 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Solver, Traction, adapt
-from fx_contact.fem.flat_cells import FLAT, strong_blocks
+from fx_contact.fem.coarse_level import FLAT, strong_blocks
 from fx_contact.linalg.p_multigrid import solved_here, within_blocks
 from studies.boxes import DOWN, UP, Boxes
 

@@ -98,32 +98,27 @@ def test_children_take_the_function_of_their_parent(degree):
 
 
 @pytest.mark.parametrize("degree, shares", [(1, [1 / 2, 1 / 2]), (2, [1 / 6, 2 / 3, 1 / 6])])
-def test_shares_of_a_facet(degree, shares):
-    """The nodes of a flat facet share its area by the trapezoidal rule or Simpson's, and the slopes are right."""
+def test_gauss_rule_of_a_facet(degree, shares):
+    """It gives the nodes of a flat facet their shares by the trapezoidal rule or Simpson's, and slopes.
+
+    It is exact for polynomials of degree 2 p + 1 along each axis, and not for the next even one.
+    """
     space = Space(affine_forest(), degree)
     weights, value, along_u, along_v = space.facet_rule
     assert np.abs(weights @ value - np.outer(shares, shares).ravel()).max() < 1e-15
     v, u = (x.ravel() / degree for x in np.mgrid[: degree + 1, : degree + 1])
     assert np.abs(along_u @ u - 1).max() < 1e-14 and np.abs(along_u @ v).max() < 1e-14
     assert np.abs(along_v @ v - 1).max() < 1e-14 and np.abs(along_v @ u).max() < 1e-14
+    x, y = value @ u, value @ v
+    for power, other in np.ndindex(2 * degree + 2, 2 * degree + 2):
+        assert abs(weights @ (x**power * y**other) - 1 / ((power + 1) * (other + 1))) < 1e-15
+    assert abs(weights @ x ** (2 * degree + 2) - 1 / (2 * degree + 3)) > 1e-4
 
 
 def test_names_do_not_depend_on_the_ranks():
     """All ranks together have the same nodes, however the leaves are dealt out."""
     keys = [np.unique(gathered(WORLD, Space(affine_forest(name), 2).keys)) for name in DISTRIBUTIONS]
     assert all(np.array_equal(keys[0], other) for other in keys[1:])
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_gauss_rule_of_a_facet(degree):
-    """It is exact for polynomials of degree 2 p + 1 along each axis, and not for the next even one."""
-    weights, value, *_ = Space(affine_forest(), degree).facet_rule
-    v, u = (x.ravel() / degree for x in np.mgrid[: degree + 1, : degree + 1])
-    x, y = value @ u, value @ v
-    for power in range(2 * degree + 2):
-        for other in range(2 * degree + 2):
-            assert abs(weights @ (x**power * y**other) - 1 / ((power + 1) * (other + 1))) < 1e-15
-    assert abs(weights @ x ** (2 * degree + 2) - 1 / (2 * degree + 3)) > 1e-4
 
 
 @pytest.mark.parametrize("degree", [1, 2])

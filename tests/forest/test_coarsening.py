@@ -24,13 +24,10 @@ def refined(rounds=3):
     return forest
 
 
-def test_all_needed_is_the_same_forest():
+def test_all_and_nothing():
+    """With all leaves needed it is the same forest, with none the root cells."""
     forest = refined()
     everywhere(np.array_equal(leaves(coarsened(forest, forest.level)), leaves(forest)), "the same leaves")
-
-
-def test_nothing_needed_is_the_root_cells():
-    forest = refined()
     merged = coarsened(forest, 0 * forest.level)
     everywhere(np.array_equal(leaves(merged), leaves(roots(hertz(order=2, coarse=2)))), "root cells")
 

@@ -26,20 +26,16 @@ from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE
+from fx_contact.problem.lattice import MAX_LEVEL, SIDE, face_centres
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
-SCENES = {
-    "alike": {},
-    "wider": dict(upper=(1, 2, 1), margin=1),
-    "wider, in plane": dict(margin=1, flat_contact=False),
-}
+SCENES = {}, dict(upper=(1, 2, 1), margin=1), dict(margin=1, flat_contact=False)
 
 
-@pytest.fixture(params=list(SCENES))
+@pytest.fixture(params=SCENES, ids=["alike", "wider", "wider, in plane"])
 def scene(request):
-    scene = pressed(two_boxes(**SCENES[request.param]))
+    scene = pressed(two_boxes(**request.param))
     assert (scene.contact_surfaces.contact >= 0).any()
     return scene
 
@@ -70,13 +66,9 @@ def facing_vertices(forest):
 
 def hanging_keys(forest):
     """Keys of the vertices of a serial forest that are the midpoint of a leaf's edge or the centre of a leaf's face."""
-    middles = [
-        edge_points(forest, 2),
-        forest.lattice.keys(forest.cell, forest.corners[:, hexahedron.FACE_CORNERS].sum(axis=2, dtype=np.int64) // 4),
-    ]
-    return np.intersect1d(
-        forest.lattice.keys(forest.cell, forest.corners), np.concatenate([m.ravel() for m in middles])
-    )
+    centres = forest.lattice.keys(forest.cell, face_centres(forest.corners))
+    middles = np.concatenate([edge_points(forest, 2).ravel(), centres.ravel()])
+    return np.intersect1d(forest.lattice.keys(forest.cell, forest.corners), middles)
 
 
 def balanced(forest):
@@ -115,9 +107,8 @@ def test_marked_leaves_and_no_others_without_need(scene):
     marked = chosen(forest, 0.1, 5)
     fine, children = forest.refined(marked)
     everywhere((children.child[marked[children.parent]] >= 0).all(), "a marked leaf was not refined")
-    everywhere(
-        (fine.level == forest.level[children.parent] + (children.child >= 0)).all(), "a level grew by more than one"
-    )
+    expected = forest.level[children.parent] + (children.child >= 0)
+    everywhere((fine.level == expected).all(), "a level grew by more than one")
     everywhere((fine.cell == forest.cell[children.parent]).all(), "a leaf left its root cell")
     start = roots(scene)
     fine, _ = start.refined(start.cell == np.flatnonzero((scene.contact_surfaces.contact < 0).all(axis=1))[0])
@@ -179,26 +170,18 @@ def test_facing_leaves_coincide(scene):
     leaf, face = forest.contact_faces()
     points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    at = [
-        forest.mesh.evaluate(np.repeat(c, 4), p.reshape(-1, 3, 1) / SIDE)
-        for c, p in ((forest.cell[leaf], points), (cell, opposite))
-    ]
+    at = [forest.evaluate(*place) for place in ((forest.cell[leaf], points), (cell, opposite))]
     assert WORLD.allreduce(len(leaf)) > 2 * len(np.argwhere(scene.contact_surfaces.contact >= 0))
     everywhere(np.abs(at[0] - at[1]).max(initial=0) < 1e-13, "facing corners apart")
 
 
-def test_facing_vertices_hang_together(scene):
-    """A vertex on a contact surface hangs if and only if the vertex that faces it does, on the rim too."""
-    hangs_alike(grown(roots(scene), 5, share=0.1))
+@pytest.mark.parametrize("corner", [False, True])
+def test_facing_vertices_hang_together(scene, corner):
+    """A vertex on a contact surface hangs if and only if the vertex that faces it does, on the rim too.
 
-
-def test_facing_vertices_hang_together_in_a_corner():
-    """The same where the contact surface has a concave edge, with a cell there that has no face on it."""
-    hangs_alike(grown(roots(corner_scene(one_pair=True)), 3, share=0.2))
-
-
-def hangs_alike(forest):
-    """Assert that facing vertices both hang or both do not, and that some do."""
+    So it is where the contact surface has a concave edge, with a cell there that has no face on it.
+    """
+    forest = grown(roots(corner_scene(one_pair=True)), 3, share=0.2) if corner else grown(roots(scene), 5, share=0.1)
     forest = whole(forest)
     rows, hanging = facing_vertices(forest), hanging_keys(forest)
     first, second = (np.isin(column, hanging) for column in rows.T)
@@ -238,17 +221,12 @@ def test_same_forest_on_any_number_of_ranks(scene):
     everywhere((np.concatenate([serial.size_global], axis=None) == parallel.size_global).all(), "size_global")
 
 
-def test_leaf_codes_are_invertible():
-    """decode_leaf undoes leaf_code."""
-    forest = grown(roots(pressed(two_boxes())), 3)
-    cell, anchor = decode_leaf(leaf_code(forest.cell, forest.anchor))
-    everywhere((cell == forest.cell).all() and (anchor == forest.anchor).all(), "a code does not name its leaf")
-
-
 def test_moving_carries_data_and_loses_nothing():
     """A moved forest has the same leaves, and the exchange carries their data to where they went."""
-    forest = grown(roots(pressed(two_boxes())), 2)
+    forest = grown(roots(pressed(two_boxes())), 3)
     code = leaf_code(forest.cell, forest.anchor)
+    cell, anchor = decode_leaf(code)
+    everywhere((cell == forest.cell).all() and (anchor == forest.anchor).all(), "a code does not name its leaf")
     moved, exchange = forest.moved(scramble(code, 9) % np.uint64(WORLD.size))
     everywhere((exchange.forward(code) == leaf_code(moved.cell, moved.anchor)).all(), "data do not follow their leaf")
     assert (leaves(moved) == leaves(forest)).all()

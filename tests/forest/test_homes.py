@@ -11,8 +11,7 @@ from mpi4py import MPI
 
 from fx_contact import adapt
 from fx_contact.forest.homes import Homes
-from fx_contact.forest.partition import along_curve, repartition, with_cuts
-from fx_contact.forest.super_elements import Units
+from fx_contact.forest.partition import Units, along_curve, repartition, with_cuts
 from fx_contact.parallel import exchange
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory

@@ -18,9 +18,8 @@ from model_problems import (
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.forest.partition import KINDS, repartition
+from fx_contact.forest.partition import KINDS, curve_keys, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.forest.super_elements import curve_keys
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from studies.partition.assignment import assign
@@ -56,6 +55,7 @@ def test_nothing_is_lost(kind):
 def test_pairs_through_refinement(kind, make):
     """Under random refinement the kinds that keep pairs never split one, from leaves strewn over the ranks too."""
     forest = strewn(grown(roots(make()), 2))
+    assert WORLD.size == 1 or PartitionSummary.of(forest, "strewn").split_pairs > 3
     for salt in range(3):
         forest, _ = repartition(forest, None, kind)
         leaf, face = forest.contact_faces()
@@ -66,12 +66,6 @@ def test_pairs_through_refinement(kind, make):
         assert apart == 0 or kind not in KEEPING
         forest, _ = forest.refined(chosen(forest, 0.1, salt))
     assert WORLD.allreduce(len(leaf)) > 30
-
-
-def test_strewn_pairs_are_split():
-    """The check above can fail."""
-    if WORLD.size > 1:
-        assert PartitionSummary.of(strewn(grown(roots(pressed(two_boxes(margin=1))), 3)), "strewn").split_pairs > 10
 
 
 @pytest.mark.parametrize("kind", ["contact-sfc", "sfc"])
@@ -123,9 +117,8 @@ def test_equidistributed_parts(parts):
     """The same of any number of parts, each of about the same weight as those beside it."""
     forest = grown(roots(pressed(two_boxes(margin=1)), MPI.COMM_SELF), 4)
     units, part = assign(forest, parts, "equidistributed")
-    contact, others = (
-        np.bincount(part[which], units.weights[which], parts) for which in (units.contact, ~units.contact)
-    )
+    masks = units.contact, ~units.contact
+    contact, others = (np.bincount(part[which], units.weights[which], parts) for which in masks)
     assert not ((contact > 0) & (others > 0)).any()
     assert (contact > 0).sum() == min(max(round(parts * contact.sum() / len(forest)), 1), parts - 1)
     for weights in (contact, others):

@@ -7,7 +7,7 @@ from model_problems import grown, pressed, roots, scramble, two_boxes
 from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
-from fx_contact.forest.super_elements import curve_keys
+from fx_contact.forest.partition import curve_keys
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import BITS
 
@@ -20,20 +20,13 @@ def cube(bits):
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4])
-def test_hilbert_is_a_path_through_all_points(bits):
-    """Keys number all points, and points of neighbouring keys are neighbours in space."""
+def test_hilbert_curve(bits):
+    """Keys number all points, those of neighbours are neighbours, and the points of each octant are contiguous."""
     points = cube(bits)
     keys = space_filling_curve.hilbert(points, bits)
     order = np.argsort(keys)
     assert np.array_equal(keys[order], np.arange(len(points)))
     assert (np.abs(np.diff(points[order], axis=0)).sum(axis=1) == 1).all()
-
-
-@pytest.mark.parametrize("bits", [2, 3, 4])
-def test_hilbert_is_hierarchical(bits):
-    """The points of each octant, at every level, are contiguous on the curve."""
-    points = cube(bits)
-    keys = space_filling_curve.hilbert(points, bits)
     for level in range(1, bits):
         octant = (points >> bits - level) @ [1, 1 << level, 1 << 2 * level]
         prefix = keys >> 3 * (bits - level)
@@ -101,10 +94,8 @@ def test_cut_does_not_depend_on_the_distribution(parts):
     for part in ("blocks", "strewn", "last"):
         keys, weights = share(part, 5)
         turn = np.argsort(scramble(np.arange(len(keys)), 2))
-        everywhere(
-            np.array_equal(space_filling_curve.cut_curve(WORLD, keys[turn], weights[turn], parts), expected),
-            f"{part}: other cuts",
-        )
+        cuts = space_filling_curve.cut_curve(WORLD, keys[turn], weights[turn], parts)
+        everywhere(np.array_equal(cuts, expected), f"{part}: other cuts")
 
 
 def bisected(keys, weights, parts):
@@ -163,13 +154,9 @@ def test_curve_of_a_forest():
     alone = np.flatnonzero(group == leaf_code(forest.cell, forest.anchor))
     along = alone[np.argsort(keys[alone])]
     for level in (0, 1, 2):
-        box = (forest.anchor[along] >> BITS - level).astype(np.int64) @ [1, 1 << 8, 1 << 16] + (
-            forest.cell[along].astype(np.int64) << 24
-        )
-        box = box[forest.level[along] >= level]
-        assert (np.diff(box) != 0).sum() + 1 == len(
-            np.unique(box)
-        ), "leaves of one box are not contiguous on the curve"
+        corner = (forest.anchor[along] >> BITS - level).astype(np.int64) @ [1, 1 << 8, 1 << 16]
+        box = (corner + (forest.cell[along].astype(np.int64) << 24))[forest.level[along] >= level]
+        assert (np.diff(box) != 0).sum() + 1 == len(np.unique(box)), "leaves of one box are not contiguous"
 
 
 def test_curve_does_not_depend_on_the_frames_of_cells():

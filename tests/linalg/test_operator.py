@@ -12,8 +12,7 @@ from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.krylov import ConjugateGradients
 from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, Sum
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 
 
 @pytest.fixture(params=list(DISTRIBUTIONS))

@@ -101,9 +101,8 @@ def test_monitor(tmp_path):
 @pytest.mark.slow
 def test_monitor_goes_on_with_what_takes_over():
     """Where PCG fails, the preconditioner that takes over is watched by the same options."""
-    failing = PROGRAM.replace(
-        '{"pc_type": "jacobi", "ksp_view": None}', '{"KSP_converged_reason": None}, max_krylov=3'
-    )
+    own = '{"pc_type": "jacobi", "ksp_view": None}'
+    failing = PROGRAM.replace(own, '{"KSP_converged_reason": None}, max_krylov=3')
     log = output(sys.executable, "-c", failing.replace("(1, 1, 2)", "(3, 3, 3)").replace("0.1", "1e-3, max_steps=1"))
     assert "Linear fx_ solve did not converge" in log and "Linear fx_fallback_ solve converged" in log, log
 

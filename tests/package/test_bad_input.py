@@ -40,9 +40,8 @@ from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stres
 from fx_contact.problem import hexahedron
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.results.accuracy import contact_errors
+from fx_contact.results.accuracy import contact_errors, true_error
 from fx_contact.results.output import RecordWriter, write_fields
-from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a
 
 STEEL = Material(young=1.0, poisson=0.3)

@@ -77,19 +77,16 @@ def test_lookup_and_asked(known):
 @pytest.mark.parametrize("where", range(WORLD.size))
 def test_an_error_of_one_rank_is_one_of_all(where):
     """It is raised on every rank, with what it says."""
-    with pytest.raises(KeyError, match=f"on {where}"):
-        with together(WORLD):
-            if WORLD.rank == where:
-                raise KeyError(f"on {where}")
+    with pytest.raises(KeyError, match=f"on {where}"), together(WORLD):
+        if WORLD.rank == where:
+            raise KeyError(f"on {where}")
 
 
 def test_the_lowest_rank_speaks_for_those_without_an_error():
     """Others that have failed raise their own."""
-    failed = WORLD.rank > 0 or WORLD.size == 1
-    with pytest.raises(KeyError, match=str(WORLD.rank or min(1, WORLD.size - 1))):
-        with together(WORLD):
-            if failed:
-                raise KeyError(WORLD.rank)
+    with pytest.raises(KeyError, match=str(WORLD.rank or min(1, WORLD.size - 1))), together(WORLD):
+        if WORLD.rank > 0 or WORLD.size == 1:
+            raise KeyError(WORLD.rank)
 
 
 class Stubborn(Exception):
@@ -101,7 +98,7 @@ class Stubborn(Exception):
 
 def test_errors_that_cannot_be_sent():
     """Others raise one that says the same; the rank itself its own."""
-    with pytest.raises(Stubborn if WORLD.rank == WORLD.size - 1 else RuntimeError, match="^(Stubborn: )?it fails$"):
-        with together(WORLD):
-            if WORLD.rank == WORLD.size - 1:
-                raise Stubborn("it", "fails")
+    last = WORLD.rank == WORLD.size - 1
+    with pytest.raises(Stubborn if last else RuntimeError, match="^(Stubborn: )?it fails$"), together(WORLD):
+        if last:
+            raise Stubborn("it", "fails")

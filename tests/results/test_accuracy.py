@@ -11,10 +11,9 @@ from fx_contact import Dirichlet, Enforcement, Material, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.errors import SceneError
-from fx_contact.results.accuracy import contact_errors, energy_distance
-from fx_contact.results.overrefined_solution import true_error
+from fx_contact.results.accuracy import contact_errors, energy_distance, true_error
 from fx_contact.results.reference_values import hertz_a, ssnv104
-from fx_contact.scenes import hertz, indentation, stack
+from fx_contact.scenes import hertz, indentation, patch, stack
 
 
 @pytest.mark.slow
@@ -92,15 +91,17 @@ def test_fields_go_along(given, degree):
     everywhere(np.abs(steps[-1].carried - field(steps[-1].forest, degree)).max() < 1e-12, "lost")
 
 
+def clamped(poisson, sideways=(), **arguments):
+    """A stack of two bodies between clamped ends, and more conditions."""
+    ends = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
+    return replace(stack([Material(1.0, poisson), Material(3.0, poisson)], **arguments), dirichlet=(*ends, *sideways))
+
+
 def test_a_mesh_without_free_vertices_is_not_taken_for_right():
     """Blocks held at all root vertices are in uniform compression there, without an estimated error, and wrong."""
-    scene = stack([Material(1.0, 0.3), Material(3.0, 0.3)], cells=(4, 4, 1))
-    sideways = [Dirichlet(name, x=0.0, y=0.0) for pair in scene.contact for name in (pair.first, pair.second)]
-    ends = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
-    held = replace(scene, dirichlet=(*ends, *sideways))
-    first, *_, last = (step.record for step in adapt(held, 0.2, degree=1))
-    finer = stack([Material(1.0, 0.3), Material(3.0, 0.3)], cells=(6, 6, 6))
-    *_, fine = adapt(replace(finer, dirichlet=held.dirichlet), 0.07)
+    sideways = [Dirichlet(name, x=0.0, y=0.0) for pair in clamped(0.3).contact for name in (pair.first, pair.second)]
+    first, *_, last = (step.record for step in adapt(clamped(0.3, sideways, cells=(4, 4, 1)), 0.2, degree=1))
+    *_, fine = adapt(clamped(0.3, sideways, cells=(6, 6, 6)), 0.07)
     assert first.estimate < 1e-6 and not first.reached and last.reached
     errors = [record.force / fine.record.force - 1 for record in (first, last)]  # of the energy
     assert errors[1] < 0.2**2 < errors[0]
@@ -110,9 +111,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
-    bodies = [Material(1.0, 0.4), Material(3.0, 0.4)]
-    clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
-    few, many = (replace(stack(bodies, height=10.0, cells=c), dirichlet=clamped) for c in ((2, 2, 1), (3, 3, 18)))
+    few, many = (clamped(0.4, height=10.0, cells=cells) for cells in ((2, 2, 1), (3, 3, 18)))
     *_, fine = adapt(many, 0.05, max_steps=2)
     *_, step = adapt(few, 0.15)
     assert np.sqrt(step.record.force / fine.record.force - 1) < 0.15
@@ -123,11 +122,9 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
-    bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]
-    clamped = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
     force = 7.61418e-3  # this program's at 2 %, from 6 x 6 x 12 cells a body
     tolerance = 0.12
-    step = solve(replace(stack(bodies, cells=(9, 9, 1)), dirichlet=clamped), tolerance)
+    step = solve(clamped(0.3, cells=(9, 9, 1)), tolerance)
     true = np.sqrt(step.record.force / force - 1)  # the energy is the force times the displacement
     assert true < tolerance
     assert step.record.reached and 0.4 < step.record.assumed_effectivity < 0.8
@@ -165,15 +162,12 @@ def test_errors_against_the_reference():
 
 def test_patch():
     """Blocks of unlike materials transmit the uniform pressure exactly, whatever hangs in the contact surface."""
-    scene = stack((Material(1.0, 0.3), Material(3.0, 0.2)), 0.01)
+    scene = patch(cells=(2, 2, 2))
     forest = Beginning.uniform(scene, 0).forest
-    near = (np.linalg.norm(leaf_positions(forest, slice(None), 1).mean(axis=1) - [0, 0, 1], axis=1) < 0.4).astype(
-        bool
-    )
-    forest, _ = forest.refined(near)
-    begin = Beginning.at_rest(forest)
-    (step,) = adapt(scene, 0.1, beginning=begin, max_steps=1)
+    forest, _ = forest.refined(np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < 0.4)
+    (step,) = adapt(scene, 0.1, beginning=Beginning.at_rest(forest), max_steps=1)
     assert step.record.hanging_nodes > 10
     exact = 0.01 / (1 + 1 / 3)
     everywhere(np.abs(step.solution.force / step.pairs.area / exact - 1).max(initial=0) < 1e-6, "not uniform")
     assert abs(step.record.force / exact - 1) < 1e-7, "unit area: the force is the pressure"
+    assert abs(step.record.max_pressure / exact - 1) < 1e-6

@@ -26,20 +26,9 @@ def test_a_row_of_the_table():
     head, row = table_head(), table_row(record)
     found = [(heading.group(), number.group()) for heading, number in zip(columns(head), columns(row))]
     assert [heading.end() for heading in columns(head)] == [number.end() for number in columns(row)]
-    assert found == [
-        ("step", "2"),
-        ("cells", "98,765"),
-        ("dofs", "1,234,567"),
-        ("level", "3"),
-        ("order", "4"),
-        ("active", "1,234"),
-        ("contact", "5"),
-        ("krylov", "24"),
-        ("error %", "8.25"),
-        ("eff.", "0.75"),
-        ("force", "1.25000e-02"),
-        ("seconds", "61.50"),
-    ]
+    expected = "step 2, cells 98,765, dofs 1,234,567, level 3, order 4, active 1,234, contact 5, krylov 24, "
+    expected += "error % 8.25, eff. 0.75, force 1.25000e-02, seconds 61.50"
+    assert ", ".join(f"{heading} {number}" for heading, number in found) == expected
 
 
 def test_seconds_of_a_run():

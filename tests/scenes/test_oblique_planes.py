@@ -31,9 +31,8 @@ def test_uniform_stress(degree, poisson):
     record, up = step.record, ALONG[:, 2]
     assert record.hanging_nodes > 20 and record.estimate < 1e-8
     across, along = (poisson * (AROUND + ON_TOP) - AROUND) / 2, (2 * poisson * AROUND - ON_TOP) / 2
-    exact = leaf_positions(step.forest, slice(None), degree) @ (
-        across * np.eye(3) + (along - across) * np.outer(up, up)
-    )
+    strain = across * np.eye(3) + (along - across) * np.outer(up, up)
+    exact = leaf_positions(step.forest, slice(None), degree) @ strain
     everywhere(np.abs(step.nodal_displacement - exact).max() < 1e-10 * AROUND, "the displacement is not linear")
     energy = -0.5 * (AROUND * 2 * across + ON_TOP * along)  # twice, in a volume of 1/2
     assert abs(step.estimate.energy_norm**2 / energy - 1) < 1e-9
@@ -53,14 +52,13 @@ def last(scene, tolerance, **options):
     return step
 
 
+TURNED = [
+    pytest.param(*case, marks=pytest.mark.ranks(ranks)) for *case, ranks in ((1, 0.3, 3), (2, 0.3, 1), (2, 0.45, 2))
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "degree, poisson",
-    [
-        pytest.param(degree, poisson, marks=pytest.mark.ranks(ranks))
-        for degree, poisson, ranks in ((1, 0.3, 3), (2, 0.3, 1), (2, 0.45, 2))
-    ],
-)
+@pytest.mark.parametrize("degree, poisson", TURNED)
 def test_turned_hertz(degree, poisson, monkeypatch):
     """A quarter of two spheres turned by 30 degrees about z is what it was, hanging nodes and rubber too."""
     monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)  # of loose adjoints errors differ

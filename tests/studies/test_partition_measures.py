@@ -21,9 +21,8 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.leaf_graph import create_leaf_graph
-from fx_contact.forest.partition import KINDS, along_curve, repartition
+from fx_contact.forest.partition import KINDS, Units, along_curve, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.forest.super_elements import Units
 from fx_contact.parallel import exchange
 from fx_contact.problem.hexahedron import FACE_CORNERS
 from fx_contact.problem.lattice import SIDE, face_centres

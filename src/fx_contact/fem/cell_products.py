@@ -17,11 +17,8 @@ from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntAr
 def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tuple[IntArray, FloatArray]:
     """Matrices of cells with dofmaps (n, k) and (n, l), of a bilinear form over them with discontinuous functions.
 
-    Collective on the mesh's communicator.
-
-    Returns:
-        (n,) positions of the cells in `rows`, ordered by rows, and matrices of the element's nodes, (n, k, l, 3, 3), or
-        (n, k, l) of scalars.
+    Collective on the mesh's communicator.  Returns positions of the cells in `rows`, (n,), in the order of the matrices
+    (n, k, l, 3, 3), or (n, k, l) of scalars.
     """
     matrix = fem.assemble_matrix(form)
     blocks = () if set(matrix.block_size) == {1} else tuple(matrix.block_size)
@@ -37,10 +34,9 @@ def node_couplings(prolongation: Prolongation, cells: IntArray) -> csr_matrix:
 
 
 def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64Array, FloatArray]:
-    """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l).
+    """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l), 0 where there are fewer.
 
-    Local.  Masters are positions in the index map, nodes in the space.  Cells with fewer masters repeat one with weight
-    0.
+    Local.  Masters are positions in the index map, nodes in the space.
     """
     rows = prolongation.matrix[cells.ravel()]
     width = rows.shape[1]

@@ -14,13 +14,9 @@ _CHUNK = 1 << 12
 
 
 def cell_strains(displacement: fem.Function) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Strain, rotation and volume of this rank's cells, of a displacement on a leaf mesh [m].
+    """Strain |sym grad u| [-], rotation |curl u| / 2 [rad] and volume [m^3], each (ncells,), of a displacement u [m].
 
-    Local.  Of grad u in the middle of a cell, exact where u and the map of the cell are linear.
-
-    Returns:
-        three (ncells,): |sym grad u|, the Frobenius norm of the strain [-]; |curl u| / 2, the angle of the
-        rotation [rad]; the volume [m^3].
+    Local.  In the middle of a cell, exact where u and the map of the cell are linear.
     """
     # The corners are the first nodes of a Lagrange element, in tensor order.
     space, nodal = displacement.function_space, displacement.x.array.reshape(-1, 3)

@@ -3,20 +3,31 @@
 Conforming functions of degree 1 are conforming functions of degree 2, on hanging nodes and curved cells too.  So the
 interpolation I takes the values of the former at the conforming nodes of the latter, and the coarse matrix is I^T K I,
 here assembled at degree 1.  Source: E. M. Ronquist, A. T. Patera, J. Sci. Comput. 2(4), 1987.
+
+A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  A smoother that solves for all nodes
+along the short axes of flat cells at once takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and
+Applications, 1985, section 10.1).
 """
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, identity, kron
+from scipy.sparse import coo_matrix, csr_matrix, identity, kron
+from scipy.sparse.csgraph import connected_components
 
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.flat_cells import strong_blocks
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
+from fx_contact.parallel.arrays import Int64Array
+from fx_contact.parallel.mpi import hashed
 from fx_contact.problem import hexahedron
+
+#: Length of a cell over its length along an axis from which on the nodes along this axis are a block
+#: (`studies.cost.flat`).
+FLAT = 3.0
 
 
 def create_coarse_level(elasticity: Elasticity, supports: Supports) -> CoarseLevel:
@@ -42,10 +53,51 @@ def _interpolation(fine: Prolongation, coarse: Prolongation, below: Supports) ->
     corners = hexahedron.lagrange(1, np.linspace(0, 1, fine.space.degree + 1))
     weights = np.kron(corners, np.kron(corners, corners))[node]
     nodes = coarse.space.cells[leaf]
-    values = csr_matrix(
-        (weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)), shape=(fine.owned, len(coarse.space))
-    )
+    entries = weights.ravel(), nodes.ravel(), np.arange(0, weights.size + 1, 8)
+    values = csr_matrix(entries, shape=(fine.owned, len(coarse.space)))
     values.eliminate_zeros()
     matrix = kron(values @ coarse.matrix, identity(3), format="csr") @ below.ghosted(coarse).projector()
     matrix.eliminate_zeros()
     return distributed(fine.comm, matrix, coarse.index_map)
+
+
+def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
+    """Blocks of the conforming nodes: those on a line along the short axes of flat cells, from cell to cell.
+
+    Collective.  A block may have nodes of several ranks; None: no cell of any rank is flat.
+
+    Returns:
+        (owned,), block of each owned node: a random number, whose remainder by comm.size is the rank of one of its
+        nodes, which solves for the block.
+    """
+    prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
+    space, comm = prolongation.space, prolongation.comm
+    leaf, corner = np.repeat(np.arange(len(space.cells)), 8), np.tile(np.arange(8), len(space.cells))
+    lengths = hexahedron.lengths(leaf_mesh.positions(leaf, corner, 1).reshape(-1, 8, 3))
+    short = FLAT * lengths <= lengths.max(axis=1, keepdims=True)
+    if not comm.allreduce(bool(short.any()), op=MPI.LOR):
+        return None
+    side = space.degree + 1
+    nodes = space.cells.reshape(-1, side, side, side)
+    neighbours = []
+    for axis in range(3):
+        line = np.moveaxis(nodes[short[:, axis]], 3 - axis, 1)
+        neighbours.append(np.stack([line[:, :-1].ravel(), line[:, 1:].ravel()]))
+    links = np.concatenate(neighbours, axis=1)
+    links = links[:, ~prolongation.hanging[links].any(axis=0)]
+    graph = coo_matrix((np.ones(links.shape[1], dtype=bool), links), shape=(len(space),) * 2)
+    count, piece = connected_components(graph, directed=False)
+
+    imap, own = prolongation.index_map, prolongation.conforming >= 0
+    number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
+    owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
+    # Blocks with the same number would be solved for as one, which is correct too.
+    draw = hashed(number, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
+    block: Int64Array = np.full(len(space), np.iinfo(np.int64).max)
+    block[own] = draw[prolongation.conforming[own]]
+    while True:  # once for each piece of a line that is cut by ranks, and once more
+        lowest = np.full(count, np.iinfo(np.int64).max)
+        np.minimum.at(lowest, piece, block)
+        before, block = block, space.directory.lowest(lowest[piece])
+        if not comm.allreduce(bool((block != before).any()), op=MPI.LOR):
+            return prolongation.injected(block)

@@ -21,25 +21,21 @@ def _flags() -> list[str]:
 def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
     """Compile a form, or take it from FFCx's cache.
 
-    Collective on comm, the user's communicator with the ranks of the form's mesh.  A run killed during compilation
-    leaves a file in the cache that makes FFCx fail after 10 s; the error names it.
-
-    Raises:
-        CompilationError: the form cannot be compiled, cached or loaded on some rank.
+    Collective on comm, the user's communicator.  Raises CompilationError if the form cannot be compiled, cached or
+    loaded on some rank: a run killed during compilation leaves a file that makes FFCx fail; the error names it.
     """
-    result: fem.Form | None = None
-    reason: str | None = None
-    failure: Exception | None = None
+    result, failure = None, None
     try:
         result = fem.form(form, jit_options={_ARGS: _flags()})
     except Exception as error:  # of the compiler, the system, dolfinx, FFCx or CFFI
-        failure, reason = error, f"{type(error).__name__}: {error}"
-    reasons = [reason for reason in comm.allgather(reason) if reason is not None]
-    if result is not None and not reasons:
+        failure = error
+    reasons = comm.allgather(failure and f"{type(failure).__name__}: {failure}")
+    reason = next(filter(None, reasons), None)
+    if result is not None and reason is None:
         return result
     folder = str(jit.get_options()["cache_dir"])
     raise CompilationError(
-        f"the kernels of the finite elements cannot be compiled ({reasons[0]}): see that there is a C compiler (CC "
+        f"the kernels of the finite elements cannot be compiled ({reason}): see that there is a C compiler (CC "
         f"says which, if not the system's) and that {folder!r} can be written and has room, or name another folder by "
         "XDG_CACHE_HOME; if an earlier run was killed, remove the file that it has left there"
     ) from failure

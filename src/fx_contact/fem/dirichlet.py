@@ -1,6 +1,7 @@
 """Prescribed displacements and symmetry planes of a scene at the conforming nodes of a forest."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -29,7 +30,7 @@ _ALONG_AXIS = 1e-12
 def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> Supports:
     """Displacement conditions of a scene at the owned conforming nodes.
 
-    Collective on forest.comm.  Hanging nodes have no conditions of their own.
+    Collective on forest.comm.
 
     Raises:
         SceneError: a function fails or is not finite at a node, or two conditions prescribe different values at one
@@ -37,20 +38,17 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
     """
     conditions = [condition for condition in scene.conditions if isinstance(condition, Dirichlet)]
     with together(forest.comm):
-        local = [_prescribed(condition, scene, prolongation) for condition in conditions]
-    largest = max((np.nanmax(np.abs(values), initial=0.0) for _, values in local), default=0.0)
+        places = [_conforming_at(scene, prolongation, condition.where) for condition in conditions]
+        local = [condition.at(prolongation.space.positions(here)) for condition, here in zip(conditions, places)]
+    largest = max((np.nanmax(np.abs(values), initial=0.0) for values in local), default=0.0)
     largest = forest.comm.allreduce(largest, op=MPI.MAX)
     result = np.full((prolongation.owned, 3), np.nan)
-    for condition, (at, values) in zip(conditions, local):
+    for condition, here, values in zip(conditions, places, local):
         # The owner of a node need not have a leaf face on the surface: the value comes from ranks that have one.
-        mean = prolongation.averaged(at, values)
+        mean = prolongation.averaged(prolongation.conforming[here], values)
         ours = np.flatnonzero(~np.isnan(mean).all(axis=1))
-
-        def place(row: int, nodes: Int64Array = ours) -> FloatArray:
-            """Position of a node."""
-            return _position(prolongation, int(nodes[row]))
-
         with together(forest.comm):
+            place = partial(_position, prolongation, ours)
             result[ours] = merged(result[ours], condition, mean[ours], _SAME * largest, place)
     if not scene.oblique_planes:
         return Supports(result)
@@ -63,13 +61,8 @@ def _with_planes(
     """Arguments of Supports: prescribed components, those by planes across axes included, and P at oblique planes."""
     across: FloatArray = np.zeros((len(prescribed), 3, 3))
     for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
-
-        def place(row: int, nodes: Int64Array = nodes) -> FloatArray:
-            """Position of a node."""
-            return _position(prolongation, int(nodes[row]))
-
         with together(prolongation.comm):
-            plane.check(prescribed[nodes], largest, place)
+            plane.check(prescribed[nodes], largest, partial(_position, prolongation, nodes))
         across[nodes] += plane.across
     nodes = np.flatnonzero(across.any(axis=(1, 2)))
     free, across = np.isnan(prescribed[nodes]), across[nodes]
@@ -95,7 +88,7 @@ def shared_forces(
     """Minimum-norm distribution of reaction forces r (owned, 3) [N] over the conditions at each node: G^+ r.
 
     Local.  The force of a condition is H G^+ r with H its `across` and G the sum of H over the conditions of the node:
-    in the direction of an axis equal parts of r.  The nodes of each condition come from `held_nodes`.
+    in the direction of an axis equal parts of r.  `supported`: from `held_nodes`.
     """
     count: FloatArray = np.zeros(forces.shape)
     tilted = np.zeros(len(forces), dtype=bool)
@@ -126,35 +119,25 @@ def held_nodes(
     return [np.flatnonzero(column) for column in prolongation.summed(on).T]
 
 
-def _prescribed(condition: Dirichlet, scene: Scene, prolongation: Prolongation) -> tuple[IntArray, FloatArray]:
-    """This rank's conforming nodes on which a condition acts, as positions in the index map, and its values [m]."""
-    here = _conforming_at(scene, prolongation, condition.where)
-    return prolongation.conforming[here], condition.at(prolongation.space.positions(here))
-
-
-def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> Int64Array:
-    """This rank's conforming nodes at a named place, as positions in the Space."""
-    here = np.unique(_nodes_at(scene, prolongation.space, where))
+def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> IntArray:
+    """This rank's conforming nodes on a named surface or curve, or at a named vertex, as positions in the Space."""
+    space, forest, mesh = prolongation.space, prolongation.space.forest, prolongation.space.forest.mesh
+    if where in mesh.surfaces:
+        here = nodes_on(space, mesh.surfaces[where])
+    elif where in mesh.curves:
+        leaf, edge = forest.boundary_edges(mesh.curves[where])
+        here = space.cells[leaf[:, None], space.edge_nodes[edge]]
+    else:
+        cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(where)))
+        points = (SIDE * hexahedron.CORNERS[corner])[:, None]
+        place = space.find(forest.lattice.keys(cell, points)[:, 0])
+        here = place[place >= 0]
+    here = np.unique(here)
     return here[~prolongation.hanging[here]]
 
 
-def _position(prolongation: Prolongation, node: int) -> FloatArray:
-    """Position (3,) [m] of an owned conforming node."""
-    return prolongation.space.positions(np.flatnonzero(prolongation.conforming == node))[0]
-
-
-def _nodes_at(scene: Scene, space: Space, name: str) -> IntArray:
-    """This rank's nodes on a named surface or curve, or at a named vertex, of the root mesh."""
-    forest, mesh = space.forest, space.forest.mesh
-    if name in mesh.surfaces:
-        return nodes_on(space, mesh.surfaces[name])
-    if name in mesh.curves:
-        leaf, edge = forest.boundary_edges(mesh.curves[name])
-        return space.cells[leaf[:, None], space.edge_nodes[edge]]
-    cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(name)))
-    points = (SIDE * hexahedron.CORNERS[corner])[:, None]
-    place = space.find(forest.lattice.keys(cell, points)[:, 0])
-    return place[place >= 0]
+def _position(prolongation: Prolongation, nodes: Int64Array, row: int) -> FloatArray:
+    return prolongation.space.positions(np.flatnonzero(prolongation.conforming == nodes[row]))[0]
 
 
 def nodes_on(space: Space, facets: IntArray) -> IntArray:

@@ -13,33 +13,20 @@ from fx_contact.parallel.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """A displacement and its volume strain, from `Elasticity.field`.
+    """A displacement [m], continuous across hanging facets, and its volume strain [-], from `Elasticity.field`.
 
-    Attributes:
-        function: displacement, continuous across hanging facets [m].
-        volume_strain: div u, projected in nearly incompressible bodies [-].
-        projected: the projected volume strain; None: no body is nearly incompressible.
+    Of nearly incompressible bodies the volume strain is `projected`; None: there are none.
     """
 
     function: fem.Function
     volume_strain: ufl.core.expr.Expr
     projected: fem.Function | None = None
 
-    @property
-    def functions(self) -> tuple[fem.Function, ...]:
-        """The Functions with the field's values.  Local."""
-        return (self.function,) if self.projected is None else (self.function, self.projected)
-
 
 class Integral:
-    """A form compiled once and integrated for any fields.
+    """A linear form or a functional, compiled once and integrated for any fields in the place of its coefficients.
 
     Collective on comm.
-
-    Args:
-        comm: the user's communicator.
-        form: a linear form or a functional.
-        arguments: coefficients of the form in the place of the fields, for no other use.
     """
 
     def __init__(
@@ -64,4 +51,6 @@ class Integral:
 
 
 def _functions(field: DisplacementField | fem.Function) -> tuple[fem.Function, ...]:
-    return field.functions if isinstance(field, DisplacementField) else (field,)
+    if not isinstance(field, DisplacementField):
+        return (field,)
+    return (field.function,) if field.projected is None else (field.function, field.projected)

@@ -44,7 +44,7 @@ class Rows(Protocol):
 class Elasticity:
     """Displacements of degree p on a leaf mesh with one material a body.
 
-    Collective on mesh.comm.  Displacements are arguments, as a `field` or conforming values.
+    Collective on mesh.comm.
 
     Args:
         materials: (nbodies, 2), rows (E [Pa], nu [-]), in the order of the bodies.
@@ -53,8 +53,8 @@ class Elasticity:
     Attributes:
         function_space: of displacements, a block of 3 a node.
         quadrature_degree: of the Gauss rule on curved cells, 2p + 1: (p+1)^3 points.
-        cells: (ncells, (p+1)^3), position in the Space of the nodes of each local cell.
-        node_of_block: (nblocks,), the same of each local block of `function_space`; several blocks may be a node.
+        cells: (ncells, (p+1)^3), nodes in the Space of each local cell.
+        node_of_block: (nblocks,), the node of each local block of `function_space`; several blocks may have one.
         lame: the two Lame coefficients, constant on cells [Pa].
         argument: coefficient in the place of a displacement in an `Integral`.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
@@ -88,9 +88,7 @@ class Elasticity:
         if self.projects:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
-            self._projection = VolumeProjection(
-                mesh, prolongation.space.degree, lambda integrand, cells: self._compiled(integrand, cells)
-            )
+            self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
@@ -107,10 +105,9 @@ class Elasticity:
         field = self.blank()
         field.function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
         if field.projected is not None:
-            moments = self._integral(
-                "moments", ufl.inner(ufl.TestFunction(self._projection.space), ufl.div(self.argument.function))
-            )
-            field.projected.x.array[:] = self._projection.projected(moments.vector(field))
+            q = ufl.TestFunction(self._projection.space)
+            moments = self._integral("moments", ufl.inner(q, ufl.div(self.argument.function))).vector(field)
+            field.projected.x.array[:] = self._projection.projected(moments)
         return field
 
     def on(self, prolongation: Prolongation) -> Elasticity:
@@ -153,7 +150,7 @@ class Elasticity:
     def change_norm(self, conforming: FloatArray) -> float:
         """Energy norm [J^(1/2)] of the difference (owned, 3) [m] of solutions on this mesh and on a coarser one.
 
-        Collective.  Without projected volume strains: those of the children of a cell differ from the cell's.
+        Collective.  Without projected volume strains, which are other ones on the coarser mesh.
         """
         if not self.projects:
             return self.energy_norm(conforming)
@@ -166,7 +163,6 @@ class Elasticity:
         return 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
 
     def _root(self, energy: Integral, conforming: FloatArray) -> float:
-        """Root of an energy on all ranks."""
         return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming))), 0.0)))
 
     def internal_forces(self, field: DisplacementField) -> FloatArray:
@@ -183,18 +179,14 @@ class Elasticity:
     def stiffness(
         self, rows: Rows | None = None, copied: bool = True, mixed: bool = False, supports: Supports | None = None
     ) -> BlockMatrix:
-        """P^T K P on the conforming unknowns, with room for contact blocks.
+        """P^T K P on the conforming unknowns before `mat.assemble`, with room for the blocks of contact rows.
 
         Collective on mesh.comm.
 
         Args:
-            rows: of contact; None: there is none.
             copied: as in `create_matrix`.
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to project on oblique planes; None: not projected.
-
-        Returns:
-            The matrix before `mat.assemble`.
         """
         comm, imap = self.prolongation.comm, self.prolongation.index_map
         graph = node_couplings(self.prolongation, self.cells)
@@ -232,7 +224,6 @@ class Elasticity:
         return ufl.Measure("dx", self.mesh, where, {"quadrature_degree": self.quadrature_degree}, domain)
 
     def _compiled(self, integrand: ufl.core.expr.Expr, cells: IntArray | None = None) -> fem.Form:
-        """The integral over some cells of this rank, or all."""
         with self._stages("compile"):
             return compiled(self.prolongation.comm, integrand * self.measure(cells))
 
@@ -251,10 +242,7 @@ class Elasticity:
         return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
-        """The term of the mixed form beside its matrix, with supports at the owned conforming nodes.
-
-        Collective on mesh.comm.
-        """
+        """The term of the mixed form beside its matrix.  Collective on mesh.comm."""
         space, cells = self._discontinuous(), []
         parts: list[tuple[IntArray, FloatArray]] = []
         for some in self._chunks(np.flatnonzero(self._soft)):
@@ -267,7 +255,6 @@ class Elasticity:
         return VolumeTerm(self.prolongation, parts, first - in_matrix, 2 * second + in_matrix, supports)
 
     def _of_cells(self, lame: fem.Function, cells: IntArray) -> FloatArray:
-        """A Lame coefficient of cells: (n,)."""
         return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
 
     def _add_projected(self, matrices: FloatArray, cells: IntArray, space: fem.FunctionSpace, mixed: bool) -> None:
@@ -290,5 +277,4 @@ class Elasticity:
 
 
 def _first_lame(second: FloatArray) -> FloatArray:
-    """The first Lame coefficient for `MATRIX_POISSON` and the second one."""
     return 2 * MATRIX_POISSON / (1 - 2 * MATRIX_POISSON) * second

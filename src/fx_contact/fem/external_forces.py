@@ -1,7 +1,6 @@
 """Surface and body forces of a scene on the conforming unknowns, integrated over the curved leaves with NumPy.
 
-A user's force is a NumPy function of position, evaluated at the integration points.  UFL would need its interpolant,
-as quadrature spaces exist on cells alone, and seconds to compile each new form.
+A user's force is a NumPy function of position, evaluated at the integration points.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,10 +30,7 @@ _Rule: TypeAlias = tuple[FloatArray, FloatArray]
 def load(scene: Scene, forest: Forest, elasticity: Elasticity) -> FloatArray:
     """Generalised external forces (owned, 3) [N] on the conforming nodes.
 
-    Collective on forest.comm.
-
-    Raises:
-        SceneError: a force that is a function fails or is not finite somewhere.
+    Collective on forest.comm.  Raises SceneError if a force that is a function fails or is not finite somewhere.
     """
     return load_and_totals(scene, forest, elasticity)[0]
 
@@ -42,19 +38,16 @@ def load(scene: Scene, forest: Forest, elasticity: Elasticity) -> FloatArray:
 def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tuple[FloatArray, FloatArray]:
     """Generalised external forces (owned, 3) [N] on the conforming nodes, and the resultants of each load.
 
-    Collective on forest.comm.
+    Collective on forest.comm.  Raises errors as `load`.
 
     Returns:
         The forces; (k, nbodies, 6), of the k = tractions + body forces of the scene, in this order, and of each body:
         force [N] and moment about the origin [N m] of this rank's leaves, by the same Gauss rule.
-
-    Raises:
-        SceneError: as `load`.
     """
     space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
     forces = np.zeros((len(space), 3))
-    totals = np.zeros((len(scene.tractions) + len(scene.body_forces), len(forest.mesh.bodies), 6))
-    if scene.tractions or scene.body_forces:
+    totals = np.zeros((len(_loads(scene)), len(forest.mesh.bodies), 6))
+    if len(totals):
         with together(forest.comm):
             for force, total in zip(_loads(scene), totals):
                 for leaves, face in _places(forest, force):
@@ -71,21 +64,19 @@ def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tup
 def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
     """Force of each load that is a function, by a finer rule than that of `load_and_totals`.
 
-    Collective on the mesh's communicator.  The rule has a Gauss point more along each axis, on facets in each of two
-    halves.  So a jump of the load inside a leaf lies between different points of the two rules.
+    Collective on the mesh's communicator.  Raises errors as `load`.  The rule has a Gauss point more along each axis,
+    on facets in each of two halves: a jump inside a leaf lies between different points of the two rules.
 
     Returns:
-        (k, 4), of the k = tractions + body forces of the scene, in this order, on this rank's leaves: the force and the
-        integral of its magnitude [N]; 0 for constant loads.
-
-    Raises:
-        SceneError: as `load`.
+        (k, 4), of the loads in the order of `load_and_totals`, on this rank's leaves: the force and the integral of its
+        magnitude [N]; 0 for constant loads.
     """
     space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
-    totals = np.zeros((len(_loads(scene)), 4))
-    if any(callable(force.value) for force in _loads(scene)):
+    loads = _loads(scene)
+    totals = np.zeros((len(loads), 4))
+    if any(callable(force.value) for force in loads):
         with together(space.forest.comm):
-            for force, total in zip(_loads(scene), totals):
+            for force, total in zip(loads, totals):
                 for leaves, face in _places(space.forest, force) if callable(force.value) else ():
                     rule = _rule(space, order, face, more=1, parts=1 if face is None else 2)
                     for _, _, values in _integrands(space.forest, leaves, order, force.at, face, rule):
@@ -97,10 +88,7 @@ def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
 def body_force(scene: Scene, elasticity: Elasticity) -> fem.Function | None:
     """Density of the body forces of a scene [N/m^3], interpolated at the nodes; None: there are none.
 
-    Collective on the mesh's communicator.
-
-    Raises:
-        SceneError: a force that is a function fails or is not finite somewhere.
+    Collective on the mesh's communicator.  Raises errors as `load`.
     """
     if not scene.body_forces:
         return None
@@ -133,7 +121,6 @@ def _places(forest: Forest, force: _Load) -> Iterator[tuple[IntArray, int | None
 def _rule(space: Space, order: int, face: int | None, more: int = 0, parts: int = 1) -> _Rule:
     """The rule of loads, with so many points more, in each of so many parts."""
     # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    # NumPy has any number of points.  The errors of their last digits matter for gaps alone (`Space.facet_rule`).
     points, weights = np.polynomial.legendre.leggauss(space.degree + (1 if face is None else order) + more)
     halves = np.add.outer(np.arange(parts), (points + 1) / 2).ravel()
     return halves / parts, np.tile(weights / 2, parts) / parts

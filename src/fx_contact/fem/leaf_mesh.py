@@ -35,34 +35,28 @@ class LeafMesh:
     order: int
     leaf: Int64Array
 
+    @property
+    def _cell(self) -> Int32Array:
+        return np.argsort(self.leaf).astype(np.int32)
+
     def facets(self, forest: Forest, facets: IntArray) -> Int32Array:
         """Exterior facets (m, 2), (local cell, local facet), on root facets (k, 2), for dolfinx's integrals.
 
         Local.  Hanging facets, which are exterior ones for dolfinx, are not among them.
         """
         leaf, face = forest.boundary_faces(facets)
-        cell = np.empty(len(self.leaf), dtype=np.int32)
-        cell[self.leaf] = np.arange(len(cell))
-        rows = np.stack([cell[leaf], face.astype(np.int32)], axis=1)
+        rows = np.stack([self._cell[leaf], face.astype(np.int32)], axis=1)
         return rows[np.lexsort(rows.T[::-1])]
 
     def positions(self, leaf: IntArray, local: IntArray, degree: int) -> FloatArray:
-        """Positions (k, 3) [m] of nodes of leaves in the geometry of order q, that of all integrals.
+        """Positions (k, 3) [m] of nodes (k,) of degree p of this rank's leaves (k,) in the geometry of order q.
 
         Local.
-
-        Args:
-            leaf: (k,), this rank's leaves.
-            local: (k,), a node of each, in tensor order.
-            degree: p of the nodes, i/p along each axis.
         """
-        cell = np.empty(len(self.leaf), dtype=np.int32)
-        cell[self.leaf] = np.arange(len(cell))
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
         weights = np.kron(functions, np.kron(functions, functions))[:, basix_order(CellType.hexahedron, self.order)]
-        return np.einsum(
-            "kn,kni->ki", weights[local], self.mesh.geometry.x[compat.geometry_nodes(self.mesh)[cell[leaf]]]
-        )
+        nodes = compat.geometry_nodes(self.mesh)[self._cell[leaf]]
+        return np.einsum("kn,kni->ki", weights[local], self.mesh.geometry.x[nodes])
 
 
 def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:
@@ -71,28 +65,18 @@ def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:
     Collective on forest.comm.
     """
     nodes, x = _geometry_nodes(forest, order)
-    element = basix.ufl.element(
-        "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, shape=(3,)
-    )
-    mesh = create_mesh(
-        forest.comm,
-        cells=nodes[:, basix_order(CellType.hexahedron, order)],
-        e=element,
-        x=x,
-        partitioner=compat.stay(forest.comm.rank),
-    )
-    first = forest.comm.exscan(len(forest)) or 0
-    leaf = mesh.topology.original_cell_index - first
-    return LeafMesh(mesh, order, leaf)
+    variant = LagrangeVariant.equispaced
+    element = basix.ufl.element("Lagrange", "hexahedron", order, lagrange_variant=variant, shape=(3,))
+    cells, stay = nodes[:, basix_order(CellType.hexahedron, order)], compat.stay(forest.comm.rank)
+    mesh = create_mesh(forest.comm, cells=cells, e=element, x=x, partitioner=stay)
+    return LeafMesh(mesh, order, mesh.topology.original_cell_index - (forest.comm.exscan(len(forest)) or 0))
 
 
 def sufficient_order(forest: Forest, tolerance: float) -> int:
     """The lowest geometry order that approximates the root map on every leaf.
 
-    Collective on forest.comm.  The relative error of a map of order q falls like h^q: leaves are accurate if an
-    ancestor is.  So levels are visited from the root cells on, and only descendants of cells with too large an error.
-    The tolerance is for the distance between both maps, relative to the shortest of the leaf's three lengths (the
-    thickness of a shell).
+    Collective on forest.comm.  The tolerance is for the distance between both maps, relative to the shortest of the
+    leaf's three lengths.  Leaves are accurate if an ancestor is: levels are visited from the root cells on.
     """
     order, left = 1, np.arange(len(forest))
     for level in range(MAX_LEVEL + 1):
@@ -139,16 +123,12 @@ def leaf_positions(forest: Forest, leaves: IntArray | slice, order: int, level: 
     levels = forest.level[leaves]
     side = leaf_side(levels if level is None else np.full_like(levels, level))[:, None]
     low, width = (forest.anchor[leaves] & -side) / SIDE, side / SIDE
-    return forest.mesh.evaluate(
-        forest.cell[leaves], low[:, :, None] + width[:, :, None] * np.linspace(0, 1, order + 1)
-    )
+    points = low[:, :, None] + width[:, :, None] * np.linspace(0, 1, order + 1)
+    return forest.mesh.evaluate(forest.cell[leaves], points)
 
 
 def _geometry_nodes(forest: Forest, order: int) -> tuple[Int64Array, FloatArray]:
-    """Global nodes (n, (q+1)^3) of each leaf in tensor order, and the positions of the nodes numbered by this rank.
-
-    Nodes are numbered rank by rank, on a rank vertices first, then edges, faces and cells.
-    """
+    """Global nodes (n, (q+1)^3) of each leaf in tensor order, and the positions of the nodes numbered by this rank."""
     comm, inner = forest.comm, order - 1
     vertex, owner = forest.vertices.directory.number()
     corner = hexahedron.corner_nodes(order)[:, None]

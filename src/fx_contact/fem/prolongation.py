@@ -1,9 +1,8 @@
 """Hanging nodes and the prolongation P from conforming to all nodal unknowns.
 
 A node of a fine leaf on an edge or face of a coarser leaf, but none of its nodes, hangs there: its value is that of the
-coarser leaf's function.  At degree 1 these are the middles of edges and faces, with the weights 1/2 and 1/4 (section 2
-of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).  Masters that hang themselves are
-replaced by theirs.
+coarser leaf's function (section 2 of the paper; J. Cerveny, V. Dobrev, T. Kolev, SIAM J. Sci. Comput. 41(4), 2019).
+Masters that hang themselves are replaced by theirs.
 """
 
 from typing import TypeVar
@@ -29,18 +28,16 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 class Prolongation:
     """P: the values at all nodes of this rank's leaves from those at the conforming nodes.
 
-    Collective on space.forest.comm.  Values may have any unit.
+    Collective on space.forest.comm.
 
     Args:
         space: with m nodes on this rank.
-        needed: (k,), keys of further nodes of any rank with values that this rank needs, for rows of contact; they may
-            hang.
+        needed: (k,), keys of further nodes of any rank, for rows of contact; they may hang.
 
     Attributes:
         hanging: (m,), True at hanging nodes.
         index_map: of the conforming nodes: owned ones first, in the order of `Space.keys`, then the masters of this
-            rank's and of needed nodes on other ranks.  A rank with a facing pair of leaves owns the facing nodes of
-            both.
+            rank's and of needed nodes on other ranks.
         conforming: (m,) int32, position of each node in `index_map`, -1 where it hangs.
         matrix: (m, owned + ghosts), P on this rank.
         hanging_global: number of hanging nodes on all ranks.
@@ -79,10 +76,7 @@ class Prolongation:
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
     def find(self, keys: Int64Array) -> Int64Array:
-        """Positions (k,) in `index_map`, ghosts included, by keys (k,) of nodes, their masters or needed nodes.
-
-        Local.  They are -1 where a node hangs.
-        """
+        """Positions (k,) in `index_map`, -1 where a node hangs, by keys (k,) of nodes or masters.  Local."""
         place = self.space.find(keys)
         here = place >= 0
         result = np.full(len(keys), -1, dtype=np.int64)
@@ -154,18 +148,15 @@ def _masters(space: Space) -> tuple[Int64Array, FloatArray]:
     """Keys (m, (p+1)^2) of the masters of each node on any rank, -1 where there are fewer, and their weights."""
     masters = np.full((len(space), (space.degree + 1) ** 2), _NONE, dtype=np.int64)
     weights = np.zeros(masters.shape)
-    for dimension, entities, nodes in (
-        (1, space.forest.edges, space.edge_nodes),
-        (2, space.forest.faces, space.face_nodes),
-    ):
+    edges, faces = (space.forest.edges, space.edge_nodes), (space.forest.faces, space.face_nodes)
+    for dimension, (entities, nodes) in enumerate((edges, faces), 1):
         points, shares = _hanging_points(space.degree, dimension)
         directory, example = _points_on(space, entities, nodes, points)
         asked = np.flatnonzero(directory.asked(space.keys))
         leaf, which, point = example[asked].T
         rows = np.column_stack([space.keys[space.cells[leaf[:, None], nodes[which]]], point])
-        rows, found = Directory(space.forest.comm, directory.keys[asked], space.forest.homes.of_points).lookup(
-            space.keys, rows, np.ones(len(asked), dtype=bool)
-        )
+        known = Directory(space.forest.comm, directory.keys[asked], space.forest.homes.of_points)
+        rows, found = known.lookup(space.keys, rows, np.ones(len(asked), dtype=bool))
         share = shares[rows[found, -1]]
         masters[found, : nodes.shape[1]] = np.where(share != 0, rows[found, :-1], _NONE)
         weights[found, : nodes.shape[1]] = share
@@ -191,9 +182,8 @@ def _points_on(
 ) -> tuple[Directory, Int64Array]:
     """Directory of such points of edges or faces, and of each (leaf, local entity, point): (k, 3)."""
     if space.degree == 1:  # the one point is the middle, by which the entity is named
-        return entities.directory, np.column_stack(
-            [entities.example, np.zeros(len(entities.example), dtype=np.int64)]
-        )
+        middle = np.zeros(len(entities.example), dtype=np.int64)
+        return entities.directory, np.column_stack([entities.example, middle])
     forest = space.forest
     coarse = entities.example[forest.level[entities.example[:, 0]] < MAX_LEVEL]
     leaf, which = coarse.T

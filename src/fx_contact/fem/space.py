@@ -26,23 +26,16 @@ _GAUSS: dict[int, tuple[FloatArray, FloatArray]] = {
 
 
 class Space:
-    """The nodes of degree p of this rank's leaves.
+    """The nodes of degree p = 1 or 2 of this rank's leaves.
 
-    Collective on forest.comm.
-
-    Args:
-        degree: p, 1 or 2.
+    Collective on forest.comm.  Raises SceneError for another degree.
 
     Attributes:
-        keys: (m,), lattice keys of the nodes, in the order of their first leaves.
+        keys: (m,), lattice keys of the nodes, in the order of their first leaves; there is a `directory` of them.
         cells: (n, (p+1)^3), position in `keys` of the nodes of each leaf.
         example: (m, 2), a leaf of each node and its local number there.
-        directory: of the keys.
         face_nodes: (6, (p+1)^2), local nodes of each face of a leaf, first tangent fastest.
         edge_nodes: (12, p+1), local nodes of each edge, from its low end.
-
-    Raises:
-        SceneError: another degree.
     """
 
     def __init__(self, forest: Forest, degree: int) -> None:
@@ -85,12 +78,9 @@ class Space:
         return self.cells[leaf[:, None], self.face_nodes[face]]
 
     def functions_at(self, cell: int, coordinates: FloatArray) -> tuple[Int32Array, FloatArray]:
-        """Shape functions at a point (3,) of a root cell, in reference coordinates in [0, 1].
+        """Nodes (k,) and values (k,) of shape functions at a point (3,) of a root cell, in coordinates in [0, 1].
 
-        Local.  Of several leaves with the point the highest along each axis counts.
-
-        Returns:
-            (k,) nodes and (k,) values, k = (p+1)^3 on the one rank of the point's leaf, else 0.
+        Local.  k = (p+1)^3 on the one rank of the point's leaf, the highest along each axis, else 0.
         """
         forest, place = self.forest, SIDE * coordinates
         inside = np.minimum(np.floor(place), SIDE - 1) - forest.anchor
@@ -111,9 +101,7 @@ class Space:
     def facet_rule(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Gauss rule on a facet, exact for products of its shape functions with the Jacobian of affine facets.
 
-        Returns:
-            (g,) weights on the unit square, and (g, (p+1)^2) values of the facet's shape functions at the g points,
-            their derivatives along the first tangent, and along the second.
+        Weights (g,) on the unit square, and of the shape functions (g, (p+1)^2) values and both tangential derivatives.
         """
         x, w = _GAUSS[self.degree]
         value, slope = hexahedron.lagrange(self.degree, x), hexahedron.lagrange_derivative(self.degree, x)

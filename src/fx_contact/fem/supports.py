@@ -1,8 +1,8 @@
 """Displacement conditions at conforming nodes, as orthogonal projectors on the free displacements.
 
 At a node some components are prescribed; on symmetry planes oblique to the axes also N u = 0, with N the projector on
-the span of the normals there, without prescribed components.  Components remain those along x, y and z.  With the
-projector P = I - N and s similar to the diagonal of K, the matrix is P K P + s N.
+the span of the normals there, without prescribed components.  With P = I - N and s similar to the diagonal of K, the
+matrix is P K P + s N.
 """
 
 from __future__ import annotations
@@ -19,16 +19,12 @@ from fx_contact.parallel.arrays import FloatArray, IntArray
 class Supports:
     """Displacement conditions at some nodes.
 
-    Local, except for `ghosted` and `add_normal_part`.  Without oblique planes P is the identity, at no cost.
+    Local, except for `ghosted` and `add_normal_part`.
 
     Args:
-        prescribed: (n, 3), prescribed displacements [m], NaN where free.
+        prescribed: (n, 3), prescribed displacements [m], NaN where `free`.
         oblique: (k,) nodes on oblique planes, ascending, and P there, (k, 3, 3); None if the scene has no such plane,
             alike on all ranks.
-
-    Attributes:
-        free: (n, 3), components that are not prescribed.
-        oblique: True in scenes with oblique planes.
     """
 
     def __init__(self, prescribed: FloatArray, oblique: tuple[IntArray, FloatArray] | None = None) -> None:
@@ -45,10 +41,7 @@ class Supports:
         return np.nan_to_num(self.prescribed)
 
     def tangential(self, vectors: FloatArray, at: slice | IntArray = slice(None)) -> FloatArray:
-        """P of vectors (m, 3) at nodes: without components normal to oblique planes; prescribed ones remain.
-
-        If there is no oblique plane, the vectors themselves.
-        """
+        """P of vectors (m, 3) at nodes: without components normal to oblique planes; prescribed ones remain."""
         if not self.oblique:
             return vectors
         place, result = self._place[at], vectors.copy()
@@ -95,8 +88,7 @@ class Supports:
         """Supports in orthonormal frames R aligned with the planes, with P R in the place of P.
 
         R turns by the smallest rotation the axis nearest to the normal, or to the line in which planes meet, into that.
-        Normal directions become prescribed components with value 0.  Multigrid that smooths components separately works
-        better with frames than with projectors (`fem.coarse_level`).
+        Normal directions become prescribed components with value 0, which suits multigrid.
         """
         if not self.oblique:
             return self

@@ -1,7 +1,7 @@
 """The volume strain of nearly incompressible bodies, projected in each cell.
 
-Nearly incompressible cells lock: the constraints of their volume strain outnumber the unknowns of a cell.  In such
-bodies it is projected in each cell on the polynomials q of degree p - 1 in reference coordinates.  Its energy is
+The volume strain is projected in each cell on the polynomials q of degree p - 1 in reference coordinates, since the
+cells would lock.  Its energy is
 
     lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j.
 
@@ -28,10 +28,6 @@ class VolumeProjection:
     """Projection of the divergence of displacements of degree p.
 
     Collective on the mesh's communicator.
-
-    Args:
-        degree: p.
-        compiled: compiles integrands.
 
     Attributes:
         space: discontinuous polynomials of degree p - 1.

@@ -1,7 +1,7 @@
 """The volume strains of nearly incompressible bodies beside the matrix, with pressures of their own.
 
-K = A + D^T C D.  D u are the moments of div u with polynomials of degree p - 1, orthonormal in each cell.  The matrix
-A is too soft by C = lambda - lambda_A.  K u = f is solved as
+K = A + D^T C D.  D u are the moments of div u with polynomials of degree p - 1, orthonormal in each cell; the matrix A
+is too soft by C = lambda - lambda_A.  K u = f is solved as
 
     A u + D^T s = f,    D u - C^-1 s = 0,    s = C D u [Pa m^(3/2)],
 
@@ -21,15 +21,14 @@ from fx_contact.parallel.arrays import FloatArray, IntArray
 
 
 class VolumeTerm(PressureOperator):
-    """D^T C D on this rank's cells.
+    """D^T C D on this rank's cells, with the Schur complement S = C^-1 + (2 mu + lambda_A)^-1.
 
-    Local.  The Schur complement is approximated by S = C^-1 + (2 mu + lambda_A)^-1.
+    Local.
 
     Args:
         moments: parts of the cells: their nodes of the space (n, k) and D of each cell (n, q, 3 k).
         missing: (m,), C of each row [Pa].
         wave: (m,), 2 mu + lambda_A [Pa].
-        supports: at the owned conforming nodes.
     """
 
     def __init__(

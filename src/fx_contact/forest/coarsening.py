@@ -16,11 +16,7 @@ def coarsened(forest: Forest, level: IntArray, kind: str = "contact-sfc") -> For
     """The coarsest forest in which each leaf of `forest` has at least the given level.
 
     Collective on forest.comm.  It is refined from the root cells by the rules of `Forest.refined`: siblings, balance
-    and partners may keep a leaf.  No leaf is finer than before.
-
-    Args:
-        level: (n,), required level of each leaf, at most its own.
-        kind: of partition, a key of `partition.KINDS`.
+    and partners may keep a leaf.  The levels (n,) are at most those of the leaves.
     """
     comm = forest.comm
     result = Forest.of_roots(comm, forest.mesh, forest.pairing, forest.contact_surfaces)

@@ -15,7 +15,6 @@ from mpi4py import MPI
 
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.lattice_points import LatticePoints
-from fx_contact.forest.refinement_map import RefinementMap
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.exchange import Exchange, few
@@ -26,6 +25,27 @@ from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
 from fx_contact.problem.root_mesh import RootMesh
+
+
+@dataclass(frozen=True, eq=False)
+class RefinementMap:
+    """Parent and child of each leaf of a refined forest; a leaf and its parent are on the same rank.
+
+    Attributes:
+        parent: (n,), index of the leaf before refinement.
+        child: (n,), number of the leaf among the children of its parent, -1 where the parent was not refined.
+    """
+
+    parent: Int64Array
+    child: Int8Array
+
+    def interpolated(self, values: FloatArray) -> FloatArray:
+        """Nodal values (n, (p+1)^3, ...) of a field of degree p, from those before refinement.  Local; exact."""
+        result: FloatArray = values[self.parent]
+        for child, interpolation in enumerate(hexahedron.child_interpolation(hexahedron.order_of(values.shape[1]))):
+            rows = self.child == child
+            result[rows] = np.einsum("ij,nj...->ni...", interpolation, result[rows])
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +97,8 @@ class Forest:
     def evaluate(self, cell: IntArray, points: npt.NDArray[np.number[Any]]) -> FloatArray:
         """Positions (n, ..., 3) [m] of points (n, ..., 3), in lattice coordinates of root cells (n,).  Local."""
         cells = np.repeat(cell, math.prod(points.shape[1:-1]))
-        return self.mesh.evaluate(cells, np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE).reshape(
-            points.shape
-        )
+        places = np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE
+        return self.mesh.evaluate(cells, places).reshape(points.shape)
 
     def positions(self, leaf: IntArray, corner: IntArray) -> FloatArray:
         """Positions (m, 3) [m] of corners (m,) of leaves (m,).  Local."""
@@ -128,29 +147,26 @@ class Forest:
         return self.contact_surfaces.same(contact_surfaces) and np.array_equal(self.pairing.partner, pairing.partner)
 
     def boundary_faces(self, facets: IntArray) -> tuple[Int64Array, Int64Array]:
-        """Leaves (m,) and their local faces (m,) on root facets (k, 2), as (root cell, local face).  Local."""
+        """Leaves (m,) and their local faces (m,) on root facets (k, 2).  Local."""
         return self._within(facets, lattice.root_faces(self.anchor, self.level))
 
     def boundary_edges(self, edges: IntArray) -> tuple[Int64Array, Int64Array]:
-        """Leaves (m,) and their local edges (m,) on root edges (k, 2), as (root cell, local edge).  Local."""
+        """Leaves (m,) and their local edges (m,) on root edges (k, 2).  Local."""
         return self._within(edges, lattice.root_edges(self.anchor, self.level))
 
     def _within(self, rows: IntArray, on: BoolArray) -> tuple[Int64Array, Int64Array]:
         """Faces or edges of leaves on those of root cells (k, 2), from the mask (n, 6 or 12) of those on any."""
         wanted = np.zeros((len(self.mesh.cells), on.shape[1]), dtype=bool)
-        wanted[rows[:, 0], rows[:, 1]] = True
+        wanted[tuple(rows.T)] = True
         leaf, entity = np.nonzero(on & wanted[self.cell])
         return leaf, entity
 
     def refined(self, marked: BoolArray) -> tuple["Forest", RefinementMap]:
-        """Refine the marked leaves (n,), their partners, and the leaves that the balance requires.
+        """Refine the marked leaves (n,), their partners, and the leaves that the balance requires; also the map.
 
-        Collective on comm.  Facing leaves are refined together (5).  No quarter point of an edge of a leaf is a vertex,
-        so every edge has at most one hanging node.  Leaves around the rim of a paired surface are refined with it, so
-        facing vertices are both hanging or both conforming.
-
-        Returns:
-            The new forest, with children in the place of their parent, and the map to this one.
+        Collective on comm.  Facing leaves are refined together (5), and those around the rim of a paired surface with
+        it.  No quarter point of an edge of a leaf is a vertex, so every edge has at most one hanging node.
+        Children are in the place of their parent.
 
         Raises:
             GeometryError: a leaf of the finest level is marked.
@@ -172,20 +188,9 @@ class Forest:
         return replace(self, cell=self.cell[parent], level=level, anchor=anchor), RefinementMap(parent, child)
 
     def refined_with(self, times: IntArray, values: FloatArray | None = None) -> tuple["Forest", FloatArray | None]:
-        """Refine leaves repeatedly, and interpolate a field.
+        """Refine each leaf a number of times (n,), and interpolate nodal values (n, (p+1)^3, ...) of a field.
 
-        Collective on comm.
-
-        Args:
-            times: (n,), number of refinements of each leaf; its children stop at the finest level.
-            values: (n, (p+1)^3, ...), nodal values of a field of degree p on the leaves.
-
-        Returns:
-            The new forest, and the nodal values on its leaves, if any were given.
-
-        Raises:
-            GeometryError: a leaf of the finest level is to be refined.
-            SolveError: as `refined`.
+        Collective on comm.  Children stop at the finest level.  Raises errors as `refined`.
         """
         forest, children = self.refined(times > 0)
         values = None if values is None else children.interpolated(values)
@@ -196,12 +201,9 @@ class Forest:
         return forest.refined_with(times, values)
 
     def moved(self, destination: IntArray) -> tuple["Forest", Exchange]:
-        """Send leaves to ranks (n,).
+        """Send leaves to ranks (n,): the new forest, ordered by source rank, and the exchange, for other leaf data.
 
         Collective on comm.
-
-        Returns:
-            The new forest, with leaves ordered by source rank, and the exchange, to send other leaf data alike.
         """
         exchange = Exchange(self.comm, destination)
         cell, level = exchange.forward(self.cell), exchange.forward(self.level)

@@ -1,8 +1,7 @@
 """Home ranks of keys, where the values registered for a key meet (`parallel.mpi.Directory`): near the leaves.
 
 The home of a lattice point is the rank whose piece of the space-filling curve contains it, by the cuts of the last
-partition, which all ranks know.  The key gives a root entity and integer coordinates there; a root cell of that entity
-gives the key on the curve.  So a rank communicates with its neighbours only.  Refinement keeps leaves near their homes.
+partition, which all ranks know.  So a rank communicates with its neighbours only.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_contact.forest.root_curve import RootCurve
+from fx_contact.forest.space_filling_curve import RootCurve
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
 from fx_contact.problem.facet_pairing import Pairing, decode_leaf
@@ -24,11 +23,9 @@ if TYPE_CHECKING:
 
 
 class Homes:
-    """Homes of the lattice points and leaves of a forest, as numbers of parts.  Local.
+    """Homes of the lattice points and leaves of a forest: parts, the ranks of a run.
 
-    Args:
-        cuts: (parts - 1,), cuts of the curve; None: homes by a hash.
-        parts: number of ranks in a run, any number in a study.
+    Local.  By the cuts (parts - 1,) of the curve; None: by a hash.
     """
 
     def __init__(self, forest: Forest, cuts: Int64Array | None, parts: int) -> None:
@@ -52,8 +49,7 @@ class Homes:
     def _on_curve(self, cuts: Int64Array, cell: IntArray, points: Int32Array) -> Int32Array:
         """Parts (n,) that contain the finest leaf whose high corner is the point (n, 3).
 
-        Of the eight leaves at a point this one gives the fewest partners, up to 40 at 8192 parts; the one whose low
-        corner is the point gives 44, the corner of a leaf of twice the side 113 (studies/partition, a million leaves).
+        Of the eight leaves at a point this one gives the fewest partners, up to 40 at 8192 parts (studies/partition).
         """
         keys = self._curve.keys(cell, np.maximum(points - 1, 0))
         return np.searchsorted(cuts, keys, side="right").astype(np.int32)
@@ -65,9 +61,9 @@ def _root_places(mesh: RootMesh, lattice: Lattice, pairing: Pairing) -> tuple[Pl
 
 
 class Places:
-    """A unique root cell, with coordinates there, for each lattice point; facing points share it.  Local.
+    """The lowest root cell with a lattice point, if possible one with a paired facet there; facing points share it.
 
-    The lowest cell that has the point, if possible one with a paired facet there; of two facing points the lower cell.
+    Local.
     """
 
     def __init__(self, lattice: Lattice, pairing: Pairing) -> None:

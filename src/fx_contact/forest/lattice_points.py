@@ -16,23 +16,18 @@ if TYPE_CHECKING:
 class LatticePoints:
     """Distinct lattice points of this rank's leaves, in the order of the leaves.
 
-    Collective on forest.comm.
-
-    Args:
-        points: (n, k, 3), lattice coordinates of k points per leaf.
+    Collective on forest.comm.  Of k points (n, k, 3) of each leaf, in lattice coordinates.
 
     Attributes:
-        keys: (m,), lattice keys.
+        keys: (m,), lattice keys, of which there is a `directory`.
         cells: (n, k), position of each leaf's points in `keys`.
-        directory: of the keys.
         example: (m, 2), the first leaf that has the point, and the point's number in that leaf.
     """
 
     def __init__(self, forest: Forest, points: Int32Array) -> None:
         k = points.shape[1]
-        keys, index, cells = np.unique(
-            forest.lattice.keys(forest.cell, points), return_index=True, return_inverse=True
-        )
+        found = forest.lattice.keys(forest.cell, points)
+        keys, index, cells = np.unique(found, return_index=True, return_inverse=True)
         order = np.argsort(index, kind="stable")
         self._ascending = np.argsort(order)
         self.keys: Int64Array = keys[order]

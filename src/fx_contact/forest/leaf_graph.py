@@ -12,7 +12,7 @@ from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange, Scalar
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.problem.lattice import leaf_side
 
 
 class Graph:
@@ -27,7 +27,6 @@ class Graph:
         weights: (k,); those of repeated edges are added.
 
     Attributes:
-        ends: (ranks,), global number behind the last vertex of each rank.
         offset: global number of this rank's first vertex.
         ghosts: (g,), global numbers of neighbours on other ranks, ascending.
         matrix: (size, size + g), SciPy CSR matrix of the weights, this rank's vertices before the ghosts.
@@ -37,15 +36,15 @@ class Graph:
         self, comm: MPI.Intracomm, size: int, rows: IntArray, columns: Int64Array, weights: Int64Array
     ) -> None:
         self.comm, self.size = comm, size
-        self.ends = _ends(comm, size)
-        self.offset = int(self.ends[comm.rank]) - size
+        ends = _ends(comm, size)
+        self.offset = int(ends[comm.rank]) - size
         proper = columns != rows + self.offset
         rows, columns, weights = rows[proper], columns[proper], weights[proper]
         own = (columns >= self.offset) & (columns < self.offset + size)
         self.ghosts = np.unique(columns[~own])
         local = np.where(own, columns - self.offset, size + np.searchsorted(self.ghosts, columns))
         self.matrix = coo_matrix((weights, (rows, local)), shape=(size, size + len(self.ghosts))).tocsr()
-        self._exchange = Exchange(comm, np.searchsorted(self.ends, self.ghosts, side="right"))
+        self._exchange = Exchange(comm, np.searchsorted(ends, self.ghosts, side="right"))
         self._asked = self._exchange.forward(self.ghosts) - self.offset
 
     @cached_property
@@ -63,14 +62,7 @@ class Graph:
         return self.comm.allreduce(int(self.matrix.data[across].sum())) // 2
 
     def contracted(self, group: Int64Array, count: int) -> "Graph":
-        """Graph of groups of vertices.
-
-        Collective on comm.
-
-        Args:
-            group: (size,), group of each vertex, below `count`; the vertices of a group are on one rank.
-            count: number of this rank's groups.
-        """
+        """Graph of this rank's `count` groups of its vertices, (size,).  Collective on comm."""
         number = self.ghosted((self.comm.exscan(count) or 0) + group)
         return Graph(self.comm, count, group[self.rows], number[self.matrix.indices], self.matrix.data)
 
@@ -102,11 +94,7 @@ def create_leaf_graph(forest: Forest) -> Graph:
 
     # The corner two steps from the corner a leaf shares with its parent is the centre of a face of the parent.
     leaves = np.flatnonzero(forest.level > 0)
-    child = (forest.anchor[leaves] >> (MAX_LEVEL + 1 - forest.level[leaves].astype(np.int32))[:, None] & 1) @ [
-        1,
-        2,
-        4,
-    ]
+    child = (forest.anchor[leaves] // leaf_side(forest.level[leaves])[:, None] & 1) @ [1, 2, 4]
     centres = forest.corners[leaves[:, None], child[:, None] ^ [3, 5, 6]]
     keys = forest.lattice.keys(forest.cell[leaves], centres).ravel()
     coarse, found = forest.faces.directory.lookup(keys, low, np.ones(len(low), dtype=bool))

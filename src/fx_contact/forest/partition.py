@@ -6,12 +6,13 @@
     sfc              Hilbert curve that ignores contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, after a partition by the curve
 
-A partition is a sequence of stages, each of which redistributes the units.  Parts are the ranks of a run, or any
-number of parts in a study.
+A partition is a sequence of stages, each of which redistributes units in the order of the space-filling curve: leaves,
+or super-elements of facing leaves, which have the curve key of one of them.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,13 +21,49 @@ from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
 from fx_contact.forest.forest import Forest
-from fx_contact.forest.super_elements import Units, curve_keys
+from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
+from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
+
+
+def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:
+    """Hilbert keys (n,) of the leaves: the same for facing leaves if `pairs`, else distinct.  Local."""
+    cell, anchor = decode_leaf(forest.representatives if pairs else leaf_code(forest.cell, forest.anchor))
+    return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)
+
+
+class Units:
+    """This rank's units, in curve order: super-elements of facing leaves if `pairs`, else single leaves.
+
+    Local; the leaves of a super-element must be on one rank.
+
+    Attributes:
+        of_leaf: (n,), unit of each leaf.
+        keys: (m,), curve key of each unit, ascending.
+        weights: (m,), number of leaves of each unit.
+        contact: (m,), units with a face on a contact surface.
+    """
+
+    def __init__(self, forest: Forest, pairs: bool) -> None:
+        self.comm, self._forest = forest.comm, forest
+        self.keys, self.of_leaf = np.unique(curve_keys(forest, pairs), return_inverse=True)
+        self.weights = np.bincount(self.of_leaf, minlength=len(self.keys))
+        self.contact = np.zeros(len(self.keys), dtype=bool)
+        self.contact[self.of_leaf[forest.contact_faces()[0]]] = True
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @cached_property
+    def graph(self) -> Graph:
+        """Graph of the units, weighted by the leaf facets between them.  Collective on comm at first use."""
+        return create_leaf_graph(self._forest).contracted(self.of_leaf, len(self))
+
 
 #: Maps the units, the number of parts and the present part (m,) of each unit to its new part (m,) and, if the stage
 #: cuts the curve, the cuts (parts - 1,).
@@ -51,9 +88,8 @@ def by_graph(units: Units, parts: int, _present: Int32Array) -> tuple[Int32Array
 def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array, None]:
     """Stage: units with contact on some parts, in proportion to their weight, the other units on the rest.
 
-    Collective on units.comm.  The units of each present part are cut into as many blocks of local numbers as there are
-    new parts.  The first block of present part p goes to the new part p, modulo the number of parts, so that remainders
-    spread.
+    Collective on units.comm.  The units of each present part are cut into a block for each new part, the first one for
+    the part of the same number, so that remainders spread.
     """
     mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
     contact, total = units.comm.allreduce(mine, op=MPI.SUM)
@@ -70,12 +106,7 @@ def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of partition.
-
-    Attributes:
-        pairs: True if it keeps facing leaves together.
-        stages: applied one after the other.
-    """
+    """A kind of partition by successive stages; `pairs`: facing leaves stay together."""
 
     pairs: bool
     stages: tuple[Stage, ...]
@@ -92,18 +123,12 @@ KINDS = {
 def repartition(
     forest: Forest, values: LeafValues | None, kind: str = "contact-sfc"
 ) -> tuple[Forest, LeafValues | None]:
-    """Move leaves, and values (n, ...) carried by them, to the ranks that a partition assigns.
+    """Move leaves, and values (n, ...) carried by them, to the ranks that a partition assigns, in curve order.
 
     Collective on forest.comm; one rank only sorts them.
 
-    Args:
-        kind: a key of `KINDS`.
-
-    Returns:
-        The new forest, each rank's leaves in curve order, and the values.
-
     Raises:
-        SceneError: unknown kind.
+        SceneError: a kind that is no key of `KINDS`.
         PartitionError: a rank would get no leaf.
     """
     check_name("partition", kind, KINDS)
@@ -135,9 +160,8 @@ def with_cuts(forest: Forest) -> Forest:
     if few(forest.comm):
         return forest
     keys = curve_keys(forest, pairs=False)
-    return replace(
-        forest, cuts=space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size)
-    )
+    cuts = space_filling_curve.cut_curve(forest.comm, keys, np.ones_like(keys), forest.comm.size)
+    return replace(forest, cuts=cuts)
 
 
 def _moved(forest: Forest, values: LeafValues | None, destination: IntArray) -> tuple[Forest, LeafValues | None]:

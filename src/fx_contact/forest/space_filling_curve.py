@@ -1,9 +1,12 @@
-"""Space-filling curves: Hilbert keys, and the partition of a distributed weighted curve."""
+"""Space-filling curves: through a cube and a root mesh, and the partition of a distributed weighted curve."""
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.parallel.arrays import Int64Array, IntArray
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.problem.root_mesh import RootMesh
 
 
 def hilbert(points: IntArray, bits: int) -> Int64Array:
@@ -33,15 +36,40 @@ def hilbert(points: IntArray, bits: int) -> Int64Array:
 
 def _spread(x: Int64Array) -> Int64Array:
     """Two zero bits between the bits of integers below 2^21."""
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
+    masks = 0x1F00000000FFFF, 0x1F0000FF0000FF, 0x100F00F00F00F00F, 0x10C30C30C30C30C3, 0x1249249249249249
+    for shift, mask in zip((32, 16, 8, 4, 2), masks):
         x = (x | x << shift) & mask
     return x
+
+
+class RootCurve:
+    """Hilbert keys of points in root cells: a curve of the cell centres, and one inside each cell.
+
+    Local.  The curve inside a root cell runs in local axes aligned with the global ones as closely as possible.
+    """
+
+    def __init__(self, mesh: RootMesh) -> None:
+        corners = mesh.points[mesh.corners]
+        centres = corners.mean(axis=1)
+        low = centres.min(axis=0)
+        extent = max(np.ptp(centres, axis=0).max(), np.finfo(float).tiny)
+        scaled = np.minimum((centres - low) / extent * (1 << 20), (1 << 20) - 1).astype(np.int64)
+        self._position = np.empty(len(centres), dtype=np.int64)
+        self._position[np.argsort(hilbert(scaled, 20), kind="stable")] = np.arange(len(centres))
+
+        slope = np.einsum("va,nvg->nga", 2.0 * hexahedron.CORNERS - 1, corners)
+        slope /= np.linalg.norm(slope, axis=1)[:, None]
+        permutations = np.array([[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]])
+        alignment = np.abs(slope[:, np.arange(3), permutations]).sum(axis=2)
+        self._axis = permutations[alignment.argmax(axis=1)]
+        self._flip = np.take_along_axis(slope, self._axis[:, :, None], axis=2)[:, :, 0] < 0
+
+    def keys(self, cell: IntArray, anchor: IntArray) -> Int64Array:
+        """Keys (n,) of leaves by root cells (n,) and low corners (n, 3), or of the finest leaves at points.  Local."""
+        local = np.take_along_axis(anchor >> 1, self._axis[cell], axis=1)
+        # The reflection of an anchor is the far corner of the reflected leaf, and lies in that leaf.
+        local = np.where(self._flip[cell], (1 << MAX_LEVEL) - 1 - local, local)
+        return self._position[cell] << 3 * MAX_LEVEL | hilbert(local, MAX_LEVEL)
 
 
 def cut_curve(comm: MPI.Intracomm, keys: Int64Array, weights: Int64Array, parts: int) -> Int64Array:
@@ -49,13 +77,7 @@ def cut_curve(comm: MPI.Intracomm, keys: Int64Array, weights: Int64Array, parts:
 
     Collective on comm.  Bisection for all cuts at once: each round is one reduction of the weights below all distinct
     thresholds, few at first.  A cut is found once the weight between its bounds, less than twice the lightest weight,
-    is that of one key.  For 8192 parts of a million leaves this takes nine numbers a part in all, instead of one a part
-    for each bit of the keys (studies/partition).
-
-    Args:
-        keys: (n,), non-negative, this rank's share of the curve in any order.
-        weights: (n,), positive.
-        parts: number of parts.
+    is that of one key.  Each rank has a share of the keys (n,), non-negative, in any order, with positive weights (n,).
 
     Returns:
         (parts - 1,), ascending: part p holds the keys k with cuts[p-1] <= k < cuts[p].

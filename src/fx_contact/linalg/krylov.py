@@ -11,8 +11,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg.operator import Equations, Operator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.petsc_objects import PetscObjects, petsc_errors
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions, petsc_errors
 from fx_contact.linalg.preconditioner import Preconditioner, ProjectedPreconditioner
 from fx_contact.linalg.stopping import EnergyNorm, StoppingRule
 from fx_contact.parallel.arrays import FloatArray
@@ -45,7 +44,7 @@ class Outcome:
 
 
 class KrylovSolver:
-    """A KSP of PETSc and a preconditioner of the types in the options, by default the first of the methods.
+    """A KSP of PETSc, by default the first of the methods, and a preconditioner.
 
     Collective on comm.
 
@@ -91,17 +90,10 @@ class KrylovSolver:
 
 
 class KrylovMethod(ABC):
-    """A Krylov method for `Equations`, stopped by the energy norm of the error.
+    """A Krylov method for `Equations`, stopped by the energy norm omega (4) of the error.
 
-    Collective.
-
-    Args:
-        krylov: from `create`.
-        stiffness: A, symmetric positive definite.
-        matrix: A or close to it, for the preconditioner.
-        energy_norm: omega (4).
-        objects: free the method.
-        pressures: unknowns of this rank beside the displacement.
+    Collective.  The stiffness A is symmetric positive definite, the matrix A or close to it, for the preconditioner;
+    `pressures` is the number of this rank's unknowns beside the displacement.
     """
 
     METHODS: ClassVar[tuple[str, ...]]  # allowed values of `ksp_type`
@@ -157,11 +149,7 @@ class KrylovMethod(ABC):
 
     @abstractmethod
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
-        """Iterate from a first guess (owned, 3) [m], at most so many times.
-
-        Raises:
-            SolveError: an energy norm that is not finite.
-        """
+        """Iterate from a first guess (owned, 3) [m], at most so many times.  Raises SolveError as `StoppingRule`."""
 
 
 class ConjugateGradients(KrylovMethod):

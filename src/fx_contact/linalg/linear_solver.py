@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.linalg import factors
+from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod, KrylovSolver
 from fx_contact.linalg.ladder import FALLBACKS, Ladder
 from fx_contact.linalg.matrix import BlockMatrix, as_aij
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
@@ -38,10 +37,7 @@ class LinearSolver:
 
     Args:
         matrix: A without the volume term, symmetric positive definite; owned by the solver from now on.
-        energy_norm: omega (4), of A.
-        objects: free the solver.
         coarse: level below the matrix, for p-multigrid.
-        volume: term of nearly incompressible bodies.
 
     Attributes:
         preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the user's own.
@@ -71,9 +67,9 @@ class LinearSolver:
             self._ladder.end_checks()
         krylov = _method(volume).create(self._comm, self._options, objects)
         kind = krylov.preconditioner.pc.getType()
-        if kind in factors.FACTORISATIONS:
+        if kind in ladder.FACTORISATIONS:
             what = f"the preconditioner {kind!r} of {unknowns:,} unknowns"
-            need = factors.predicted_bytes(unknowns) / self._comm.size
+            need = ladder.predicted_bytes(unknowns) / self._comm.size
             check_memory(self._comm, what, need, "take 'boomeramg', the default, or more hosts")
         self._method = self._method_of(krylov, matrix.in_format_of(kind), volume)
         self.preconditioner = krylov.preconditioner.name(self._ladder.name)
@@ -134,13 +130,12 @@ class LinearSolver:
         return u
 
     def _given(self, equations: Equations, u: FloatArray) -> Equations:
-        """The equations; for factors with the volume term less its forces of prescribed displacements."""
+        """For factors with the volume term, equations less its forces of prescribed displacements."""
         if self._volume is None or isinstance(self._method, FlexibleGmres):
             return equations
         return replace(equations, load=equations.load - self._volume.prescribed_forces(u))
 
     def _matrix_to_factorise(self) -> PETSc.Mat:
-        """A copy of the matrix, with the volume term."""
         mat = as_aij(self.matrix)
         if self._volume is not None:
             self._volume.add_to(mat)
@@ -148,11 +143,11 @@ class LinearSolver:
 
     def _factorise(self, most: float) -> bool:
         """Change to Cholesky factors if their entries need at most so many bytes; False: they do not."""
-        if self._replaced or self.preconditioner in FALLBACKS or not factors.can_be_made(self._comm, most):
+        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, most):
             return False
         mat = self._matrix_to_factorise()
-        size, memory = factors.analysed(mat)
-        if size <= most and factors.can_be_made(self._comm, memory):
+        size, memory = ladder.analysed(mat)
+        if size <= most and ladder.can_be_made(self._comm, memory):
             method = self._replacement("cholesky", mat)
             if not method.preconditioner.pc.getFailedReason():
                 self._method.preconditioner.pc.reset()
@@ -163,7 +158,6 @@ class LinearSolver:
         return False
 
     def _fall_back(self) -> bool:
-        """Change to a stronger preconditioner; False: there is none."""
         name = None if self._replaced else self._ladder.fallback(self._comm, self.preconditioner)
         if name is None:
             return False

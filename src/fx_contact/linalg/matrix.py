@@ -68,22 +68,14 @@ class BlockMatrix:
 def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied: bool = True) -> BlockMatrix:
     """An empty matrix with room for the couplings of nodes, no more.
 
-    Collective on comm.
-
-    Args:
-        graph: bool, square, the couplings known to this rank, of the nodes of `imap`, owned and ghosts.
-        copied: the preconditioner will need a copy of the matrix; p-multigrid does not.
-
-    Raises:
-        SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
+    Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
+    and ghosts.  With p-multigrid the matrix is not copied.  Raises SolveError if the matrix and its preconditioner
+    would not fit into the memory that the hosts have left.
     """
     lengths = _row_lengths(comm, graph, imap)
-    check_memory(
-        comm,
-        f"the system of {3 * imap.size_global:,} unknowns",
-        (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths),
-        "ask for a larger tolerance, or use more hosts",
-    )
+    needed = (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths)
+    what = f"the system of {3 * imap.size_global:,} unknowns"
+    check_memory(comm, what, needed, "ask for a larger tolerance, or use more hosts")
     mat = PETSc.Mat().create(comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.BAIJ)
@@ -98,9 +90,8 @@ def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     blocks = product.tobsr((3, 3))
     rows = np.flatnonzero(np.diff(blocks.indptr))
     indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
-    mat.setValuesBlockedIJV(
-        indptr, number[blocks.indices], blocks.data, addv=PETSc.InsertMode.ADD, rowmap=number[rows]
-    )
+    columns, add = number[blocks.indices], PETSc.InsertMode.ADD
+    mat.setValuesBlockedIJV(indptr, columns, blocks.data, addv=add, rowmap=number[rows])
 
 
 def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:

@@ -69,10 +69,9 @@ class PressureOperator(Operator):
 
 
 class FlexibleGmres(KrylovMethod):
-    """FGMRES on displacement and pressure, stopped by the bound of the error in the energy norm.
+    """FGMRES on displacement and pressure (u, s).
 
-    Unknowns are (u, s); rows are scaled by diag(A)^(-1/2) and C^(1/2), to the unit J^(1/2).  The volume term has D and
-    C; the energy norm is that of K.  Collective.
+    Collective.  Rows are scaled by diag(A)^(-1/2) and C^(1/2), to the unit J^(1/2); the energy norm is that of K.
     """
 
     METHODS = ("fgmres",)
@@ -113,7 +112,6 @@ class FlexibleGmres(KrylovMethod):
         reasons, next_check, allowed = PETSc.KSP.ConvergedReason, np.inf, np.nan
 
         def converged(ksp: PETSc.KSP, count: int, norm: float) -> int:
-            """PETSc's convergence reason, or that to continue."""
             nonlocal next_check, allowed
             if norm > next_check:
                 return reasons.DIVERGED_MAX_IT if count >= most else reasons.ITERATING
@@ -146,12 +144,10 @@ class FlexibleGmres(KrylovMethod):
         return np.concatenate([(forces / self._root).ravel(), self._weight * strains])
 
     def _unscaled(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The inverse of `_scaled`."""
         forces, strains = self._parts(rows)
         return forces * self._root, strains / self._weight
 
     def _parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Displacement (owned, 3) and pressure (m,) of unknowns."""
         return values[: self._size].reshape(-1, 3), values[self._size :]
 
     def _product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -161,7 +157,6 @@ class FlexibleGmres(KrylovMethod):
         y.array[:] = self._scaled(forces, self._volume.strains(u) - pressure / self._volume.missing)
 
     def _precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """The unknowns that solve the block triangular system."""
         forces, strains = self._unscaled(x.array_r)
         pressure = -self._volume.schur * strains
         displacement = self._inverse(forces - self._volume.forces(pressure))

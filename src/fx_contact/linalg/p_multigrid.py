@@ -3,19 +3,17 @@
 import numpy as np
 from petsc4py import PETSc
 
-from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.exchange import Exchange
 
 
 class CoarseLevel:
     """A coarse matrix K_c + (B I)^T k B I and the interpolation I from its unknowns.
 
-    Collective.
+    Collective.  K_c, to which the penalty term is added, and I are AIJ matrices.
 
     Args:
-        matrix: AIJ matrix K_c, to which the penalty term is added.
-        interpolation: AIJ matrix I, fine unknowns by coarse ones.
-        blocks: (owned,), block of each fine node, from `flat_cells.strong_blocks`; None: a node is a block.
+        blocks: (owned,), block of each fine node, from `coarse_level.strong_blocks`; None: a node is a block.
     """
 
     def __init__(self, matrix: PETSc.Mat, interpolation: PETSc.Mat, blocks: Int64Array | None = None) -> None:
@@ -64,7 +62,15 @@ def within_blocks(matrix: PETSc.Mat, blocks: Int64Array) -> PETSc.Mat:
     aij = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     indptr, indices, values = aij.getValuesCSR()
     aij.destroy()
-    inside = np.repeat(blocks, 3 * np.diff(indptr)[::3]) == _of_nodes(matrix, blocks, indices // 3)
+    of_unknowns = np.repeat(blocks, 3).astype(float)  # exact below 2^53
+    of_columns = PETSc.Mat().createAIJ(
+        matrix.getSizes(), csr=(indptr, indices, np.ones(len(values))), comm=matrix.comm
+    )
+    scale = PETSc.Vec().createWithArray(of_unknowns, comm=matrix.comm)
+    of_columns.diagonalScale(R=scale)
+    inside = of_columns.getValuesCSR()[2] == np.repeat(of_unknowns, np.diff(indptr))
+    for thing in (of_columns, scale):
+        thing.destroy()
     csr = np.append(0, np.cumsum(inside))[indptr].astype(PETSc.IntType), indices[inside], values[inside]
     return PETSc.Mat().createAIJ(matrix.getSizes(), bsize=3, csr=csr, comm=matrix.comm)
 
@@ -74,20 +80,3 @@ def solved_here(matrix: PETSc.Mat, blocks: Int64Array) -> PETSc.IS:
     nodes = matrix.getOwnershipRange()[0] // 3 + np.arange(len(blocks))
     nodes = Exchange(matrix.comm.tompi4py(), blocks % matrix.comm.size).forward(nodes)
     return PETSc.IS().createBlock(3, np.sort(nodes).astype(PETSc.IntType), PETSc.COMM_SELF)
-
-
-def _of_nodes(matrix: PETSc.Mat, blocks: Int64Array, nodes: IntArray) -> Int64Array:
-    """The blocks of nodes of any ranks, given by global numbers."""
-    first = matrix.getOwnershipRange()[0] // 3
-    result = np.empty(len(nodes), dtype=np.int64)
-    foreign = (nodes < first) | (nodes >= first + len(blocks))
-    result[~foreign] = blocks[nodes[~foreign] - first]
-    asked, back = np.unique(nodes[foreign], return_inverse=True)
-    everywhere = PETSc.Vec().createWithArray(blocks.astype(float), comm=matrix.comm)  # exact below 2^53
-    wanted, found = PETSc.IS().createGeneral(asked, PETSc.COMM_SELF), PETSc.Vec().createSeq(len(asked))
-    scatter = PETSc.Scatter().create(everywhere, wanted, found, None)
-    scatter.scatter(everywhere, found)
-    result[foreign] = found.array[back]
-    for thing in (everywhere, wanted, found, scatter):
-        thing.destroy()
-    return result

@@ -1,4 +1,4 @@
-"""Objects of PETSc that all ranks free together: on several ranks petsc4py does not free unreferenced ones."""
+"""PETSc on several ranks: objects, which petsc4py does not free there, errors, and options."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.parallel.errors import FxContactError, SolveError
+from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.errors import FxContactError, SceneError, SolveError
 from fx_contact.parallel.mpi import together
 
 #: Time that a rank on which PETSc has failed waits for the others, which may hang in PETSc [s].
@@ -21,13 +22,10 @@ _Thing = TypeVar("_Thing")
 
 
 class PetscObjects:
-    """Objects of PETSc that are freed at the end of a `with` block, also where an error of this package ends it.
+    """Objects with `destroy` and `incRef`, freed at the end of a `with` block, also by an error of this package.
 
     Collective.  Errors of this package are raised on all ranks.  Any other may have come to this rank alone, which must
     not wait for the rest: then nothing is freed.
-
-    Args:
-        things: objects with `destroy` and `incRef`; they may be destroyed before.
     """
 
     def __init__(self, *things: Any) -> None:
@@ -49,10 +47,9 @@ class PetscObjects:
         return thing
 
     def leak(self) -> None:
-        """Never free them, after a failure of PETSc on some ranks, whose objects then differ from rank to rank.
+        """Never free them: after a failure on some ranks, whose objects then differ, freeing would hang.
 
-        Local, but on all ranks.  Freeing is collective, also in PETSc's own clean-up at the end of the program, and
-        would hang; so one reference to each is kept for good.
+        Local, but on all ranks.  One reference to each is kept for good, as PETSc cleans up at the end of the program.
         """
         for thing in self._things:
             if thing:  # not destroyed before
@@ -62,13 +59,10 @@ class PetscObjects:
 
 @contextmanager
 def petsc_errors(comm: MPI.Intracomm, prefix: str, objects: PetscObjects) -> Iterator[None]:
-    """PETSc's errors become SolveError on all ranks; those of Python inside our callbacks are raised unchanged.
+    """Raises SolveError on all ranks for an error of PETSc on any; errors of Python in our callbacks stay as they are.
 
     Collective on comm.  PETSc may fail on one rank alone: rank 0 opens the files of monitors and views.  After a
     failure the objects are never freed.
-
-    Raises:
-        SolveError: PETSc has failed on any rank.
     """
     try:
         with together(comm, _TIMEOUT):
@@ -94,3 +88,62 @@ def clear_hypre_errors() -> None:
     clear = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_ClearAllErrors", None)
     if clear is not None:
         clear()
+
+
+class PetscOptions:
+    """The options of one PETSc object: defaults, which another `pc_type` of the user replaces, and given by the user.
+
+    Collective on comm.  PETSc ignores the case of names; here they are in small letters, without prefix.  `of_user` are
+    those given and those of the command line.
+
+    Raises:
+        SceneError: ranks have different options under the prefix on the command line; PETSc would hang.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, prefix: str, defaults: dict[str, Any], given: dict[str, Any]) -> None:
+        self._comm, self.prefix = comm, prefix
+        database = {name.lower(): value for name, value in PETSc.Options().getAll().items()}
+        typed = {name: value for name, value in database.items() if name.startswith(prefix)}
+        check_alike(comm, {f"PETSc's option -{name}": value for name, value in typed.items()})
+        typed = {name.removeprefix(prefix): value for name, value in typed.items()}
+        defaults, given = ({name.lower(): value for name, value in some.items()} for some in (defaults, given))
+        self.of_user = given | typed
+        if self.of_user.get("pc_type", defaults.get("pc_type")) != defaults.get("pc_type"):
+            defaults = {}  # PETSc's GAMG refuses options of its MG
+        self._ours = {name: value for name, value in (defaults | given).items() if name not in typed}
+        self._unread = set(self.of_user)
+
+    @contextmanager
+    def reading(self, objects: PetscObjects) -> Iterator[None]:
+        """A block that reads the options, which are in PETSc's database while it runs.
+
+        Collective on comm.  Errors and objects: `petsc_errors`.
+        """
+        database = PETSc.Options(self.prefix)
+        for name, value in self._ours.items():
+            database[name] = value
+        try:
+            with petsc_errors(self._comm, self.prefix, objects):
+                yield
+            self._unread = {name for name in self._unread if not _is_used(self.prefix + name)}
+        finally:
+            for name in self._ours:
+                database.delValue(name)
+
+    def check_read(self) -> None:
+        """Raises SceneError if an option of the user has not been read on any rank: solvers inside others are on some.
+
+        Collective on comm.
+        """
+        for name in sorted(set.intersection(*map(set, self._comm.allgather(sorted(self._unread))))):
+            raise SceneError(
+                f"PETSc's solver does not read the option {name!r} (on the command line -{self.prefix}{name}): it is "
+                "misspelt, or belongs to another solver or preconditioner; -help lists those that it reads"
+            )
+
+
+def _is_used(name: str) -> bool:
+    """True for an option of the database that has been read, by PETSc's C function, which petsc4py lacks."""
+    used = ctypes.c_int(0)
+    ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+    return bool(used.value)

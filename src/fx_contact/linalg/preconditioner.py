@@ -5,8 +5,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg.operator import Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
-from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.petsc_options import PetscOptions
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS
 from fx_contact.parallel.arrays import Int64Array
 
@@ -14,10 +13,8 @@ from fx_contact.parallel.arrays import Int64Array
 class Preconditioner:
     """M^-1 for a matrix.
 
-    hypre smooths with the values of the matrix itself, not with a copy: without `set_up` after a change of the matrix,
-    the preconditioner may be indefinite.  Its options are read when the Krylov method reads its own.
-
-    Collective on comm.
+    Collective on comm.  hypre smooths with the values of the matrix itself, not with a copy: without `set_up` after a
+    change of the matrix M may be indefinite.
     """
 
     def __init__(self, comm: MPI.Intracomm, options: PetscOptions, objects: PetscObjects) -> None:
@@ -65,8 +62,7 @@ class Preconditioner:
 class ProjectedPreconditioner:
     """P M^-1 P^T + S, with B P = 0, and S the inverse of the constraints' penalty; S = 0 for rigid constraints.
 
-    The stiffer the penalty, the weaker the coupling of the two parts.  Without a projector it is M^-1 alone, `inner`.
-    The vector is work space.  Collective.
+    Collective.  Without a projector it is M^-1, `inner`.  The vector is work space.
     """
 
     def __init__(self, inner: Preconditioner, vector: PETSc.Vec) -> None:

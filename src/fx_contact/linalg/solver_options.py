@@ -66,11 +66,7 @@ _LOOSEST = 1e-3
 def preconditioner_options(name: str, unknowns: int, cycles: int = 1, blocks: bool = False) -> dict[str, Any]:
     """PETSc options, without prefix, of a key of `PRECONDITIONERS` for so many unknowns on all ranks.
 
-    Local.
-
-    Args:
-        cycles: of BoomerAMG below p-multigrid.
-        blocks: the smoother of p-multigrid solves for blocks of nodes.
+    Local.  For p-multigrid: cycles of BoomerAMG below it, and whether the smoother solves for blocks of nodes.
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":

@@ -29,14 +29,7 @@ EnergyNorm = Callable[[FloatArray], float]
 
 
 class StoppingRule:
-    """The error that a solution may have.
-
-    Collective on comm.
-
-    Args:
-        energy_norm: omega.
-        diagonal: (owned, 3), D [N/m].
-    """
+    """The error that a solution may have, by omega and D, (owned, 3) [N/m].  Collective on comm."""
 
     def __init__(self, comm: MPI.Intracomm, energy_norm: EnergyNorm, diagonal: FloatArray) -> None:
         self._comm, self.energy_norm, self._root = comm, energy_norm, np.sqrt(np.abs(diagonal))
@@ -44,8 +37,7 @@ class StoppingRule:
     def allowed(self, u: FloatArray, tolerance: float, reference: float | None = None) -> float:
         """The error allowed near u [J^(1/2)], relative to an energy norm, by default omega(u).
 
-        Raises:
-            SolveError: an energy norm that is not finite.
+        Raises SolveError for an energy norm that is not finite.
         """
         reference = self.energy_norm(u) if reference is None else reference
         scaled = (self._root * u).ravel()

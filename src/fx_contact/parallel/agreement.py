@@ -13,12 +13,9 @@ from fx_contact.parallel.validation import as_path
 
 
 def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
-    """Raises SceneError, with the differences, unless all ranks have the same settings.
+    """Raises SceneError, with the differences, unless all ranks have the same settings, JSON values by name.
 
     Collective on comm.
-
-    Args:
-        settings: JSON values by name.
     """
     first = comm.bcast(settings)
     with together(comm):
@@ -33,17 +30,9 @@ def shared_path(
     error: type[FxContactError] = SceneError,
     kind: Callable[[str, object, type[FxContactError]], Path] = as_path,
 ) -> Path:
-    """The value as a path, the same on all ranks.
+    """The value, called `what` in errors, as a path, by `as_path` or `as_folder`; the same on all ranks.
 
-    Collective on comm.
-
-    Args:
-        what: its name in the message.
-        kind: `as_path`, or `as_folder` for the path of a folder.
-
-    Raises:
-        SceneError: ranks differ.
-        FxContactError: of the type `error`, if the value is no such path on some rank.
+    Collective on comm.  Raises SceneError if ranks differ, and the error given if the value is no such path.
     """
     with together(comm):
         path = kind(what, value, error)
@@ -57,18 +46,10 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any], here: str, the
     The words `here` and `there` follow the values of each.
     """
     one, other = (json.loads(json.dumps(settings, default=float)) for settings in (one, other))
-    return "; ".join(
-        f"{name} ({_brief(one.get(name))} {here}, {_brief(other.get(name))} {there})"
-        for name in {**one, **other}
-        if not _alike(one.get(name), other.get(name))
-    )
+    pairs = [(name, one.get(name), other.get(name)) for name in {**one, **other}]
+    texts = [(name, json.dumps(a), json.dumps(b)) for name, a, b in pairs if a != b]
+    return "; ".join(f"{name} ({_brief(a)} {here}, {_brief(b)} {there})" for name, a, b in texts if a != b)  # NaN
 
 
-def _alike(one: Any, other: Any) -> bool:
-    """Equal values; NaN is equal to NaN."""
-    return one == other or json.dumps(one) == json.dumps(other)
-
-
-def _brief(value: Any) -> str:
-    text = json.dumps(value)
+def _brief(text: str) -> str:
     return text if len(text) <= 200 else text[:197] + "..."

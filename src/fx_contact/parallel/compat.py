@@ -49,7 +49,6 @@ def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbou
     Collective on comm.  Vertices and edges have no weights: no release takes them here so far.
 
     Args:
-        parts: number of parts.
         offsets: (n + 1,), start of each vertex of this rank in `neighbours`.
         neighbours: (m,), global numbers; each edge is given from both of its ends.
     """

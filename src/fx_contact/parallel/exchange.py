@@ -1,9 +1,9 @@
 """Exchange of array rows between ranks that know the destinations of their rows, but not the rows they will receive.
 
-On few ranks the lengths and the rows are sent all to all, at a cost that grows with the number of ranks.  On more ranks
-a rank communicates only with its partners, found by a nonblocking consensus (T. Hoefler, C. Siebert, A. Lumsdaine,
-PPoPP 2010): lengths go by synchronous sends; a rank whose sends have completed enters a barrier, and receives until all
-ranks have entered it.  One rank may then be an exchange ahead of another, so two tags alternate.
+On few ranks the lengths and the rows are sent all to all.  On more ranks a rank communicates only with its partners,
+found by a nonblocking consensus (T. Hoefler, C. Siebert, A. Lumsdaine, PPoPP 2010): lengths go by synchronous sends; a
+rank whose sends have completed enters a barrier, and receives until all ranks have entered it.  One rank may then be an
+exchange ahead of another, so two tags alternate.
 
 Point-to-point messages go over the communicator of the meetings, where no receive of the user can match them.
 """
@@ -19,9 +19,8 @@ from fx_contact.parallel.meeting import meetings_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-#: Largest number P of ranks with an exchange all to all and hashed homes.  If rows are sent three times, it takes
-#: log2 P + 3 (P - 1) messages per rank, and log2 P + 5 k between k partners.  The busiest of 64 ranks has k = 18 to 22,
-#: so both are equal at about 32 (studies/partition: 36 against 50 ms on 32 ranks, 89 against 51 ms on 64).
+#: Largest number P of ranks with an exchange all to all and hashed homes: of 3 (P - 1) messages per rank, against 5 k
+#: between k = 18 to 22 partners (studies/partition: 36 against 50 ms on 32 ranks, 89 against 51 ms on 64).
 FEW_RANKS = 32
 #: Tags of lengths, alternating, and of rows.
 _LENGTHS, _ROWS = (1206, 1207), 1208
@@ -136,9 +135,8 @@ def _announced(
     own, status = targets == link.rank, MPI.Status()
     barrier: MPI.Request | None = None
     found = dict(zip(map(int, targets[own]), map(int, lengths[own])))
-    requests = [
-        link.Issend(lengths[i : i + 1], rank, tag) for i, rank in enumerate(map(int, targets)) if rank != link.rank
-    ]
+    others = map(int, np.flatnonzero(~own))
+    requests = [link.Issend(lengths[i : i + 1], int(targets[i]), tag) for i in others]
     while True:
         message = link.Improbe(MPI.ANY_SOURCE, tag, status)
         if message is not None:

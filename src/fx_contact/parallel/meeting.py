@@ -1,9 +1,9 @@
 """Agreement of all ranks on the next collective call, and notice of ranks whose program ends.
 
 A meeting is a nonblocking reduction of the checksums of the calls' names; if these differ, the names are gathered.  It
-uses a duplicate of the user's communicator, apart from messages of the user and from the collective calls of PETSc at
-the end of a program.  The duplicate for PETSc's world is made, and the exit function registered, when the package is
-imported, so that a rank that ends before its first call is told from a late one.
+uses a duplicate of the user's communicator, apart from messages of the user and from PETSc's collectives at the end of
+a program.  The meetings of PETSc's world begin at the import of the package, so that a rank that ends before its first
+call is told from a late one.
 """
 
 import atexit
@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -24,10 +24,8 @@ from petsc4py import PETSc
 
 from fx_contact.parallel.errors import CallError
 
-#: Waiting time after which late ranks are named [s].
-_PATIENCE = 30.0
-#: Time for the waiting ranks to notify each other after that [s].
-_PROMPT = 1.0
+#: Waiting time after which late ranks are named, and time for the waiting ranks to notify each other after that [s].
+_PATIENCE, _PROMPT = 30.0, 1.0
 #: Waiting time of a rank that failed alone before it aborts all, since others may wait for it inside a call [s].
 _GRACE = 10.0
 #: Tag of the notices of waiting ranks.
@@ -36,8 +34,8 @@ _WAITING = 1203
 _END = "the end of the program"
 
 _LOG = logging.getLogger("fx_contact")  # without a handler Python writes warnings to stderr; the user may change that
-_all: list["Meetings"] = []
 _keyval = MPI.Comm.Create_keyval()  # attribute of the communicators that keeps their Meetings
+_all: list["Meetings"] = []
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -55,14 +53,12 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
     argument, *attributes = comm.split(".")
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        """The function with its meeting."""
         name = what or function.__qualname__.removesuffix(".__init__")
         parameters = inspect.signature(function).parameters
         place, default = list(parameters).index(argument), parameters[argument].default
 
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            """The function after its meeting."""
             found: Any = args[place] if place < len(args) else kwargs.get(argument, default)
             step = getattr(getattr(found, "record", None), "step", None)
             for attribute in attributes:
@@ -77,15 +73,10 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
 
 @contextmanager
 def calling(comm: Any, what: str) -> Iterator[None]:
-    """Context of a collective call, as for `collective`.
+    """Context of a collective call of a name, as for `collective`.
 
-    Collective on comm.  Anything but a communicator has no meeting: the call itself will raise an error.
-
-    Args:
-        what: name of the call.
-
-    Raises:
-        CallError: other ranks make another call, failed in the previous one, or have ended their program.
+    Collective on comm.  Raises CallError if other ranks make another call, failed in the previous one, or have ended
+    their program.  Anything but a communicator has no meeting: the call itself will raise an error.
     """
     meetings = meetings_of(comm)
     if meetings is None or meetings.inside:
@@ -96,7 +87,10 @@ def calling(comm: Any, what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        meetings.fail(what, error)
+        meetings.begin(f"an error in {what}")
+        if not _wait([meetings], _GRACE):
+            traceback.print_exception(error)
+            _abort(f"{what} has failed on it alone")
         raise
     except BaseException:  # an interrupt: the others may be anywhere
         meetings.interrupted = True
@@ -106,23 +100,15 @@ def calling(comm: Any, what: str) -> Iterator[None]:
 
 
 def expect_end() -> None:
-    """Register the notice to the other ranks at the end of the program.
-
-    Collective on PETSc's world.  To be called after the import of PETSc: exit functions are called in reverse order.
-    """
-    world = meetings_of(PETSc.COMM_WORLD.tompi4py())
-    if world is not None and world.link:
-        atexit.register(leave)
+    """Notify the other ranks of the end of the program from now on.  Collective on PETSc's world."""
+    meetings_of(PETSc.COMM_WORLD.tompi4py())
 
 
 def leave(error: BaseException | None = None) -> None:
     """Notify the other ranks of the end of this rank's program, and wait until they have ended or taken note.
 
-    Collective on the communicators that have Meetings.  All ranks are aborted if this one ends by an error and the
-    others do not answer, since they may wait for it in messages of their own.
-
-    Args:
-        error: that ends the program; None: the last one that Python has printed, if any.
+    Collective on the communicators that have Meetings.  If the program ends by an error, by default the last one that
+    Python has printed, and the others do not answer, all ranks are aborted: they may wait in messages of their own.
     """
     if MPI.Is_finalized():
         return
@@ -138,29 +124,31 @@ def leave(error: BaseException | None = None) -> None:
 
 
 def _abort(why: str) -> None:
-    """End all ranks."""
     _LOG.error("rank %d ends all ranks: %s", MPI.COMM_WORLD.rank, why)
     MPI.COMM_WORLD.Abort(1)
 
 
 def meetings_of(comm: Any) -> "Meetings | None":
-    """The Meetings of a communicator; None for anything else, or for one rank.  Local."""
+    """The Meetings of a communicator; None for anything else, or for one rank.  Collective on comm at first use."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL or comm.size == 1:
         return None
-    known: Any = comm.Get_attr(_keyval)
+    known: Meetings | None = comm.Get_attr(_keyval)  # type: ignore[assignment]
     if known is None:
+        if not _all:
+            atexit.register(leave)  # before PETSc's own, which is registered at its import
         known = Meetings(comm)
         comm.Set_attr(_keyval, known)
         _all.append(known)
-    return cast(Meetings, known)
+    return known
 
 
 class Meetings:
     """Successive meetings of the ranks of a communicator.
 
-    The constructor is local.
+    Collective on comm.
 
     Attributes:
+        link: duplicate of the communicator for messages of this package.
         inside: this rank is inside a call agreed by all.
         interrupted: in a call or a meeting, so that the state of the other ranks is unknown.
         ended: the program of a rank has ended; there are no more meetings.
@@ -168,18 +156,9 @@ class Meetings:
     """
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        self._comm, self._number = comm, 0
-        self._link: MPI.Intracomm | None = None
-        self._notices: list[MPI.Request] | None = None  # messages to the others that this rank waits
-        self.inside, self.interrupted, self.ended, self.turns = False, False, False, 0
+        self.link, self.turns, self._number = comm.Dup(), 0, 0
+        self.inside, self.interrupted, self.ended = False, False, False
         self._difference = ""  # between the calls of the last meeting, as a sentence
-
-    @property
-    def link(self) -> MPI.Intracomm:
-        """Duplicate of the communicator for messages of this package.  Collective at first use."""
-        if self._link is None:
-            self._link = self._comm.Dup()
-        return self._link
 
     def agree(self, what: str) -> None:
         """Raises CallError unless all ranks make the same call.  Collective on comm."""
@@ -191,16 +170,9 @@ class Meetings:
         if self._difference:
             raise CallError(self._difference)
 
-    def fail(self, what: str, error: BaseException) -> None:
-        """Notice of a call that failed on this rank; aborts all if others stay inside the call."""
-        self.begin(f"an error in {what}")
-        if not _wait([self], _GRACE):
-            traceback.print_exception(error)
-            _abort(f"{what} has failed on it alone")
-
     def begin(self, what: str) -> None:
         """Begin a meeting.  Local; the meeting ends when `completed` is True."""
-        self._what, self._lowest, self._notices = what, np.empty(2, dtype=np.int64), None
+        self._what, self._lowest, self._notices = what, np.empty(2, dtype=np.int64), list[MPI.Request]()
         checksum = zlib.crc32(what.encode())
         self._request = self.link.Iallreduce(np.array([checksum, -checksum]), self._lowest, MPI.MIN)
 
@@ -214,39 +186,37 @@ class Meetings:
         self._number, self.ended = self._number + 1, any(what.startswith(_END) for what in calls)
         return True
 
-    def name_late(self, waited: float) -> None:
-        """After long waiting [s] notify the other ranks; the lowest waiting rank then names those not waiting."""
-        rank, link = self.link.rank, self.link
-        if self._notices is None and waited > _PATIENCE:
-            self._notices = [link.isend(self._number, other, _WAITING) for other in range(link.size) if other != rank]
-        if self._notices and waited > _PATIENCE + _PROMPT:
-            self._notices, here, status = [], {rank}, MPI.Status()
-            while link.Iprobe(MPI.ANY_SOURCE, _WAITING, status):
-                if link.recv(source=status.source, tag=_WAITING) == self._number:
-                    here.add(status.source)
-            if min(here) == rank:
-                late = _ranks([other for other in range(link.size) if other not in here])
-                _LOG.warning(
-                    "waiting in %s for %s since %.0f s: all ranks must make this call", self._what, late, waited
-                )
+    def name_late(self, waited: float) -> bool:
+        """After long waiting [s] notify the other ranks; the lowest waiting rank then names the rest.  True: done."""
+        rank, others = self.link.rank, set(range(self.link.size)) - {self.link.rank}
+        if not self._notices and waited > _PATIENCE:
+            self._notices = [self.link.isend(self._number, other, _WAITING) for other in others]
+        if waited <= _PATIENCE + _PROMPT:
+            return False
+        late, status = others, MPI.Status()
+        while self.link.Iprobe(MPI.ANY_SOURCE, _WAITING, status):
+            if self.link.recv(source=status.source, tag=_WAITING) == self._number:
+                late = late - {status.source}
+        if rank < min(others - late, default=rank + 1):
+            since = f"{_ranks(sorted(late))} since {waited:.0f} s: all ranks must make this call"
+            _LOG.warning("waiting in %s for %s", self._what, since)
+        return True
 
 
 def _wait(meetings: list[Meetings], limit: float = np.inf, name_late: bool = False) -> bool:
     """Wait for the completion of meetings, up to a limit [s]; True if all are completed."""
-    start, waiting = time.monotonic(), meetings
-    while waiting := [one for one in waiting if not one.completed()]:
+    start, named = time.monotonic(), not name_late
+    while meetings := [one for one in meetings if not one.completed()]:
         waited = time.monotonic() - start
         if waited > limit:
             return False
         if waited > 1e-4:  # the intervals grow by a tenth, and leave the processor to others
             time.sleep(min(waited / 10, 0.05))
-            for one in waiting if name_late else ():
-                one.name_late(waited)
+            named = named or meetings[0].name_late(waited)
     return True
 
 
 def _sentence(calls: list[str]) -> str:
-    """Error message for different calls, one per rank."""
     named = ", ".join(
         f"{what} on {_ranks([rank for rank, call in enumerate(calls) if call == what])}"
         for what in dict.fromkeys(calls)

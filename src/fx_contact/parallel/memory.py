@@ -31,14 +31,9 @@ def give_back() -> None:
 
 
 def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> None:
-    """Raises SolveError if a host lacks memory for the next allocations.
+    """Raises SolveError if a host lacks memory for the bytes that its ranks are about to allocate.
 
-    Collective on comm.
-
-    Args:
-        what: purpose of the memory, for the message.
-        needed: bytes that this rank is about to allocate.
-        advice: end of the message.
+    Collective on comm.  The message begins with `what` needs them.
     """
     short = shortage(comm, needed)
     if short is not None:
@@ -49,7 +44,7 @@ def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> 
 def shortage(comm: MPI.Intracomm, needed: float) -> tuple[float, float] | None:
     """Bytes needed and bytes free on the host with the largest lack of memory; None if all have enough.
 
-    Collective on comm.  `needed` are the bytes that this rank is about to allocate.
+    Collective on comm.
     """
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
     needed, free = host.allreduce(int(needed)), host.allreduce(available(), op=MPI.MIN)

@@ -4,9 +4,8 @@ A lattice point is named by an int64 key that every rank computes alike.  Values
 computed from the key: one exchange there, one back.  Homes are near the leaves that have the keys (`forest.homes`), or
 given by a hash.  No rank stores more than its share of the keys.
 
-Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  A collective of Python objects
-makes mpi4py attach a lock to the communicator, which is removed when the communicator is freed.  Python frees the
-communicators of dolfinx at any time, also while it handles an exception, and the removal may then hang.
+Collectives of this package use the user's communicator, never one of dolfinx or PETSc: one of Python objects makes
+mpi4py attach a lock, whose removal may hang where Python frees a communicator of dolfinx while it handles an exception.
 """
 
 import pickle
@@ -29,16 +28,10 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 @contextmanager
 def together(comm: MPI.Intracomm, timeout: float | None = None) -> Iterator[None]:
-    """Run a block of local code; an error on any rank is raised on every rank.
+    """Run a block of local code; an error on any rank is raised on every rank, by default that of the lowest one.
 
-    Collective on comm.  The block must not communicate, unless there is a timeout.
-
-    Args:
-        timeout: for a block that communicates [s].  The other ranks may wait for the failed one inside the block.  If
-            they do not leave it in time, the failed rank prints its error and aborts all ranks.
-
-    Raises:
-        Exception: the error of the lowest rank on which the block failed.
+    Collective on comm.  The block must not communicate, unless there is a timeout [s]: if the other ranks do not leave
+    it in time, the failed one prints its error and aborts all.
     """
     error: BaseException | None = None
     try:
@@ -101,20 +94,13 @@ class Directory:
         asked[slot[found]] = True
         return self._exchange.backward(asked[self._slot])
 
-    def share(self, rows: npt.NDArray[Scalar], given: BoolArray) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """Registered values (n, ...), zero where there is none, and a mask (n,) of the keys that have one.
-
-        Args:
-            rows: (n, ...), values for this rank's keys; values registered by several ranks are equal.
-            given: (n,), keys for which this rank registers a value.
-        """
-        table, known = self._table(rows, given)
-        return self._exchange.backward(table[self._slot]), self._exchange.backward(known[self._slot])
-
     def lookup(
         self, queries: Int64Array, rows: npt.NDArray[Scalar], given: BoolArray
     ) -> tuple[npt.NDArray[Scalar], BoolArray]:
-        """As `share`, for any keys (m,), repetition allowed; only values of queried keys are sent."""
+        """Registered values (m, ...) of queried keys (m,), zero where there is none, and a mask of those that have one.
+
+        Queries may repeat.  Of `rows` (n, ...) those `given` (n,) are registered; values of several ranks are equal.
+        """
         queries, back = np.unique(queries, return_inverse=True)
         slot, found, exchange = self._visit(queries)
         wanted = np.zeros(len(self._distinct), dtype=bool)
@@ -137,12 +123,12 @@ class Directory:
     ) -> tuple[Int64Array, Int32Array]:
         """Give each key one owner among the ranks that registered it, and number the keys owner by owner.
 
-        The owner is drawn by `ballot` among the ranks with the highest claim.  Shared keys thus spread evenly, and two
-        keys with the same claimants and the same ballot have the same owner.
+        The owner is drawn by `ballot` among the ranks with the highest claim: keys spread evenly, and two with the same
+        claimants and ballot have the same owner.
 
         Args:
             active: (n,), keys to be numbered, alike on all ranks that registered a key; default all.
-            claim: (n,), the highest one wins; default equal.
+            claim: (n,); default equal.
             ballot: (n,) non-negative; default the key itself.
 
         Returns:
@@ -164,8 +150,8 @@ class Directory:
         numbers: Int64Array = np.full(n, -1, dtype=np.int64)
         numbers[own] = offset + np.arange(own.sum())
         if self.comm.size > 1:
-            shared, known = self.share(numbers, own)
-            numbers = np.where(known, shared, -1)
+            table, known = self._table(numbers, own)
+            numbers = self._exchange.backward(np.where(known, table, -1)[self._slot])
         return numbers, owner
 
     def _visit(self, queries: Int64Array) -> tuple[Int64Array, BoolArray, Exchange]:

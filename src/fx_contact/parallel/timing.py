@@ -22,11 +22,8 @@ _STATM = Path("/proc/self/statm")
 class Costs(TypedDict):
     """Entries of a step record.
 
-    Attributes:
-        seconds: wall time by stage and in total, maximum over ranks.
-        cpu_seconds: CPU time by stage and in total, sum over ranks.
-        memory_bytes: resident memory at the end of each stage, sum over ranks; 0 for a stage not entered.
-        peak_memory_bytes: sum over ranks since the program began.
+    Wall time by stage and in total, the maximum over ranks; and sums over ranks: CPU time, resident memory at the end
+    of each stage, 0 if not entered, and its maximum since the program began.
     """
 
     seconds: dict[str, float]
@@ -72,7 +69,6 @@ class Stages:
         self._since = now
 
     def _tell(self) -> None:
-        """Report the innermost stage to `watch`."""
         if self._watch and len(self._open) > 1:
             self._watch(self._open[-1])
 
@@ -104,7 +100,6 @@ def _log_stages() -> dict[str, PETSc.Log.Stage]:
 
 
 def _clocks() -> FloatArray:
-    """Wall and CPU seconds of this process."""
     return np.array([time.perf_counter(), time.process_time()])
 
 
@@ -116,5 +111,4 @@ def _resident() -> int:
 
 
 def _peak() -> int:
-    """Maximum of the resident memory of this process so far [bytes]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -53,14 +53,7 @@ def check_direction(what: str, value: Any) -> FloatArray:
 
 
 def check_name(kind: str, name: object, names: Collection[str], there: str = "there are") -> None:
-    """Raises SceneError unless a name is one of the existing ones, which the error lists.
-
-    Args:
-        kind: category of the names, for the message.
-        name: as given.
-        names: existing ones.
-        there: words before their list.
-    """
+    """Raises SceneError unless a name is one of the existing ones of its kind, listed after the words `there`."""
     if not isinstance(name, str) or name not in names:
         exist = ", ".join(map(repr, names)) or "none"
         raise SceneError(f"unknown {kind} {shown(name)}; {there} {exist}{nearest(name, names)}")

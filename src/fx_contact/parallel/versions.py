@@ -18,7 +18,6 @@ def library_versions() -> dict[str, str | None]:
 
 
 def _hypre_version() -> str | None:
-    """Release of the hypre library that PETSc has loaded."""
     ask = getattr(ctypes.CDLL(PETSc.__file__), "HYPRE_VersionNumber", None)
     numbers = [ctypes.c_int() for _ in range(4)]
     if ask is None or ask(*map(ctypes.byref, numbers)):

@@ -55,7 +55,6 @@ def draw_bodies(
     Collective on the step's communicator; rank 0 draws and receives the faces on the surface only.
 
     Args:
-        step: with contact, if the pressure is drawn.
         path: of the PNG, if no plotter is given.
         field: "pressure" or "stress".
         factor: magnification of the displacements.
@@ -64,10 +63,7 @@ def draw_bodies(
         cut: omit the half before the plane across y through the centre of the contact; leaves are not cut.
         zoom: magnification; 1 shows all bodies.
         top: of the colour scale [Pa]; None: the maximum pressure, or the stress exceeded on 0.5 % of the surface.
-        plotter: to draw on, the one of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the plotter.
+        plotter: to draw on, the one of rank 0; it or the path is returned.
 
     Raises:
         SceneError: no step, or one without contact if the pressure is drawn; an unknown field; an invalid number.
@@ -86,7 +82,6 @@ def draw_bodies(
     shown = on_first(step.forest.comm, points, values)
 
     def draw(plotter: "Plotter") -> None:
-        """The picture, on rank 0."""
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
         add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
@@ -135,8 +130,8 @@ def _draw(
         top = values.max() if pressure else exceeded(surface, title, _SATURATED)
     if pressure:
         surface[title] = np.where(values > 0, values, -1e-9 * top)  # below the scale: no colour
-    scale, light = {"cmap": "viridis", "clim": (0, top)}, {"ambient": 0.65, "diffuse": 0.4}
-    plotter.add_mesh(surface, scalars=title, scalar_bar_args=bar(0.5, position_x=0.83, width=0.06), **scale, **light)
+    place, light = bar(0.5, position_x=0.83, width=0.06), {"ambient": 0.65, "diffuse": 0.4}
+    plotter.add_mesh(surface, scalars=title, cmap="viridis", clim=(0, top), scalar_bar_args=place, **light)
     if pressure:
         plotter.mapper.lookup_table.below_range_color = "#e8e8e8"
     nearer = edges.translate(1e-3 * np.ptp(surface.points, axis=0).max() * _AXES[2])  # before the surface

@@ -32,18 +32,9 @@ def draw_on_first(
     canvas: Callable[[Path], AbstractContextManager[Canvas]],
     given: Canvas | None = None,
 ) -> Path | Canvas | None:
-    """Draw a picture on rank 0, on given axes or a given plotter or into a file, and create its folder.
+    """Draw a picture on rank 0, on what is given there or, with `axes_for` or `plotter_for`, into a file.
 
     Collective on comm.
-
-    Args:
-        path: of the PNG, unused if axes or a plotter are given.
-        draw: called on rank 0 only.
-        canvas: `axes_for` or `plotter_for`.
-        given: matplotlib Axes or pyvista Plotter, or None; the one of rank 0 counts.
-
-    Returns:
-        The path, or what is given.
 
     Raises:
         OutputError: the picture cannot be written, or neither a path nor axes nor a plotter are given.
@@ -92,16 +83,12 @@ def axes_for(path: Path) -> "Iterator[Axes]":
 
 @contextmanager
 def plotter_for(path: str | Path, width: int = 1200, height: int = 840) -> "Iterator[Plotter]":
-    """A pyvista Plotter whose picture is saved at the end of the `with` block.  Local.
+    """A pyvista Plotter whose picture is saved at the end of the `with` block, in an existing folder.
 
-    Without a display a virtual one, Xvfb, is started.
+    Local.  Width and height are in pixels.  Without a display a virtual one, Xvfb, is started.
 
         with plotter_for("x.png") as plotter:
             plotter.add_mesh(step.to_pyvista(), scalars="von Mises stress")
-
-    Args:
-        path: of the PNG, in an existing folder.
-        width, height: of the picture [pixels].
     """
     with _display():
         plotter = import_pyvista().Plotter(off_screen=True, window_size=(width, height))
@@ -121,12 +108,7 @@ def picture_size(plotter: "Plotter") -> FloatArray:
 
 
 def view_axes(towards: FloatArray, up: FloatArray) -> FloatArray:
-    """Unit vectors, the rows of (3, 3), to the right, upward and to the eye.  Local.
-
-    Args:
-        towards: (3,), direction from the picture to the eye.
-        up: (3,), direction that is vertical in the picture.
-    """
+    """Unit vectors, the rows of (3, 3), to the right, upward and to the eye, with a direction (3,) upward.  Local."""
     right = np.cross(up, towards)
     axes = np.stack([right, np.cross(towards, right), towards])
     return axes / np.linalg.norm(axes, axis=1)[:, None]
@@ -149,11 +131,7 @@ def add_length(plotter: "Plotter") -> None:
 
 
 def bar(height: float, **more: Any) -> dict[str, Any]:
-    """`scalar_bar_args` of a vertical bar at the right, of a height relative to the picture's.  Local.
-
-    Args:
-        more: further entries.
-    """
+    """`scalar_bar_args` of a vertical bar at the right, of a height relative to the picture's.  Local."""
     place = {"position_x": 0.85, "position_y": 0.5 - height / 2, "width": 0.13, "height": height}
     text = {"title": "", "color": "black", "n_labels": 3, "fmt": "%.3g", "label_font_size": 18}
     return {"vertical": True, "background_color": "white", **place, **text} | more
@@ -174,17 +152,13 @@ def exceeded(surface: "PolyData", name: str, share: float) -> float:
 
 @contextmanager
 def _display() -> Iterator[None]:
-    """An X display for pyvista: the present one, or else a virtual one."""
     if os.environ.get("DISPLAY") or shutil.which("Xvfb") is None:
         yield
         return
     read, write = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1200x24", "-nolisten", "tcp"],
-        pass_fds=[write],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1200x24", "-nolisten", "tcp"]
+    null = subprocess.DEVNULL
+    server = subprocess.Popen(command, pass_fds=[write], stdout=null, stderr=null)
     os.close(write)
     with os.fdopen(read) as answer:
         os.environ["DISPLAY"] = ":" + answer.readline().strip()

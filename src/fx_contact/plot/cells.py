@@ -1,7 +1,6 @@
 """Leaves in three dimensions, around the contact or all of them, coloured by rank, level or part."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -46,7 +45,7 @@ def _level_colour(level: int) -> Colour:
     return red, green, blue
 
 
-#: Colourings of leaves.
+#: Colourings of leaves by name.
 _COLOURS: dict[str, Callable[[int], Colour]] = {"rank": _number_colour, "level": _level_colour}
 
 
@@ -64,14 +63,10 @@ def draw_mesh(
     Collective on the step's communicator; rank 0 draws and receives visible faces only.
 
     Args:
-        step: with contact.
         path: of the PNG, if no plotter is given.
         zoom: half width of the picture, in contact radii.
         colour: "rank" or "level", of refinement.
-        plotter: to draw on, the one of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the plotter.
+        plotter: to draw on, the one of rank 0; it or the path is returned.
 
     Raises:
         SceneError: an unknown colouring, a zoom that is not positive, or a step without contact.
@@ -80,7 +75,8 @@ def draw_mesh(
     check_step(step, contact=True)
     check_number("the zoom of a picture", zoom, positive=True)
     centre = np.asarray(step.record.contact_centre)
-    return _draw_leaves(step.forest, colour, centre, centre, zoom * contact_size(step), path, plotter)
+    group = _groups(step.forest, colour)
+    return _draw_groups(step.forest, group, colour, centre, centre, zoom * contact_size(step), path, plotter)
 
 
 def contact_size(step: Step) -> float:
@@ -104,25 +100,15 @@ def draw_partition(
 ) -> "Path | Plotter | None":
     """All undeformed leaves, coloured, without those before the plane across y through the centre of the contact.
 
-    Collective on the step's communicator; rank 0 draws and receives visible faces only.
-
-    Args:
-        path: of the PNG, if no plotter is given.
-        colour: "rank" or "level", of refinement.
-        plotter: to draw on, the one of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the plotter.
-
-    Raises:
-        SceneError: an unknown colouring, or no step.
-        OutputError: the picture cannot be written.
+    Collective on the step's communicator; rank 0 draws and receives visible faces only.  Arguments as in `draw_mesh`.
+    Raises SceneError for an unknown colouring or no step, OutputError if the picture cannot be written.
     """
     check_step(step)
     low, high = step.scene.mesh.points.min(axis=0), step.scene.mesh.points.max(axis=0)
     cut = np.asarray(step.record.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))
-    return _draw_leaves(step.forest, colour, cut, (low + high) / 2, reach, path, plotter)
+    group = _groups(step.forest, colour)
+    return _draw_groups(step.forest, group, colour, cut, (low + high) / 2, reach, path, plotter)
 
 
 def draw_parts(
@@ -130,58 +116,37 @@ def draw_parts(
 ) -> "Path | Plotter | None":
     """Leaves of a forest on one rank around a point, as in `draw_mesh`, coloured by part.
 
-    Local.
+    Local.  Raises OutputError if the picture cannot be written.
 
     Args:
         part: (n,), part of each leaf.
         centre: (3,) point [m].
         reach: half width of the picture [m].
-        path: of the PNG.
-
-    Returns:
-        Path of the picture.
-
-    Raises:
-        OutputError: the picture cannot be written.
     """
-    cut = np.asarray(centre)
-    return _draw_groups(forest, part, path, colour=_number_colour, word="", cut=cut, centre=cut, reach=reach)
+    return _draw_groups(forest, part, "", np.asarray(centre), np.asarray(centre), reach, path, None)
 
 
-def _draw_leaves(
-    forest: Forest,
-    colour: str,
-    cut: FloatArray,
-    centre: FloatArray,
-    reach: float,
-    path: str | Path | None,
-    plotter: "Plotter | None",
-) -> "Path | Plotter | None":
-    """Leaves beyond the y of a point, in a picture about a centre, coloured by rank or level."""
+def _groups(forest: Forest, colour: str) -> IntArray:
     check_name("colouring", colour, _COLOURS)
-    group = forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
-    draw = partial(_draw_groups, colour=_COLOURS[colour], word=colour, cut=cut, centre=centre, reach=reach)
-    return draw(forest, group, path, given=plotter)
+    return forest.level.astype(int) if colour == "level" else np.full(len(forest), forest.comm.rank)
 
 
 def _draw_groups(
     forest: Forest,
     group: IntArray,
-    path: str | Path | None,
-    *,
-    colour: Callable[[int], Colour],
     word: str,
     cut: FloatArray,
     centre: FloatArray,
     reach: float,
-    given: "Plotter | None" = None,
+    path: str | Path | None,
+    given: "Plotter | None",
 ) -> "Path | Plotter | None":
-    """Groups of leaves in the colours of their numbers, with a legend of word and number if there is a word."""
+    """Leaves beyond the y of a point, about a centre, in the colours of their groups; a legend if there is a word."""
     leaf, face = visible_faces(forest, cut, reach)
     shown = on_first(forest.comm, face_points(forest, leaf, face), group[leaf])
+    colour = _COLOURS.get(word, _number_colour)
 
     def draw(plotter: "Plotter") -> None:
-        """The picture, on rank 0."""
         faces, group = shown
         numbers = np.unique(group).tolist()
         for number in numbers:

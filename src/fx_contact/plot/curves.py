@@ -34,15 +34,7 @@ def draw_pressure(
 ) -> "Path | Axes | None":
     """Contact pressure of all contact nodes over the radius, and a known solution with the differences from it.
 
-    Collective on the step's communicator; rank 0 draws.
-
-    Args:
-        step: with contact.
-        path: of the PNG, if no axes are given.
-        ax: axes to draw on, those of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the axes.
+    Collective on the step's communicator; rank 0 draws, into the PNG of the path or on `ax`, which is returned.
 
     Raises:
         SceneError: no step, or one without contact.
@@ -106,15 +98,8 @@ def draw_convergence(
 ) -> "Path | Axes | None":
     """Estimated errors of the steps of a run over their unknowns, and true errors where they were computed.
 
-    Collective on comm; rank 0 draws.
-
-    Args:
-        records: of the steps, the same on all ranks.
-        path: of the PNG, if no axes are given.
-        ax: axes to draw on, those of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the axes.
+    Collective on comm; rank 0 draws, into the PNG of the path or on `ax`, which is returned.  The records are the same
+    on all ranks.
 
     Raises:
         SceneError: comm is no communicator.
@@ -158,18 +143,13 @@ def draw_sweep(
 ) -> "Path | Axes | None":
     """A quantity over the parameter of a load path; with the force, a force-approach curve.
 
-    Collective on comm; rank 0 draws.
+    Collective on comm; rank 0 draws, into the PNG of the path or on `ax`, which is returned.  The points are the same
+    on all ranks.
 
     Args:
-        points: of the path, the same on all ranks.
-        path: of the PNG, if no axes are given.
         quantity: entry of a StepRecord that is a number.
         label: of the parameter.
         logarithmic: scale of both axes.
-        ax: axes to draw on, those of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the axes.
 
     Raises:
         SceneError: comm is no communicator, or there is no such entry.

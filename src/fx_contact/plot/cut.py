@@ -50,14 +50,10 @@ def draw_stress(
     Collective on the step's communicator; rank 0 draws and receives only the leaves that the plane cuts.
 
     Args:
-        step: with contact, if a zoom is given.
         path: of the PNG, if no plotter is given.
         zoom: half width of the picture, in contact radii; None: all bodies.
         across: "x", "y" or "z", the normal of the plane.
-        plotter: to draw on, the one of rank 0; None: a file.
-
-    Returns:
-        Path of the picture, or the plotter.
+        plotter: to draw on, the one of rank 0; it or the path is returned.
 
     Raises:
         SceneError: no step, or one without contact if a zoom is given; a zoom that is not positive, or another axis.
@@ -82,7 +78,6 @@ def draw_stress(
     shown = on_first(comm, points[cut], stress, forest.mesh.body[forest.cell[cut]])
 
     def draw(plotter: "Plotter") -> None:
-        """The picture, on rank 0."""
         _draw_cut(plotter, *shown, centre=centre, reach=reach, y=y)
         plane = f"at {across} = {centre[1]:.3g}, undeformed"
         add_note(plotter, f"von Mises stress\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")
@@ -91,16 +86,10 @@ def draw_stress(
 
 
 def cut_by_body(points: FloatArray, values: FloatArray, body: IntArray, y: float) -> "list[PolyData]":
-    """Sections of the bodies in a plane across y, one for each body in it, with the point data "stress".
+    """Sections of the bodies in a plane across y [m], one for each body in it, with the point data "stress".
 
-    Local.  VTK merges coincident points of a section, which would mix the stresses of bodies in contact.  A leaf of
-    degree p is shown by p^3 trilinear cells.
-
-    Args:
-        points: (n, (p+1)^3, 3), nodes of leaves, their axes in the order of `_SHOWN` [m].
-        values: (n, (p+1)^3), stress there [Pa].
-        body: (n,), body of each leaf.
-        y: position of the plane [m].
+    Local.  VTK merges coincident points of a section, which would mix the stresses of bodies in contact.  Values (n,
+    (p+1)^3) [Pa] at nodes (n, (p+1)^3, 3) [m] are shown in p^3 trilinear cells for each of n leaves.
     """
     pyvista = import_pyvista()
     sections, parts = [], hexahedron.subcells(hexahedron.order_of(points.shape[1]))[:, [0, 1, 3, 2, 4, 5, 7, 6]]

@@ -22,14 +22,9 @@ PIECES = 4
 def visible_faces(
     forest: Forest, centre: FloatArray, reach: float, cut: bool = True
 ) -> tuple[Int64Array, Int64Array]:
-    """This rank's leaf faces on the boundary near a point; with a cut, those at or beyond its y, and in the cut.
+    """This rank's leaves (m,) and their local faces (m,) on the boundary near a point (3,); cut, those beyond its y.
 
-    Args:
-        centre: (3,) point [m].
-        reach: a third of the largest distance of a leaf's centre from the point, along each axis [m].
-
-    Returns:
-        (m,) leaves and (m,) their local faces.
+    Near are leaves whose centre is within three times the reach along each axis [m].
     """
     position = leaf_positions(forest, slice(None), 1)
     middle = position.mean(axis=1) - centre

@@ -1,6 +1,6 @@
-"""Errors relative to known solutions: displacements in norms, contact figures against reference values."""
+"""Errors relative to known solutions, to reference values, and to a solution on a refinement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -8,16 +8,24 @@ from dolfinx import fem
 from mpi4py import MPI
 from ufl.core.expr import Expr
 
+from fx_contact.adaptive.adaptive_loop import adapt
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.settings import check_tolerance
 from fx_contact.adaptive.step import Step, check_step
+from fx_contact.adaptive.step_record import TrueError
+from fx_contact.adaptive.validity import REFUSED
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.estimate.marking import for_tolerance
 from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
+from fx_contact.problem.lattice import Lattice
+from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.reference_values import ContactReference
-
-#: Entries of a StepRecord that are compared with a reference.
-FIGURES = ("force", "contact_radius", "max_pressure")
 
 
 @dataclass(frozen=True)
@@ -37,12 +45,9 @@ def field_error(elasticity: Elasticity, u: fem.Function, exact: Expr) -> FieldEr
     off = u - exact
     densities = [ufl.inner(elasticity.hooke(v), ufl.sym(ufl.grad(v))) for v in (off, exact)]
     densities += [ufl.inner(v, v) for v in (off, exact)]
-    form = compiled(
-        elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise)) * dx
-    )
-    sums = fem.assemble_vector(form).array.reshape(-1, 4).sum(axis=0)
-    total = elasticity.prolongation.comm.allreduce(sums, op=MPI.SUM)
-    energy, energy_scale, l2, l2_scale = np.sqrt(total)
+    comm, integrand = elasticity.prolongation.comm, ufl.inner(ufl.as_vector(densities), ufl.TestFunction(cellwise))
+    sums = fem.assemble_vector(compiled(comm, integrand * dx)).array.reshape(-1, 4).sum(axis=0)
+    energy, energy_scale, l2, l2_scale = np.sqrt(comm.allreduce(sums, op=MPI.SUM))
     return FieldError(float(energy / energy_scale), float(l2 / l2_scale))
 
 
@@ -55,8 +60,6 @@ def energy_distance(step: Step, values: FloatArray) -> float:
     """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
 
     Collective on the step's communicator.  The values (n, (p+1)^3, 3) of v [m] are at the nodes of this rank's leaves.
-    The difference of the energies would be too small, since the bodies penetrate each other between the nodes of curved
-    facets; `Elasticity.change_norm` measures v - u itself.
     """
     elasticity, u = step.elasticity, step.solution.displacement
     leaf, node = elasticity.prolongation.space.example.T
@@ -68,18 +71,14 @@ def energy_distance(step: Step, values: FloatArray) -> float:
 def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
     """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
 
-    Collective on the step's communicator.
+    Collective on the step's communicator.  Raises SceneError for no step or one without contact.
 
     Returns:
-        `force`, `contact_radius` (of round contact) and `max_pressure`.  If the reference has them also `pressure`, in
-        the L2 norm over the contact surface, and `axis_stress`, the stress along the axis in the Euclidean norm over
-        the reference's heights.
-
-    Raises:
-        SceneError: no step, or one without contact.
+        `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
+        L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
     """
     check_step(step, contact=True)
-    found = {name: getattr(step.record, name) for name in FIGURES}
+    found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
     result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
     if len(reference.profile):
         result["pressure"] = _pressure_error(step, reference)
@@ -89,12 +88,10 @@ def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
 
 
 def _pressure_error(step: Step, reference: ContactReference) -> float:
-    """Error of the contact pressure in the L2 norm over the contact surface.  Collective."""
     pairs = step.pairs
     assert pairs is not None, "checked by check_step"
-    known = reference.pressure(
-        np.linalg.norm((pairs.position - np.asarray(step.record.contact_centre))[:, :2], axis=1)
-    )
+    arm = pairs.position - np.asarray(step.record.contact_centre)
+    known = reference.pressure(np.linalg.norm(arm[:, :2], axis=1))
     off = step.contact.pressure - known
     sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
     return float(np.sqrt(sums[0] / sums[1]))
@@ -113,3 +110,47 @@ def _axis_error(step: Step, reference: ContactReference) -> float:
     height, known = reference.axis.T
     off = np.interp(height, rows[:, 0], rows[:, 1]) - known
     return float(np.sqrt((off @ off) / (known @ known)))
+
+
+@collective("step.forest.comm")
+def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> TrueError:
+    """Distance of a step from a finer solution of degree 2, computed from it with default settings.
+
+    Collective on the step's communicator.  After a step of degree 1 the first finer space is that of degree 2 on its
+    leaves.
+
+    Args:
+        tolerance: of the finer solution [-]; half the step's error leaves an eighth of it to the finer estimate.
+        scene: with the same root cells and a better geometry; None: the step's own.
+
+    Raises:
+        SceneError: no step, a tolerance that is no positive number or below `LEAST_TOLERANCE`, no scene or one with
+            other root cells.
+    """
+    check_step(step)
+    tolerance = check_tolerance("the tolerance of the finer solution", tolerance)
+    finer: Scene = step.scene if scene is None else scene
+    marked = np.zeros(len(step.forest), dtype=np.int8)
+    if step.record.degree == 2:
+        chosen, _ = for_tolerance(step.estimate, tolerance, None, ErrorControl(), step.forest.comm)
+        marked[step.leaf_mesh.leaf] = chosen
+    beginning = Beginning.after(step, marked)
+    beginning = replace(beginning, forest=_on(beginning.forest, finer))
+    for fine in adapt(finer, tolerance, step.forest.comm, degree=2, allow=tuple(REFUSED), beginning=beginning):
+        pass
+    distance = energy_distance(fine, fine.carried)
+    relative = float(
+        np.hypot(distance, fine.record.estimate)
+    )  # energy errors add in squares (Galerkin orthogonality)
+    return TrueError(distance, fine.record.estimate, fine.record.dofs, relative)
+
+
+def _on(forest: Forest, scene: Scene) -> Forest:
+    """The same leaves on the root mesh of a scene."""
+    check_scene(scene)
+    # The corners of meshes of two orders differ by Gmsh's rounding, 1e-9; those of other meshes by parts of a cell.
+    here, there = (mesh.points[mesh.corners] for mesh in (forest.mesh, scene.mesh))
+    if here.shape != there.shape or np.abs(here - there).max() > 1e-6 * np.ptp(here, axis=(0, 1)).max():
+        raise SceneError("the over-refined solution needs a scene with the same root cells, in the same order")
+    surfaces, lattice = scene.contact_surfaces, Lattice(scene.mesh)
+    return replace(forest, mesh=scene.mesh, lattice=lattice, pairing=scene.pairing, contact_surfaces=surfaces)

@@ -104,7 +104,6 @@ class Persson:
         """b = tan(half angle / 2), at which E* play / Q = 2 (1 - b^2) / (pi b^2) - I(b) / (pi^2 b^2 (1 + b^2)) [-]."""
 
         def excess(b: float) -> float:
-            """Play that belongs to b minus the given one, times E* / Q [-]."""
             integral = quad(lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b)[0]
             play = 2 * (1 - b * b) / (np.pi * b * b) - integral / (np.pi * b) ** 2 / (1 + b * b)
             return play - self.modulus * self.play / self.force

@@ -22,14 +22,10 @@ _SCALARS = ("pressure", "closed", "gap", "body", "level", "rank", "indicator")
 
 @collective("step.forest.comm")
 def contact_functions(step: Step) -> dict[str, fem.Function]:
-    """Fields on both sides of the contact surfaces, by name, on a mesh of quadrilaterals.
+    """Fields of a step with contact on both sides of the contact surfaces, by name, on a mesh of quadrilaterals.
 
     Collective on the step's communicator.  Facets are on the rank of their leaf and have the order of its geometry or
-    of the displacement, the higher one.  They share no nodes: fields may jump between them, and one with a value for
-    each facet is constant there.
-
-    Args:
-        step: with contact.
+    of the displacement, the higher one.  They share no nodes: fields may jump between them.
 
     Returns:
         `displacement` [m]; `pressure` [Pa]; `closed`, 1 for a closed pair and 0 for an open one; open `gap` [m];
@@ -57,13 +53,8 @@ def contact_functions(step: Step) -> dict[str, fem.Function]:
 
     turn, first = basix_order(CellType.quadrilateral, order), forest.comm.exscan(len(leaf)) or 0
     nodes = first * len(turn) + np.arange(len(leaf) * len(turn)).reshape(-1, len(turn))
-    mesh = create_mesh(
-        forest.comm,
-        cells=nodes[:, turn],
-        e=element(3),
-        x=points.reshape(-1, 3),
-        partitioner=stay(forest.comm.rank, 4),
-    )
+    x, partitioner = points.reshape(-1, 3), stay(forest.comm.rank, 4)
+    mesh = create_mesh(forest.comm, cells=nodes[:, turn], e=element(3), x=x, partitioner=partitioner)
     facet = mesh.topology.original_cell_index - first
     values = values[facet][:, turn]
     fields = {"displacement": function_on(mesh, element(3), "displacement", values[..., :3])}
@@ -86,9 +77,7 @@ def nodal_values(step: Step) -> FloatArray:
     """
     pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
     assert pairs is not None, "checked by check_step"
-    rows = pairs.area[:, None] * np.stack(
-        [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1
-    )
+    rows = pairs.area[:, None] * np.column_stack([contact.pressure, contact.active, contact.gap, np.ones(len(pairs))])
     sums = prolongation.zeros(4)
     blocks = pairs.blocks
     weight = np.linalg.norm(blocks.values, axis=1)[:, None]

@@ -30,14 +30,11 @@ _TELLING, _SAME = ("cells", "dofs", "force", "estimate"), 1e-6
 class RecordWriter:
     """Writer of `steps.jsonl` in a folder, created if missing: a step record per line, on disk as soon as written.
 
-    Collective on comm.
+    Collective on comm.  `path` is that of the file.
 
     Args:
         finished: records of the steps before a restart.  With them the complete lines of the file are kept and missing
             ones added; without, the file starts empty.
-
-    Attributes:
-        path: of the file.
 
     Raises:
         SceneError: comm is no communicator.
@@ -99,7 +96,7 @@ class RecordWriter:
 
 
 def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
-    """Number of the finished step whose record a line is, apart from its costs; None if it is of no finished step."""
+    """Number of the finished step whose record a line is, apart from its costs; None: it is of no such step."""
     try:
         entries = json.loads(line)
         known = next(record for record in finished if record.step == entries["step"])
@@ -116,10 +113,8 @@ def write_fields(step: Step, folder: str | Path) -> None:
     Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the projected stress [Pa] (`point_fields`);
     `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both
     sides of the contact surfaces, if there are any (`contact_functions`).
-
-    Raises:
-        SceneError: no step.
-        OutputError: a file cannot be written, or there is no space for it; then an existing one is kept.
+    Raises SceneError for no step, OutputError if a file cannot be written, or there is no space for it: then an
+    existing one is kept.
     """
     check_step(step)
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
@@ -140,8 +135,7 @@ def write_fields(step: Step, folder: str | Path) -> None:
 def point_fields(step: Step) -> list[fem.Function]:
     """Displacement [m] and stress [Pa] at equispaced points of each cell, for ParaView.
 
-    Collective on the step's communicator.  VTX draws cells of the order of a function: here the higher one of geometry
-    and displacement, so that the fields are written exactly.
+    Collective on the step's communicator.  The order is the higher one of geometry and displacement.
     """
     order, variant, fields = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced, []
     for name, given in (("displacement", step.displacement), ("stress", step.stress)):

@@ -83,7 +83,6 @@ def ssnv104() -> ContactReference:
     Local.  Source: axisymmetric computation with linear elasticity at small strains and free faces, accurate to three
     digits.  Hertz's half-spaces, as published with the case, give a = 10 and p0 = 2798.3.
     """
-    none = np.zeros((0, 2))
     return ContactReference(
         name="SSNV104",
         source="axisymmetric computation, three digits",
@@ -94,8 +93,8 @@ def ssnv104() -> ContactReference:
         force=6.60e5,
         contact_radius=10.47,
         max_pressure=2912.0,
-        profile=none,
-        axis=none,
+        profile=np.zeros((0, 2)),
+        axis=np.zeros((0, 2)),
     )
 
 

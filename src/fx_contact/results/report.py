@@ -33,19 +33,13 @@ def table_row(record: StepRecord) -> str:
 
 
 def force_warnings(record: StepRecord) -> list[str]:
-    """Warnings about contact pairs whose force has a larger error than the tolerance, from the last step.
-
-    The error control does not refine for forces below tolerance^2 times the largest (`ErrorControl`).
-    """
-    lines = []
-    for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors)):
-        error = error or 0.0
-        if force and error > record.tolerance:
-            lines.append(
-                f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined "
-                "for forces below the square of the tolerance times the largest"
-            )
-    return lines
+    """Warnings about contact pairs whose force has a larger error than the tolerance, from the last step."""
+    return [
+        f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined for forces "
+        "below the square of the tolerance times the largest"
+        for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors))
+        if force and error and error > record.tolerance
+    ]
 
 
 def model_warnings(record: StepRecord) -> list[str]:

@@ -26,13 +26,10 @@ def function_on(mesh: Mesh, element: Any, name: str, values: npt.NDArray[Any]) -
 
 
 def write_vtx(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
-    """Write functions into one file, for ADIOS2 a folder, replacing an existing one.
+    """Write functions of one element, apart from components, into one file, for ADIOS2 a folder, that replaces another.
 
-    Collective on comm.  The functions have one element, apart from the number of components.  On a full disk ADIOS2
-    ends the program or hangs, so the free space is checked first.
-
-    Raises:
-        OutputError: the file cannot be written, or there is no space for it; then an existing one is kept.
+    Collective on comm.  Raises OutputError if the file cannot be written, or there is no space for it: then an existing
+    one is kept.  On a full disk ADIOS2 ends the program or hangs, so the free space is checked first.
     """
     size = comm.allreduce(_bytes(functions))
     with together(comm):

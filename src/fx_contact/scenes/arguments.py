@@ -21,11 +21,7 @@ def check_arguments(
 ) -> None:
     """Check the order and the cells of a root mesh, and named positive lengths and finite numbers.
 
-    Local.
-
-    Args:
-        least_order: 2 if straight cells would make another body.
-        even: whether `coarse` must be even, for a vertex on the axis.
+    Local.  The least order is 2 if straight cells would make another body; `coarse` is even for a vertex on the axis.
 
     Raises:
         GeometryError: an order out of range, or a length whose volume is no double precision number.

@@ -28,7 +28,7 @@ def stack(
 
     Local.  A quarter is modelled.  Between plates the pressure is uniform, p = (displacement - sum of gaps) / sum of
     (height / E), and a contact method must reproduce it for any materials.  Under a pressure only contact supports the
-    blocks above the lowest one vertically.
+    blocks above the lowest one vertically.  Raises SceneError or GeometryError for an argument out of range.
 
     Args:
         materials: of at least two blocks, from below; the bodies are "block 0", "block 1", ...
@@ -39,9 +39,6 @@ def stack(
         gap: initial distance between neighbours [m], negative for a penetration.
         order: of the root mesh, 1 to 6; the geometry is affine.
         cells: root cells of a quarter of a block along x, y, z.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range.
     """
     if len(materials) < 2:
         raise SceneError(f"a stack needs two blocks at least, got {len(materials)}")
@@ -90,11 +87,6 @@ def patch(
 ) -> Scene:
     """Contact patch test: a `stack` of two blocks of side and height 1, with uniform pressure p = u / (h/E1 + h/E2).
 
-    Local.
-
-    Args:
-        lower, upper: materials.
-        displacement: of the top, downwards [m].
-        order, cells: as in `stack`.
+    Local.  Other arguments as in `stack`.
     """
     return stack((lower, upper), displacement, order=order, cells=cells)

@@ -24,29 +24,23 @@ def indentation(
 ) -> Scene:
     """A cube of side H on a block 3 H x 3 H x H, pressed down at its top; the block's bottom is fixed vertically.
 
-    Local.  The meshes match on the contact surface, the initial gap is zero.
+    Local.  The meshes match on the contact surface, the initial gap is zero.  Raises SceneError or GeometryError for an
+    argument out of range.
 
     Args:
         side: H [m].
         displacement: of the cube's top, downwards [m].
-        block, cube: materials.
         order: of the root mesh, 1 to 6; the geometry is affine.
         coarse: root cells along H, even.
         symmetry: "quarter" models x, y >= 0, "full" the whole.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range.
     """
     check_arguments(order, coarse, {"side": side}, {"displacement": displacement}, symmetry, even=True)
+    vertical = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement))
     return Scene(
         name="indentation",
         mesh=cube_on_block(order, coarse, symmetry, side),
         materials={"block": block, "cube": cube},
-        dirichlet=(
-            Dirichlet("bottom", z=0.0),
-            Dirichlet("top", z=-float(displacement)),
-            *sideways(symmetry, ("block", "cube")),
-        ),
+        dirichlet=(*vertical, *sideways(symmetry, ("block", "cube"))),
         contact=(ContactPair("footprint", "base", direction=(0.0, 0.0, 1.0)),),
         symmetry=4 if symmetry == "quarter" else 1,
     )
@@ -77,6 +71,5 @@ def cube_on_block(order: int, coarse: int, symmetry: str, side: float, end: Plac
         return body, lambda x: (np.abs(x[0] - side * at) < 1e-9 * side) & (np.abs(x[1]) < 1e-9 * side)
 
     curves = {f"{body} axis": along_z(body, 0.0) for body in bodies}
-    return root_mesh_from_shapes(
-        bodies, surfaces, curves | {"block side": along_z("block", 1.5), "cube side": along_z("cube", 0.5)}
-    )
+    curves |= {"block side": along_z("block", 1.5), "cube side": along_z("cube", 0.5)}
+    return root_mesh_from_shapes(bodies, surfaces, curves)

@@ -18,7 +18,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.roundness import check_roundness
+from fx_contact.scenes.round_bodies import check_roundness
 from fx_contact.scenes.symmetry import sideways
 
 
@@ -32,9 +32,9 @@ def hertz(
     symmetry: str = "quarter",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Scene:
-    """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces.
+    """Two equal half-spheres pressed together, pole to pole, by the displacement of their flat faces, half on each.
 
-    Collective on comm.  The flat faces move by half the displacement each, free laterally; the gap is measured along z.
+    Collective on comm.  The flat faces are free laterally; the gap is measured along z.
 
     Args:
         radius: of both spheres [m].
@@ -43,7 +43,6 @@ def hertz(
         order: of the root mesh, 1 to 6.
         coarse: root cells along the side of a block of the half-ball.
         symmetry: "quarter" models x, y >= 0, "full" the whole half-spheres.
-        comm: MPI communicator.
 
     Raises:
         SceneError, GeometryError: an argument out of range or different between ranks, or a root mesh too coarse for so
@@ -132,26 +131,17 @@ def _ball_octant(blocks: "_Blocks", radius: float, turn: int, sign: int) -> None
     blocks.add(cube, {name: [v for v in range(8) if not CORNERS[v, axis]] for name, axis in walls.items()})
     for axis in range(3):
         inner = [v for v in range(8) if CORNERS[v, axis]]
-        named = {
-            name: [i for i in range(8) if not CORNERS[inner[i % 4], wall]]
-            for name, wall in walls.items()
-            if wall != axis
-        }
+        sides = {name: wall for name, wall in walls.items() if wall != axis}
+        named = {name: [i for i in range(8) if not CORNERS[inner[i % 4], wall]] for name, wall in sides.items()}
         if axis == 2:
             named["pole"] = [4, 5, 6, 7]
         blocks.add([cube[v] for v in inner] + [ball[v] for v in inner], named, sphere=centre)
 
 
 class _Blocks:
-    """Transfinite hexahedral blocks in Gmsh's built-in kernel that share their points, edges and faces.
-
-    Attributes:
-        volumes: Gmsh tags of the blocks.
-        named: name -> Gmsh tags of surfaces.
-    """
+    """Transfinite hexahedral blocks of Gmsh's built-in kernel that share points, edges and faces; by Gmsh's tags."""
 
     def __init__(self, cells: int) -> None:
-        """With a number of cells along every edge."""
         import gmsh
 
         self._geo, self._cells = gmsh.model.geo, cells
@@ -173,20 +163,16 @@ class _Blocks:
         return self._lines[frozenset((self.point(start), self.point(end)))]
 
     def add(self, corners: Sequence[_Point], named: Mapping[str, list[int]], sphere: _Point | None = None) -> None:
-        """Add a block.
+        """Add a block, by eight corners in tensor order, with names of faces, by their four local corners.
 
-        Args:
-            corners: eight positions in tensor order.
-            named: surface name -> the four local corners of a face.
-            sphere: centre of the sphere of the last four corners, or None.
+        The last four corners lie on a sphere, if its centre is given.
         """
         tags = [self.point(corner) for corner in corners]
+        centre, outer = (None, []) if sphere is None else (self.point(sphere), tags[4:])
         faces = {}
         for local in FACE_CORNERS:
-            round_ball = sphere is not None and min(local) >= 4
-            faces[frozenset(local.tolist())] = self._face(
-                [tags[v] for v in local[[0, 1, 3, 2]]], tags, sphere, round_ball
-            )
+            loop = [tags[v] for v in local[[0, 1, 3, 2]]]
+            faces[frozenset(local.tolist())] = self._face(loop, outer, centre)
         volume = self._geo.addVolume([self._geo.addSurfaceLoop(list(faces.values()))])
         order = [tags[v] for v in (0, 1, 3, 2, 4, 5, 7, 6)]
         self._geo.mesh.setTransfiniteVolume(volume, order)
@@ -195,14 +181,13 @@ class _Blocks:
         for name, local in named.items():
             self.named.setdefault(name, []).append(faces[frozenset(local)])
 
-    def _face(self, loop: list[int], block: list[int], sphere: _Point | None, on_sphere: bool) -> int:
+    def _face(self, loop: list[int], outer: list[int], centre: int | None) -> int:
         key = frozenset(loop)
         if key not in self._faces:
-            outer = set(block[4:]) if sphere is not None else set()
-            centre = self.point(sphere) if sphere is not None else None
-            lines = [self._line(a, b, centre if {a, b} <= outer else None) for a, b in zip(loop, loop[1:] + loop[:1])]
+            ends = zip(loop, loop[1:] + loop[:1])
+            lines = [self._line(a, b, centre if {a, b} <= set(outer) else None) for a, b in ends]
             wire = self._geo.addCurveLoop(lines, reorient=True)
-            surface = self._geo.addSurfaceFilling([wire], sphereCenterTag=centre if on_sphere else -1)
+            surface = self._geo.addSurfaceFilling([wire], sphereCenterTag=centre if key == set(outer) else -1)
             self._geo.mesh.setTransfiniteSurface(surface, cornerTags=loop)
             self._geo.mesh.setRecombine(2, surface)
             self._faces[key] = surface

@@ -24,7 +24,8 @@ def shrink_fit(
     """Two concentric rings about z, "inner" and "outer", the inner one too large for the outer one.
 
     Local.  A quarter is modelled, between the plane of symmetry z = 0 and the free upper end.  There are no other loads
-    or supports.  Exact solution: `analytic.ShrinkFit`.
+    or supports.  Exact solution: `analytic.ShrinkFit`.  Raises SceneError or GeometryError for an argument out of
+    range.
 
     Args:
         radii: inner radius, radius of the common surface, outer radius [m]; each ring deviates from the common radius
@@ -32,12 +33,8 @@ def shrink_fit(
         interference: outer radius of the inner ring minus inner radius of the outer ring, unloaded [m]; negative for a
             clearance.
         height: modelled, half that of the rings [m].
-        inner, outer: materials.
         order: of the root mesh, 2 to 6.
         coarse: root cells across each ring; twice as many around the quarter.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range.
     """
     lengths = dict(zip(("inner radius", "common radius", "outer radius"), radii)) | {"height": height}
     check_arguments(order, coarse, lengths, {"interference": interference}, least_order=2)

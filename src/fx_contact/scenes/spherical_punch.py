@@ -11,7 +11,7 @@ from fx_contact.problem.scene import Scene
 from fx_contact.results.analytic import Hertz
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.cube_indentation import cube_on_block
-from fx_contact.scenes.roundness import check_roundness, sagitta
+from fx_contact.scenes.round_bodies import check_roundness, sagitta
 from fx_contact.scenes.symmetry import sideways
 
 
@@ -30,21 +30,18 @@ def punch(
     """A square punch with a spherical end, "cube", on a "block" three times as wide, whose bottom is fixed vertically.
 
     Local.  The punch is as high as wide.  Its end touches the block in one point or is `gap` above it.  Under a force
-    only contact supports it vertically.
+    only contact supports it vertically.  Raises SceneError or GeometryError for an argument out of range, or a root
+    mesh too coarse for so small a load.
 
     Args:
         radius: of the spherical end [m].
         displacement: of the punch's top, downwards [m]; unused with a force.
         force: on the top of the whole punch, downwards and uniform [N]; None: the displacement is prescribed.
         side: width and height of the punch, below sqrt(2) radius [m]; None: the radius.
-        block, punch: materials.
         gap: initial distance between the end and the block [m], negative for a penetration.
         order: of the root mesh, 2 to 6 for a round end.
         coarse: root cells along the side, even.
         symmetry: "quarter" models x, y >= 0, "full" the whole.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range, or a root mesh too coarse for so small a load.
     """
     side = radius if side is None else side
     numbers = {"displacement": displacement, "gap": gap, "force": force or 0.0}

@@ -10,8 +10,7 @@ from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.materials import Material
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.facing_columns import columns_mesh
-from fx_contact.scenes.roundness import sagitta
+from fx_contact.scenes.round_bodies import columns_mesh, sagitta
 
 
 def cylinders(
@@ -27,18 +26,14 @@ def cylinders(
 
     Local.  Half (x >= 0) of a slice between the symmetry planes y = 0 and y = length is modelled, with one root cell
     along y; a thin slice suffices.  The record's `contact_radius` is None.  Exact for small contact areas:
-    `analytic.HertzLine`.
+    `analytic.HertzLine`.  Raises SceneError or GeometryError for an argument out of range.
 
     Args:
         radii: of the lower and the upper cylinder [m].
         displacement: approach of the bars' flat faces [m].
         length: of the slice [m].
-        lower, upper: materials.
         order: of the root mesh, 2 to 6 for round faces.
         coarse: root cells along half a bar's width.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range.
     """
     lengths = dict(zip(("radius of the lower cylinder", "radius of the upper"), radii)) | {"length": length}
     check_arguments(order, coarse, lengths, {"displacement": displacement}, least_order=2)

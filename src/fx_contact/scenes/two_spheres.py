@@ -12,8 +12,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.facing_columns import columns_mesh
-from fx_contact.scenes.roundness import check_roundness, sagitta
+from fx_contact.scenes.round_bodies import check_roundness, columns_mesh, sagitta
 
 
 def spheres(
@@ -28,27 +27,22 @@ def spheres(
     """Two square columns with spherical ends, "lower" and "upper", pressed together pole to pole.
 
     Local.  A quarter is modelled.  The meshes of the ends match for all radii: an infinite radius is a flat end (a
-    sphere on a block), a negative one a hollow end (a ball in a socket).
+    sphere on a block), a negative one a hollow end (a ball in a socket).  Raises SceneError or GeometryError for an
+    argument out of range, or a root mesh too coarse for so small a displacement.
 
     Args:
         radii: of the lower and the upper end [m]; 1/R1 + 1/R2 = 1/R* must be positive.
         displacement: approach of the columns' flat ends [m]; the lower one is fixed vertically.
         side: width and height of each column [m]; None: the smaller radius.
-        lower, upper: materials.
         order: of the root mesh, 2 to 6 for round ends.
         coarse: root cells along half a side.
-
-    Raises:
-        SceneError, GeometryError: an argument out of range, or a root mesh too coarse for so small a displacement.
     """
     curvature = _curvatures(radii)
-    side = 1 / np.abs(curvature).max() if side is None else side
-    lengths = {"radius": 1 / np.abs(curvature).max(), "side": side}
-    check_arguments(order, coarse, lengths, {"displacement": displacement})
-    if side * np.abs(curvature).max() >= np.sqrt(2):
-        raise SceneError(
-            f"a column of side {side} has no end of radius {1 / np.abs(curvature).max()}: take a smaller side"
-        )
+    radius = 1 / np.abs(curvature).max()
+    side = radius if side is None else side
+    check_arguments(order, coarse, {"radius": radius, "side": side}, {"displacement": displacement})
+    if side / radius >= np.sqrt(2):
+        raise SceneError(f"a column of side {side} has no end of radius {radius}: take a smaller side")
 
     def place(body: str, x: FloatArray) -> FloatArray:
         """Map from boxes to bodies: layers bend towards the contact, the flat faces stay flat."""
@@ -58,16 +52,12 @@ def spheres(
 
     mesh = columns_mesh(order, (coarse,) * 3, 0.5, "end", place)
     _check_ends(mesh, curvature, displacement)
+    vertical = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement))
     return Scene(
         name="spheres",
         mesh=mesh,
         materials={"lower": lower, "upper": upper},
-        dirichlet=(
-            Dirichlet("bottom", z=0.0),
-            Dirichlet("top", z=-float(displacement)),
-            SymmetryPlane("x = 0"),
-            SymmetryPlane("y = 0"),
-        ),
+        dirichlet=(*vertical, SymmetryPlane("x = 0"), SymmetryPlane("y = 0")),
         contact=(ContactPair("lower end", "upper end", direction=(0.0, 0.0, 1.0)),),
         symmetry=4,
         contact_centre=(0.0, 0.0, 0.0),

@@ -1,16 +1,46 @@
-"""Round surfaces: height above the tangent plane, and the geometric error of a root mesh relative to the approach."""
+"""Round bodies: columns with facing ends, height above the tangent plane, geometric error relative to the approach."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import block
 
 #: Largest distance of a surface from its sphere, relative to the approach; half of it is the error of the force.
 ROUND_ENOUGH = 0.05
+
+
+def columns_mesh(
+    order: int,
+    cells: Sequence[int],
+    depth: float,
+    end: str,
+    place: Callable[[str, FloatArray], Sequence[npt.ArrayLike] | FloatArray],
+) -> RootMesh:
+    """Root mesh of two columns 0.5 x depth x 1 along z that meet in the plane z = 0, with cells along x, y, z.
+
+    Local.  The bodies are "lower" and "upper", the surfaces "bottom", "top", "lower END", "upper END", "x = 0", "y = 0"
+    and "y = length".
+
+    Args:
+        place: maps the name of a body and points (3, n) [-] of it to their positions [m].
+    """
+    bodies = {
+        name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, name))
+        for name, low in (("lower", -1.0), ("upper", 0.0))
+    }
+    surfaces: dict[str, str | list[str]] = {"bottom": "lower bottom", "top": "upper top"}
+    surfaces |= {f"lower {end}": "lower top", f"upper {end}": "upper bottom"}
+    for plane, side in (("x = 0", "left"), ("y = 0", "front"), ("y = length", "back")):
+        surfaces[plane] = [f"{body} {side}" for body in bodies]
+    return root_mesh_from_shapes(bodies, surfaces)
 
 
 def sagitta(distance2: FloatArray, curvature: float) -> FloatArray:
@@ -26,13 +56,11 @@ def check_roundness(
 ) -> None:
     """Raises GeometryError if a surface deviates too much from its sphere within twice the contact radius.
 
-    Local.  A polynomial surface deviates from the sphere by a small fraction of the radius, and cells meet at a small
-    angle.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
+    Local.  If the deviation is not small against the approach, the computed contact is that of the polynomials.  A mesh
     of order 1 is not checked: it stands for a polyhedron.
 
     Args:
         surface: name of the round surface, whose pole is a vertex.
-        centre, radius: of the sphere [m].
         contact_radius, approach: expected by Hertz's theory [m].
     """
     if mesh.order == 1 or not approach > 0:
