@@ -14,8 +14,8 @@ from model_problems import two_boxes
 
 from fx_contact import CheckpointError, Material, SceneError, adapt, solve, sweep
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import State
+from fx_contact.adaptive.load_path import carried_over
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.estimator import Estimate
