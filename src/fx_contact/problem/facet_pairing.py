@@ -27,8 +27,7 @@ _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
 #: Largest distance of facing nodes, projected along a given direction, relative to the size of the facet.
 _MATCH = 1e-6
 #: Largest tangential offset t of facing nodes without a given direction, relative to the size d of the facet.  On a
-#: surface of radius R it changes the gap by t d^2/(2 R), at 0.1 less than half of d^2/(8 R), the distance between the
-#: facet and its chord.  Concentric surfaces with a gap g have t = g/(2 R).
+#: radius R it changes the gap by t d^2/(2 R), less than half of d^2/(8 R), the distance between facet and chord.
 _OFFSET = 0.1
 
 
@@ -40,7 +39,8 @@ class Pairing:
 
     Attributes:
         partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
-        rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface.
+        rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface, which are
+            not refined with it.
 
     Raises:
         SceneError: an unknown surface.
@@ -69,14 +69,9 @@ class Pairing:
     def opposite(
         self, cell: IntArray, face: IntArray, points: npt.NDArray[Coordinate]
     ) -> tuple[Int32Array, Int32Array, npt.NDArray[Coordinate]]:
-        """Points that face given points on paired root facets.
+        """Facing root cells (n,), their local faces (n,), and points (n, m, 3) there, of points on paired faces.
 
-        Args:
-            cell, face: (n,), root cells and their paired local faces.
-            points: (n, m, 3), on those faces, in lattice coordinates, integer or not.
-
-        Returns:
-            Facing root cells (n,), their local faces (n,), and the points (n, m, 3) in lattice coordinates there.
+        Points are in lattice coordinates, integer or not.
         """
         swap, *flips = _SYMMETRIES[self._symmetry[cell, face]].T
         other, other_face = self.partner[cell, face].T
@@ -142,7 +137,7 @@ def decode_leaf(code: Int64Array) -> tuple[Int32Array, Int32Array]:
 def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
     """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises PairingError.
 
-    Partners have the nearest centres, both ways, and coincident nodes, projected along the direction if one is given.
+    Partners have the nearest centres, both ways, and coincident nodes, seen along the direction or the normal.
     """
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
@@ -172,9 +167,8 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
         cell, face = first[unmatched][0]
-        if pair.direction is None:
-            advice = ", or give the direction in which they face each other"
-        else:
+        advice = ", or give the direction in which they face each other"
+        if pair.direction is not None:
             advice = f": seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
         raise PairingError(
             f"{label}: {unmatched.sum()} of {len(first)} facets have no partner, the first near "
@@ -235,11 +229,7 @@ def _check_one_to_one(
 
 
 def _rim(mesh: RootMesh, facets: Int32Array) -> BoolArray:
-    """Mask (n, 4) of the edges of facets (n, 2) that are on the rim (`Pairing`).
-
-    A cell that has only an edge on the surface need not be refined with the facing leaves, so that a vertex could be
-    hanging on one side only.
-    """
+    """Mask (n, 4) of the edges of facets (n, 2) on the rim, where a vertex could be hanging on one side only."""
     edges = mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]]
     around = np.bincount(mesh.edges.ravel())
     facing = np.unique(np.stack([np.repeat(facets[:, 0], 4), edges.ravel()], axis=1), axis=0)[:, 1]

@@ -30,14 +30,13 @@ _CHUNK = 1 << 12
 class RootMesh:
     """Conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks and validated when made.
 
-    Lists may be given for arrays and tuples.  All attributes are frozen, and copied if the caller could change them: to
-    change a mesh, make another one (`dataclasses.replace`).
+    Lists may be given for arrays and tuples.  Attributes are frozen copies; `dataclasses.replace` makes another mesh.
 
     Attributes:
         points: (npoints, 3), node positions [m].
         cells: (ncells, (p+1)^3), nodes of each cell in tensor order, x fastest (`hexahedron.grid_points`), equispaced
             in the reference cell.
-        bodies: names of the bodies.
+        bodies: their names.
         body: (ncells,), index into `bodies`.
         surfaces: name -> (n, 2), exterior facets as (root cell, local face).
         vertices: name -> (n,), nodes at cell corners, for conditions at points.
@@ -81,13 +80,9 @@ class RootMesh:
         Args:
             mesh: hexahedra of order 1 to 6; bodies in contact share no nodes.
             cell_tags: body of each cell; None if there is one body.
-            facet_tags: surface of each facet; facets with tags that are not in `surfaces` belong to none.
+            facet_tags: surface of each facet; those with tags that are not in `surfaces` belong to none.
             bodies: tag -> name of a body.
             surfaces: tag -> name of a surface; several tags may have the same name.
-            comm: communicator of the mesh.
-
-        Returns:
-            The same mesh on all ranks.
 
         Raises:
             GeometryError: cells that are not complete hexahedra in 3D, or as `RootMesh`.
@@ -111,13 +106,13 @@ class RootMesh:
 
     @cached_property
     def edges(self) -> Int64Array:
-        """(ncells, 12), number of each local edge, the same in all cells that share it."""
+        """(ncells, 12), number of each local edge in the mesh."""
         ends = np.sort(self.corners[:, hexahedron.EDGE_CORNERS], axis=2).reshape(-1, 2)
         return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
 
     @cached_property
     def faces(self) -> Int64Array:
-        """(ncells, 6), number of each local face, the same in all cells that share it."""
+        """(ncells, 6), number of each local face in the mesh."""
         corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
         return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
 
@@ -132,10 +127,7 @@ class RootMesh:
         return self.surfaces[name]
 
     def facet_points(self, facets: IntArray, order: int | None = None) -> FloatArray:
-        """Lattice points (n, (order+1)^2, 3) [m] of curved facets (n, 2), first tangent of the face fastest.
-
-        The default lattice, of the order of the mesh, are its nodes.
-        """
+        """Lattice points (n, (order+1)^2, 3) [m], by default nodes, of facets (n, 2), first tangent fastest."""
         order = order or self.order
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, order + 1))
         values = hexahedron.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
@@ -151,11 +143,7 @@ class RootMesh:
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
         """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.
 
-        Local.
-
-        Args:
-            cells: (n,), root cells.
-            coordinates: (n, 3, m), reference coordinates in [0, 1] along each axis.
+        The reference coordinates (n, 3, m) along each axis are in [0, 1].
         """
         m = coordinates.shape[2]
         result = np.empty((len(cells), m**3, 3))
