@@ -4,9 +4,10 @@ The geometry of every leaf is the restriction of its root cell's map of order p,
 (super-parametric elements, section 2 of the paper).  All functions without a communicator are local.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from textwrap import fill
 from typing import Self
 
 import numpy as np
@@ -20,7 +21,6 @@ from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.problem import hexahedron
 from fx_contact.problem.dolfinx_mesh import gathered_parts
 from fx_contact.problem.root_mesh_checks import check_mesh, take_arrays
-from fx_contact.problem.summary import mesh_summary
 
 #: Lattices evaluated at once, so that they fit into the processor's cache.
 _CHUNK = 1 << 12
@@ -30,7 +30,7 @@ _CHUNK = 1 << 12
 class RootMesh:
     """Conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks and validated when made.
 
-    Lists may be given for arrays and tuples.  Attributes are frozen copies; `dataclasses.replace` makes another mesh.
+    Lists may be given for arrays and tuples.  Attributes are frozen; `dataclasses.replace` makes another mesh.
 
     Attributes:
         points: (npoints, 3), node positions [m].
@@ -39,8 +39,8 @@ class RootMesh:
         bodies: their names.
         body: (ncells,), index into `bodies`.
         surfaces: name -> (n, 2), exterior facets as (root cell, local face).
-        vertices: name -> (n,), nodes at cell corners, for conditions at points.
-        curves: name -> (n, 2), edges as (root cell, local edge), for conditions along lines.
+        vertices: name -> (n,), nodes at cell corners.
+        curves: name -> (n, 2), edges as (root cell, local edge).
 
     Raises:
         GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
@@ -60,7 +60,19 @@ class RootMesh:
         check_mesh(self)
 
     def __repr__(self) -> str:
-        return mesh_summary(self)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        box = " x ".join(f"[{a:.5g}, {b:.5g}]" for a, b in zip(low, high))
+        cells = np.bincount(self.body, minlength=len(self.bodies))
+        lists = {"bodies (cells)": [f"{name!r} ({count:,})" for name, count in zip(self.bodies, cells)]}
+        groups: dict[str, Mapping[str, IntArray]]
+        groups = {
+            "surfaces (facets)": self.surfaces,
+            "curves (edges)": self.curves,
+            "vertices (nodes)": self.vertices,
+        }
+        for title, group in groups.items():
+            lists[title] = [f"{name!r} ({len(rows):,})" for name, rows in group.items()]
+        return summary(f"root mesh of {len(self.cells):,} hexahedra of order {self.order} in {box}", lists)
 
     @classmethod
     @collective("comm")
@@ -165,6 +177,12 @@ class RootMesh:
         values = fy[:, None] @ values.reshape(len(layer), m, k, k * 3)[of_layer[column]]
         values = values.reshape(len(column), m * m * 3, k)[of_column] @ fx.swapaxes(1, 2)
         return values.reshape(n, m * m, 3, m).swapaxes(2, 3).reshape(n, m**3, 3)
+
+
+def summary(head: str, lists: Mapping[str, Sequence[str]]) -> str:
+    """A head and the lists that are not empty, wrapped, for `repr`."""
+    texts = [f"{title}: {', '.join(items)}" for title, items in lists.items() if items]
+    return "\n".join([head, *(fill(text, 110, initial_indent="  ", subsequent_indent="    ") for text in texts)])
 
 
 def _distinct(number: IntArray, coordinates: FloatArray) -> tuple[Int64Array, Int64Array]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from textwrap import indent
 
 import numpy as np
 
@@ -25,9 +26,8 @@ from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_units
-from fx_contact.problem.summary import scene_summary
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +89,16 @@ class Scene:
         _ = self.mirrors  # raises an error for an impossible number of parts
 
     def __repr__(self) -> str:
-        return scene_summary(self)
+        parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
+        materials = ((body, self.materials[body]) for body in self.mesh.bodies)
+        lists = {
+            "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
+            "contact": [" on ".join(map(repr, contact.surfaces)) for contact in self.contact],
+            "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
+            "surface forces": [repr(force.surface) for force in self.tractions],
+            "body forces": [repr(force.body) for force in self.body_forces],
+        }
+        return summary(f"scene {self.name!r}{parts}\n{indent(repr(self.mesh), '  ')}", lists)
 
     @cached_property
     def conditions(self) -> tuple[Dirichlet | ObliquePlane, ...]:
