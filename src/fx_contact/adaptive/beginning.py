@@ -107,7 +107,7 @@ class Beginning:
     def after(cls, step: Step, marked: BoolArray | IntArray) -> Self:
         """The refined forest of a step, with its displacement as the first guess and as carried field.
 
-        Collective on step.forest.comm.  Its estimate is trusted.
+        Collective on step.forest.comm.
 
         Args:
             marked: (n,), leaves to refine, or how often to refine each.

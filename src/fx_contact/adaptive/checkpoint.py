@@ -45,7 +45,7 @@ class CheckpointWriter:
     Args:
         folder: made if it is not there.
         problem: as from `fingerprint.scene_parts`.
-        options: as JSON can hold them, those that must not change.
+        options: those that must not change, for JSON.
         restart: from which the run continues.
 
     Raises:
@@ -74,14 +74,12 @@ class CheckpointWriter:
     def save(self, step: Step, records: Sequence[StepRecord], further: Mapping[str, Any] | None = None) -> None:
         """Replace the checkpoint in the folder by the state after a step.
 
-        Collective on step.forest.comm.
+        Collective on step.forest.comm.  Raises OutputError if it cannot be written, or another run has written one; the
+        old file stays.
 
         Args:
             records: of all steps up to this one.
-            further: entries as JSON can hold them, beside or instead of those of the content.
-
-        Raises:
-            OutputError: the checkpoint cannot be written, or another run has written one; the old file stays.
+            further: entries for JSON, beside or instead of those of the content.
         """
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         leaf, node = prolongation.space.example.T
@@ -148,16 +146,12 @@ class State:
 
 
 class Checkpoint:
-    """The last checkpoint in a folder.
+    """The last checkpoint in the folder of a run of a scene.
 
     Collective on comm, of any size.
 
-    Args:
-        folder: of the run.
-        scene: that of the run.
-
     Attributes:
-        run: id of the run that has written it.
+        run: id of the run.
         records: of all steps so far.
 
     Raises:

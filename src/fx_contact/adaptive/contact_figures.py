@@ -52,29 +52,20 @@ class ContactFigures:
 def figures_of_contact(
     scene: Scene, rows: ConstraintRows | None, solution: ContactSolution, comm: MPI.Intracomm
 ) -> ContactFigures:
-    """Figures of the contact of the whole bodies; rows are None without contact.  Collective on comm."""
-    if rows is None:
-        return ContactFigures(
-            active_pairs=0,
-            force=0.0,
-            pair_forces=[],
-            pair_alignments=[],
-            contact_centre=list(map(float, _centre(scene, 0.0, np.zeros(3)))),
-            contact_radius=0.0,
-            max_pressure=0.0,
-            max_penetration=0.0,
-        )
-    force, mirrors = force_components(scene, rows, solution.force), scene.mirrors
-    sums = np.zeros((len(scene.contact), 10))
-    columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
-    np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
+    """Figures of the contact of the whole bodies; rows None: the scene has none.  Collective on comm."""
+    sums, moments, mirrors = np.zeros((len(scene.contact), 10)), np.zeros(10), scene.mirrors
+    if rows is not None:
+        force = force_components(scene, rows, solution.force)
+        columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
+        np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
     comm.Allreduce(MPI.IN_PLACE, sums)
     of_pair, lengths, vectors = sums[:, 0], mirrors.parts * sums[:, 1], mirrors.force(sums[:, 2:5])
     total, active, area = sums[:, [0, 8, 9]].sum(axis=0)
     centre = _centre(scene, total, sums[:, 5:8].sum(axis=0))
-    arm = rows.position - centre
-    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
-    moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
+    if rows is not None:
+        arm = rows.position - centre
+        radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
+        moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
     tensor = mirrors.second_moment(moments[:-1].reshape(3, 3))
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)

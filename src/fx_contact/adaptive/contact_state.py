@@ -48,10 +48,8 @@ class ContactTable:
     def to_csv(self, path: str | Path) -> Path:
         """Write a line for each node pair, below a line of headings; numbers with all digits, closed as 1 or 0.
 
-        Local.  The folder is made if it is not there.
-
-        Raises:
-            OutputError: the file cannot be written, or its name does not end in .csv.
+        Local.  The folder is made if it is not there.  Raises OutputError unless the name ends in .csv and the file
+        can be written.
         """
         path = as_path("the name of a table", path, OutputError)
         if path.suffix.lower() != ".csv":

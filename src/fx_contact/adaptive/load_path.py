@@ -13,7 +13,6 @@ from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
-from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -103,9 +102,7 @@ class SweepPoint:
 
 
 class Sweep:
-    """A load path: an iterator of its points.
-
-    Collective on comm.  `sweep` makes it, from its arguments, checked.
+    """A load path: an iterator of its points, made by `sweep`.  Collective on comm.
 
     Attributes:
         records: of all points so far, with those before a restart.
@@ -127,7 +124,6 @@ class Sweep:
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
-        self._settings: Settings | None = None  # of the last run
         if restart and folder is not None:
             self._resume(folder)
 
@@ -168,11 +164,11 @@ class Sweep:
 
     def _run(self, scene: Scene) -> tuple[Run, str]:
         """The Run of a scene after its first step, and its start.  Collective."""
-        options, last, settings = self._options, self._last, self._settings
-        if last is not None and settings is not None and _same_root(last.forest, scene):
-            kind = options.get("partition_kind", "contact-sfc")
+        options, last = self._options, self._last
+        if last is not None and _same_root(last.forest, scene):
+            control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
             try:
-                begin = carried_over(last, settings.tolerance, settings.control, kind)
+                begin = carried_over(last, self._tolerance, control, kind)
                 return self._begun(scene, options | {"beginning": begin}), COARSE
             except PartitionError:  # the coarse forest has too few leaves for the ranks
                 pass
@@ -181,7 +177,6 @@ class Sweep:
     def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
         """A Run of a scene after its first step.  Collective."""
         run = adapt(scene, self._tolerance, self._comm, **options)
-        self._settings = run.settings
         if self._folder is not None and self._writer is None:
             about = run.settings.problem, run.settings.fixed(), self._before
             self._writer = CheckpointWriter(self._folder, self._comm, *about)
@@ -204,7 +199,7 @@ class Sweep:
                 )
         scene = self._scene_of(solved[-1])
         before = self._before = Checkpoint(folder, scene, comm)
-        settings = self._settings = adapt(scene, self._tolerance, comm, **self._options).settings
+        settings = adapt(scene, self._tolerance, comm, **self._options).settings
         with together(comm):
             before.check(settings.problem, settings.fixed())
         self._last = before.load()
