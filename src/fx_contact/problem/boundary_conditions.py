@@ -30,14 +30,12 @@ COMPONENTS = "xyz"
 
 @dataclass(frozen=True)
 class Dirichlet:
-    """Prescribed displacement components on a surface, along a curve or at a vertex.
+    """Prescribed displacement components on a surface, along a curve or at a vertex of the root mesh.
+
+    Raises SceneError if no component is given, or one is neither a finite number nor a function.
 
     Attributes:
-        where: name of a surface, curve or vertex of the root mesh.
         x, y, z: displacement [m], constant or a function of the undeformed position; None where the component is free.
-
-    Raises:
-        SceneError: no component is given, or one is neither a finite number nor a function.
     """
 
     where: str
@@ -65,6 +63,11 @@ class Dirichlet:
         return np.array([value is not None for value in (self.x, self.y, self.z)])
 
     @property
+    def components(self) -> str:
+        """Names of the prescribed components."""
+        return "".join(COMPONENTS[component] for component, _ in self._given)
+
+    @property
     def across(self) -> FloatArray:
         """(3, 3), projector on the prescribed components [-]."""
         return np.diag(self.held.astype(float))
@@ -82,14 +85,13 @@ def merged(
 ) -> FloatArray:
     """Displacements (n, 3) [m] at points on which several conditions act, NaN where free.
 
+    Raises SceneError if two conditions prescribe different values of a component.
+
     Args:
         before: (n, 3), prescribed by other conditions than `condition` [m].
         values: (n, 3), prescribed by `condition` [m].
         same: tolerance for the difference of two values [m].
         position: maps the index of a point to its position (3,) [m].
-
-    Raises:
-        SceneError: two conditions prescribe different values of a component.
     """
     clash = np.argwhere(np.abs(before - values) > same)
     if len(clash):
@@ -141,6 +143,11 @@ class ObliquePlane:
     normal: tuple[float, float, float]
 
     @property
+    def components(self) -> str:
+        """Direction of the prescribed component, for messages."""
+        return f"across {', '.join(f'{round(x, 3) + 0.0:g}' for x in self.normal)}"
+
+    @property
     def across(self) -> FloatArray:
         """(3, 3), n n^T [-]."""
         return np.outer(self.normal, self.normal).astype(np.float64)
@@ -168,14 +175,9 @@ PLANE = 1e-6
 
 @dataclass(frozen=True)
 class Traction:
-    """A surface force.
+    """A force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
-    Attributes:
-        surface: of the root mesh.
-        value: force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
-
-    Raises:
-        SceneError: value is neither three finite numbers nor a function.
+    Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
     surface: str
@@ -196,14 +198,9 @@ class Traction:
 
 @dataclass(frozen=True)
 class Pressure:
-    """A pressure on a surface, against its undeformed outward normal.
+    """A pressure [Pa] against the undeformed outward normal, constant or a function of the undeformed position.
 
-    Attributes:
-        surface: of the root mesh.
-        value: pressure [Pa], positive into the body, constant or a function of the undeformed position.
-
-    Raises:
-        SceneError: value is neither a finite number nor a function.
+    Raises SceneError if the value is neither a finite number nor a function.
     """
 
     surface: str
@@ -224,14 +221,9 @@ class Pressure:
 
 @dataclass(frozen=True)
 class BodyForce:
-    """A force on the volume of a body, such as its weight.
+    """A force per undeformed volume in x, y, z [N/m^3], such as weight, constant or a function of the position.
 
-    Attributes:
-        body: of the root mesh.
-        value: force per undeformed volume in x, y, z [N/m^3], constant or a function of the undeformed position.
-
-    Raises:
-        SceneError: value is neither three finite numbers nor a function.
+    Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
     body: str

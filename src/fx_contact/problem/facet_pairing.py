@@ -32,19 +32,14 @@ _OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the contact surfaces that are meshed alike, the same on all ranks.
+    """Facing facets of the surfaces of each ContactPair, the same on all ranks.
 
-    Args:
-        contacts: of a scene; only facets of a ContactPair have partners.
+    Raises SceneError for an unknown surface, PairingError unless they match facet by facet and node by node.
 
     Attributes:
         partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
         rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface, which are
             not refined with it.
-
-    Raises:
-        SceneError: an unknown surface.
-        PairingError: surfaces that do not match facet by facet and node by node.
     """
 
     def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:

@@ -80,22 +80,17 @@ def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
-        _built(build, gmsh)
-        return _read_model(gmsh.model)
-    finally:
-        if ours:
-            gmsh.finalize()
-
-
-def _built(build: Callable[[], object], gmsh: Any) -> None:
-    """Call the user's function; errors of Gmsh, which have no type of their own, become GeometryErrors."""
-    try:
         build()
     except Exception as error:
         *_, (frame, _) = traceback.walk_tb(error.__traceback__)
         if type(error) is not Exception or frame.f_globals.get("__name__") != gmsh.__name__:
             raise
-        raise GeometryError(f"Gmsh cannot build the model: {error}") from error
+        raise GeometryError(f"Gmsh cannot build the model: {error}") from error  # it has no type of error of its own
+    else:
+        return _read_model(gmsh.model)
+    finally:
+        if ours:
+            gmsh.finalize()
 
 
 def _read_model(model: Any) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -57,9 +57,10 @@ def take_arrays(mesh: RootMesh) -> None:
 
 
 def _frozen(value: Any, dtype: type[Scalar]) -> npt.NDArray[Scalar]:
-    """A read-only copy.  Raises TypeError for numbers of another kind."""
+    """A read-only array, a copy unless it is one already.  Raises TypeError for numbers of another kind."""
     array = np.asarray(value)
-    array = array.astype(dtype, casting="same_kind" if array.size else "unsafe")  # an empty list has no kind
+    casting: Literal["same_kind", "unsafe"] = "same_kind" if array.size else "unsafe"  # an empty list has no kind
+    array = array.astype(dtype, casting=casting, copy=array.flags.writeable or array.base is not None)
     array.setflags(write=False)
     return array
 

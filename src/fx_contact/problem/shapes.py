@@ -94,7 +94,7 @@ class Shape:
         return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
     def turned(self, axis: Axis, degrees: float) -> Shape:
-        """The shape turned about an axis, counter-clockwise seen from its tip.  Raises errors of `rotation`."""
+        """The shape turned about an axis, counter-clockwise from its tip.  Raises Errors of `rotation`."""
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
     def mirrored(self, axis: str) -> Shape:
@@ -147,10 +147,9 @@ def root_mesh_from_shapes(
     """Root mesh of bodies given by shapes.
 
     Args:
-        bodies: name of a body -> its shape.
         surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
         curves, vertices: name -> (body, predicate): the cell edges whose nodes all satisfy the predicate, or the cell
-            corners that do, for conditions along lines and at points.
+            corners that do.
 
     Raises:
         SceneError: an unknown body or side, or as `RootMesh`.

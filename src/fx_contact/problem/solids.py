@@ -32,10 +32,7 @@ def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], ord
     """A box along the axes with two opposite corners and numbers of cells along x, y, z.
 
     Its sides are "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
-
-    Raises:
-        SceneError: a corner or `cells` is not three numbers.
-        GeometryError: an order out of range, or corners without volume between them.
+    Raises SceneError for no three numbers, GeometryError for an order out of range, or no volume.
     """
     for what, corner in (("the low corner of a block", low), ("the high corner of a block", high)):
         check_vector(what, corner)
@@ -70,8 +67,7 @@ def ring(
         quarters: 1: x, y >= 0; 2: x >= 0; 4: the whole.
 
     Raises:
-        SceneError: an invalid length, number of cells or number of quarters.
-        GeometryError: an order out of range, or an inner radius that is not the smaller one.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(inner_radius=inner, outer_radius=outer, length=length)
     if not inner < outer:
@@ -134,21 +130,18 @@ def ball(radius: float, cells: int, order: int = ORDER, octants: int = 8) -> Sha
     """
     _check_lengths(radius=radius)
 
-    def cube(x: FloatArray) -> list[FloatArray]:
+    def cube(x: FloatArray) -> FloatArray:
         """The inner block: a coordinate shrinks with the two others."""
-        return [
-            radius
-            * a
-            * (_ON_AXIS * (1 - b) * (1 - c) + _ON_DIAGONAL * (b + c - 2 * b * c) + _ON_SPACE_DIAGONAL * b * c)
-            for a, b, c in (np.roll(x, -axis, axis=0) for axis in range(3))
-        ]
+        b, c = np.roll(x, -1, axis=0), np.roll(x, -2, axis=0)
+        shrunk = _ON_AXIS * (1 - b) * (1 - c) + _ON_DIAGONAL * (b + c - 2 * b * c) + _ON_SPACE_DIAGONAL * b * c
+        return radius * x * shrunk
 
-    def flank(x: FloatArray) -> list[FloatArray]:
+    def flank(x: FloatArray) -> FloatArray:
         """From the inner block to the sphere around the z axis, outwards along z."""
         inside = cube(np.stack([x[0], x[1], np.ones_like(x[0])]))
         direction = np.stack([np.tan(np.pi / 4 * x[0]), np.tan(np.pi / 4 * x[1]), np.ones_like(x[0])])
         direction *= radius / np.linalg.norm(direction, axis=0)
-        return [(1 - x[2]) * a + x[2] * b for a, b in zip(inside, direction)]
+        return (1 - x[2]) * inside + x[2] * direction
 
     planes = ["x = 0", "y = 0", "z = 0"]
     parts = [_part((cells,) * 3, order, cube, dict(zip((LEFT, FRONT, BOTTOM), planes)))]

@@ -35,9 +35,7 @@ def sweep_side(
             three arrays (n,), or numbers.
         layers: number of cells along the path.
 
-    Raises:
-        SceneError: an unknown side, or an invalid number of layers.
-        GeometryError: the function gives no positions.
+    Raises SceneError for an unknown side or number of layers, GeometryError if the function gives no positions.
     """
     check_count("the number of layers", layers)
     order, rows = shape.order, shape.side(side)
@@ -71,10 +69,7 @@ def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "
     """`sweep_side` around an axis through the origin that the side does not meet.
 
     The angle is counter-clockwise seen from the tip of the axis.  The ends of a full circle, 360 degrees, are joined.
-
-    Raises:
-        SceneError: an unknown side, an invalid number or axis.
-        GeometryError: an axis of length zero.
+    Raises SceneError for an unknown side, an invalid number or axis, GeometryError for an axis of length zero.
     """
     whole = abs(check_number("an angle", degrees)) == 360
     rotation(axis, degrees)
