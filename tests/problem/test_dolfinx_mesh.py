@@ -85,27 +85,16 @@ def test_a_box_of_dolfinx():
     assert len(root.surfaces["top"]) == 8 and (root.facet_points(root.surfaces["top"])[:, :, 2] == 1).all()
     assert WORLD.allgather(mesh_digest(root)) == [mesh_digest(root)] * WORLD.size
     other = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
+    others_tags = dolfinx_mesh.meshtags(other, 3, cells, cell_tags.values)
     bad = {
         "cell_tags are of another mesh": (other, cell_tags, facet_tags, {3: "box"}, {}),
-        "facet_tags are of another mesh": (
-            other,
-            dolfinx_mesh.meshtags(other, 3, cells, cell_tags.values),
-            facet_tags,
-            {3: "box"},
-            {},
-        ),
+        "facet_tags are of another mesh": (other, others_tags, facet_tags, {3: "box"}, {}),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "each of them cells": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
         "bodies must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
         "surfaces must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {3: "box"}, {"top": 5}),
-        "cell_tags must be MeshTags of dolfinx of dimension 3, got None": (
-            mesh,
-            None,
-            facet_tags,
-            {3: "a", 4: "b"},
-            {},
-        ),
+        "must be MeshTags of dolfinx of dimension 3, got None": (mesh, None, facet_tags, {3: "a", 4: "b"}, {}),
         "cell_tags must be MeshTags of dolfinx of dimension 3": (mesh, facet_tags, facet_tags, {3: "box"}, {}),
         "a Mesh of dolfinx is needed": (root, cell_tags, facet_tags, {3: "box"}, {}),
     }
