@@ -13,23 +13,18 @@ from fx_contact.problem.scene import Scene
 
 def scene_parts(scene: Scene) -> dict[str, Any]:
     """Parts of a scene for JSON, with digests of the root mesh and of the values of functions of position.  Local."""
-
     return {
         "root mesh": mesh_digest(scene.mesh),
         "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
         "displacement conditions": [
-            [
-                c.where,
-                *(["oblique plane"] if isinstance(c, ObliquePlane) else _given(scene, c.where, 1, c.x, c.y, c.z)),
-            ]
+            [c.where, "oblique plane"] if isinstance(c, ObliquePlane) else _given(scene, c.where, 1, c.x, c.y, c.z)
             for c in scene.conditions
         ],
         "contact pairs": [c.data for c in scene.contact],
         "tractions": [
-            [t.surface, *_given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value)]
-            for t in scene.tractions
+            _given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value) for t in scene.tractions
         ],
-        "body forces": [[f.body, *_given(scene, f.body, 3, f.value)] for f in scene.body_forces],
+        "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
@@ -56,8 +51,8 @@ def same_mesh(one: RootMesh, other: RootMesh) -> bool:
 
 
 def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:
-    """Prescribed values for JSON: numbers, or the digests of functions by their values at the samples of a place."""
-    result: list[Any] = []
+    """A place and its prescribed values for JSON: numbers, or digests of functions by their values at its samples."""
+    result: list[Any] = [name]
     for value in values:
         if not callable(value):
             result.append(None if value is None else _floats(np.atleast_1d(value)))
