@@ -59,7 +59,6 @@ def test_counts_of_all_ranks():
 
 
 def integral(form):
-    """An integral over the cells or facets of all ranks."""
     return WORLD.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
 
 
