@@ -151,7 +151,7 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     centres = [x.mean(axis=1) for x in points]
     match = cKDTree(centres[1]).query(centres[0])[1]
     back = cKDTree(centres[0]).query(centres[1])[1]
-    images = np.stack([points[1][match][:, _face_order(mesh.order, code)] for code in range(8)], axis=1)
+    images = points[1][match][:, _face_orders(mesh.order)]
     symmetry = ((points[0][:, None] - images) ** 2).sum(axis=(2, 3)).argmin(axis=1)
     difference = points[0] - images[np.arange(len(match)), symmetry]
     if direction is None:
@@ -190,13 +190,12 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
             )
 
 
-def _face_order(order: int, code: int) -> Int64Array:
-    """Node ((p+1)^2,) of the second facet that faces each node of the first, for a symmetry code."""
-    swap, flip_u, flip_v = _SYMMETRIES[code]
+def _face_orders(order: int) -> Int64Array:
+    """Node of the second facet that faces each node of the first, by symmetry code: (8, (p+1)^2)."""
     v, u = np.divmod(np.arange((order + 1) ** 2), order + 1)
-    a, b = (v, u) if swap else (u, v)
-    a, b = (order - a if flip_u else a), (order - b if flip_v else b)
-    return a + (order + 1) * b
+    swap, flip_u, flip_v = _SYMMETRIES.T[:, :, None]
+    a, b = np.where(swap, v, u), np.where(swap, u, v)
+    return np.where(flip_u, order - a, a) + (order + 1) * np.where(flip_v, order - b, b)
 
 
 def _inverse(symmetry: IntArray) -> Int64Array:
@@ -212,7 +211,7 @@ def _check_one_to_one(
     of_face = hexahedron.face_nodes(mesh.order)
     one = mesh.cells[first[:, :1], of_face[first[:, 1]]]
     two = mesh.cells[second[:, :1], of_face[second[:, 1]]]
-    two = np.take_along_axis(two, np.array([_face_order(mesh.order, code) for code in range(8)])[symmetry], axis=1)
+    two = np.take_along_axis(two, _face_orders(mesh.order)[symmetry], axis=1)
     links = np.unique(np.stack([one.ravel(), two.ravel()], axis=1), axis=0)
     for column in links.T:
         nodes, count = np.unique(column, return_counts=True)
