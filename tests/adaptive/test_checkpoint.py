@@ -46,12 +46,6 @@ def scene():
     return hertz(order=2, coarse=2)
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """One folder for all ranks."""
-    return WORLD.bcast(tmp_path)
-
-
 @cache
 def uninterrupted(scene, degree):
     """A run that nothing stops: the leaves and the force of each step."""

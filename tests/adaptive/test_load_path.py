@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import everywhere
 from model_problems import pressed as two_cubes
 from model_problems import two_boxes
 
@@ -29,12 +29,6 @@ small = partial(hertz, order=3, coarse=2)
 
 def pressed(approach):
     return small(displacement=approach)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """One folder for all ranks."""
-    return WORLD.bcast(tmp_path)
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -192,9 +192,8 @@ def test_reports(step):
     contact = step.contact
     first, second = repr(contact).splitlines()
     assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"
-    assert second.split() == [
-        *f"force {contact.force.sum():.6g}, largest pressure {contact.pressure.max(initial=0.0):.5g}".split()
-    ]
+    pressure = contact.pressure.max(initial=0.0)
+    assert second == f"  force {contact.force.sum():.6g}, largest pressure {pressure:.5g}"
 
 
 def test_solve_keeps_the_last_step_alone(monkeypatch):
@@ -233,7 +232,6 @@ def test_each_step_begins_where_the_last_has_ended():
     steps = list(adapt(pressed(two_boxes()), 1e-3, max_steps=2))
     assert len(steps) == 2 and not steps[1].record.reached
     assert WORLD.allreduce(np.abs(steps[0].start).max(initial=0.0), MPI.MAX) == 0
-    first, second = (
-        step.elasticity.energy_norm(u) for step, u in zip(steps, (steps[0].solution.displacement, steps[1].start))
-    )
-    assert abs(second / first - 1) < 1e-5  # other Gauss points
+    solved, start = steps[0].solution.displacement, steps[1].start
+    norms = [step.elasticity.energy_norm(u) for step, u in zip(steps, (solved, start))]
+    assert abs(norms[1] / norms[0] - 1) < 1e-5  # other Gauss points
