@@ -100,7 +100,7 @@ def test_weight_of_a_column():
 
 @pytest.mark.parametrize("degree, distortion", [(1, 0.25), (2, 0.0)])
 def test_displacement_all_around(degree, distortion):
-    """Exact are linear displacements on any cells, and quadratic ones, with their body force, on affine ones."""
+    """Linear displacements are exact on any cells, quadratic ones, with their body force, on affine ones."""
     random = np.random.default_rng(3)
     gradient, curvature = 1e-3 * random.uniform(-1, 1, (3, 3)), 1e-3 * random.uniform(-1, 1, (3, 3, 3))
     curvature += curvature.transpose(0, 2, 1)

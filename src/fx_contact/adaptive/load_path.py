@@ -215,8 +215,8 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
     """The coarsened forest of a state, and its displacement there, a first guess.
 
     Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
-    with its siblings while their parent, where the solution is smooth, has at most this error divided by that of two
-    refinements, the most of one marking: a run has at least two meshes, and measures the effectivity of the estimator.
+    with its siblings while their parent, where the solution is smooth, has at most this error after two refinements,
+    the most of one marking.  So a run has at least two meshes, and measures the effectivity of the estimator.
 
     Args:
         tolerance: prescribed accuracy e [-].
@@ -233,7 +233,7 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
-    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above is child_error^(-k) times theirs, at most tau^2."""
+    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above, child_error^(-k) times theirs, is allowed."""
     ancestors = np.arange(1, int(level.max(initial=0)) + 1)
     small = error2[:, None] <= allowed * child_error**ancestors
     return np.minimum(small.sum(axis=1), level).astype(np.int8)
