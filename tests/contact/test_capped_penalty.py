@@ -6,8 +6,6 @@ from fx_contact import Enforcement, adapt
 from fx_contact.adaptive.beginning import Beginning
 from studies.stability.shapes import oblique
 
-pytestmark = pytest.mark.whole_run
-
 
 def iterations(degrees, enforcement):
     """Krylov iterations of one solve of a contact whose normals are turned out of the axes."""

@@ -53,8 +53,6 @@ from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, 
 from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes  # noqa: E402
 from studies.stability.shapes import oblique
 
-pytestmark = pytest.mark.whole_run
-
 PRESSURE = 0.01
 
 
@@ -559,7 +557,7 @@ def iterations(records):
 
 #: Scenes that contact's cost is compared on, and the numbers of ranks that they are for, if not by their names.
 COMPARED = [
-    pytest.param(make, id=name, marks=pytest.mark.whole_run(*ranks))
+    pytest.param(make, id=name, marks=pytest.mark.ranks(*ranks))
     for name, make, ranks in (
         ("hertz", hertz, (1,)),
         ("punch", punch, (2,)),
