@@ -110,6 +110,12 @@ def pytest_runtest_call(item):
     return (yield from _together(item))
 
 
+@pytest.fixture
+def folder(tmp_path):
+    """One folder for all ranks."""
+    return WORLD.bcast(tmp_path)
+
+
 # ------------------------------------------------------------------------------------------------------ no test hangs
 
 

@@ -22,6 +22,7 @@ from model_problems import leaves, step_record, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, ErrorControl, Material, Traction, adapt
+from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
@@ -30,14 +31,8 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest import forest
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.errors import (
-    CheckpointError,
-    FxContactError,
-    GeometryError,
-    OutputError,
-    PartitionError,
-    SceneError,
-)
+from fx_contact.parallel import errors
+from fx_contact.parallel.errors import CheckpointError, OutputError, SceneError
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.results import output
 from fx_contact.results.output import RecordWriter
@@ -49,12 +44,6 @@ HERTZ = Path(__file__).parents[2] / "demos" / "hertz.py"
 @pytest.fixture(scope="module")
 def scene():
     return hertz(order=2, coarse=2)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """One folder for all ranks."""
-    return WORLD.bcast(tmp_path)
 
 
 @cache
@@ -122,10 +111,8 @@ def test_holds_what_the_step_had(scene, folder, degree, steps):
 
     state = Checkpoint(folder, scene, WORLD).load()
     everywhere(np.array_equal(leaves(step.forest), leaves(state.forest)), "other leaves")
-    (displacement, error), (again, error_again) = (
-        by_leaf(step.forest, values, indicator),
-        by_leaf(state.forest, state.values, state.estimate.error),
-    )
+    displacement, error = by_leaf(step.forest, values, indicator)
+    again, error_again = by_leaf(state.forest, state.values, state.estimate.error)
     assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
     assert state.history.error2 == before.estimate.error_global**2 and state.history.expected_loss > 0
     # Of a hanging vertex ranks have values that differ by rounding.
@@ -173,7 +160,7 @@ def test_the_last_step_again(scene, folder):
 
 def caught(kind, action):
     """The message of an error that all ranks raise alike."""
-    with pytest.raises(FxContactError) as error:
+    with pytest.raises(errors.FxContactError) as error:
         action()
     told = set(WORLD.allgather((error.type.__name__, str(error.value))))
     assert told == {(kind.__name__, str(error.value))}
@@ -253,7 +240,6 @@ def of_version_8(path):
         (lambda path: (path.unlink(), os.mkfifo(path)), "is no file"),
         (lambda path: path.write_bytes(b""), "not complete"),
         (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not complete"),
-        (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not complete"),
         (lambda path: path.write_text("step cells\n" * 99), "no checkpoint of this program"),
         (lambda path: path.write_bytes(b"fx-rows\n" + bytes(99)), "another release"),
         (lambda path: path.write_bytes(path.read_bytes().replace(b'"version": 9', b'"version": 8')), "damaged"),
@@ -285,10 +271,7 @@ def test_belongs_to_another_problem(scene, folder):
     for changed, words in (
         (replace(scene, materials=soft), "materials ({"),
         (hertz(displacement=0.02, order=2, coarse=2), "displacement conditions ([["),
-        (
-            replace(scene, dirichlet=scene.dirichlet[::-1], tractions=(Traction("top", (0.01, 0, 0)),)),
-            "tractions ([] then",
-        ),
+        (replace(scene, tractions=(Traction("top", (0.01, 0, 0)),)), "tractions ([] then"),
         (replace(scene, contact=(replace(scene.contact[0], direction=(0, 0, 2)),)), "contact pairs ([["),
         (replace(scene, symmetry=8), "symmetry ([4"),
         (hertz(order=2, coarse=3), "root mesh"),
@@ -362,10 +345,7 @@ def test_disk_full_in_a_run(scene, folder):
 
 @pytest.mark.parametrize(
     "place, name, error",
-    [
-        (Forest, "refined_with", GeometryError),
-        (sys.modules["fx_contact.adaptive.adaptive_loop"], "repartition", PartitionError),
-    ],
+    [(Forest, "refined_with", errors.GeometryError), (adaptive_loop, "repartition", errors.PartitionError)],
 )
 def test_error_between_steps(scene, monkeypatch, place, name, error):
     """What fails between steps holds the last one."""
@@ -384,7 +364,7 @@ def test_error_between_steps(scene, monkeypatch, place, name, error):
 def test_finest_level(scene, monkeypatch):
     """A run that would have to refine the finest leaves ends with an error that holds the last step."""
     monkeypatch.setattr(forest, "MAX_LEVEL", 2)
-    with pytest.raises(GeometryError, match="leaves of the finest level, 2, are marked") as caught:
+    with pytest.raises(errors.GeometryError, match="leaves of the finest level, 2, are marked") as caught:
         list(adapt(scene, 0.01))
     holds_last_state(caught.value, caught.value.record.step)
 
@@ -417,9 +397,7 @@ def test_disk_full_on_one_rank(folder):
         alone(lambda: (folder / name).write_bytes(b"garbage" * 999))
     write_checkpoint(folder / "file", WORLD, "newest", {"rows": rows})
     assert CheckpointFile(folder / "file", WORLD).content == "newest"
-    everywhere(
-        {path.name for path in folder.iterdir()} == theirs | {"file"}, "more or less than what users put there"
-    )
+    everywhere({path.name for path in folder.iterdir()} == theirs | {"file"}, "other files than users put there")
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import everywhere
 from model_problems import pressed as two_cubes
 from model_problems import two_boxes
 
 from fx_contact import CheckpointError, Material, SceneError, adapt, solve, sweep
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.carry_over import carried_over
 from fx_contact.adaptive.checkpoint import State
+from fx_contact.adaptive.load_path import carried_over
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.estimator import Estimate
@@ -27,12 +27,6 @@ small = partial(hertz, order=3, coarse=2)
 
 def pressed(approach):
     return small(displacement=approach)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """One folder for all ranks."""
-    return WORLD.bcast(tmp_path)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -106,11 +100,10 @@ def test_restart_in_the_middle(folder):
         assert (one.begun, one.solves, one.record.cells) == (other.begun, other.solves, other.record.cells)
         assert other.record.force == pytest.approx(one.record.force, rel=1e-7)
     lines = [json.loads(line) for line in (folder / "sweep.jsonl").read_text().splitlines()]
-    assert [line["value"] for line in lines] == list(values) and lines[2]["record"][
-        "force"
-    ] == point.step.record.force
+    forces = [line["record"]["force"] for line in lines]
+    assert [line["value"] for line in lines] == list(values) and forces[2] == point.step.record.force
     rows = list(csv.DictReader((folder / "sweep.csv").open()))
-    assert [float(row["force"]) for row in rows] == [line["record"]["force"] for line in lines]
+    assert [float(row["force"]) for row in rows] == forces
     assert not list(sweep(pressed, values, 0.3, restart=True, **options))
 
 
@@ -126,12 +119,9 @@ def test_restart_of_something_else(folder):
             sweep(scene_of, values, 0.6, degree=degree, folder=folder, restart=True)
     with pytest.raises(CheckpointError, match="cannot read"):
         sweep(pressed, (1e-2,), 0.6, folder=folder / "nowhere", restart=True)
-
-
-def test_a_single_run_is_no_sweep(folder):
-    next(adapt(pressed(1e-2), 0.6, degree=1, checkpoint=folder))
+    next(adapt(pressed(1e-2), 0.6, degree=1, checkpoint=folder / "single"))
     with pytest.raises(CheckpointError, match="single run"):
-        sweep(pressed, (1e-2,), 0.6, folder=folder, restart=True)
+        sweep(pressed, (1e-2,), 0.6, folder=folder / "single", restart=True)
 
 
 def test_another_root_mesh():
@@ -141,25 +131,18 @@ def test_another_root_mesh():
 
 
 @pytest.mark.parametrize(
-    "arguments, words",
-    {
-        "no values": ((pressed, ()), "one number at least"),
-        "text": ((pressed, ("a",)), "a value of a sweep must be a finite number"),
-        "a number": ((pressed, 3), "list of numbers"),
-        "no function": ((None, (1,)), "scene_of must be a function"),
-    }.values(),
+    "scene_of, values, options, words",
+    [
+        (pressed, (), {}, "one number at least"),
+        (pressed, ("a",), {}, "a value of a sweep must be a finite number"),
+        (pressed, 3, {}, "list of numbers"),
+        (None, (1,), {}, "scene_of must be a function"),
+        (pressed, (1e-2,), {"checkpoint": "folder"}, "its own folder"),
+        (pressed, (1e-2,), {"restart": True}, "restarts from the folder"),
+        (lambda _: None, (1,), {}, "must be a Scene"),
+    ],
+    ids=range(7),
 )
-def test_bad_values(arguments, words):
+def test_bad_arguments(scene_of, values, options, words):
     with pytest.raises(SceneError, match=words):
-        sweep(*arguments, 0.3)
-
-
-def test_bad_options(folder):
-    for options, words in (
-        ({"checkpoint": folder}, "its own folder"),
-        ({"restart": True}, "restarts from the folder"),
-    ):
-        with pytest.raises(SceneError, match=words):
-            sweep(pressed, (1e-2,), 0.3, **options)
-    with pytest.raises(SceneError, match="must be a Scene"):
-        next(sweep(lambda _: None, (1,), 0.3))
+        next(sweep(scene_of, values, 0.3, **options))

@@ -31,11 +31,6 @@ def of_kind(record, kind):
     return {one.name: one for one in record.resultants if one.kind == kind}
 
 
-def moved(scene, by):
-    """A scene elsewhere."""
-    return replace(scene, mesh=replace(scene.mesh, points=scene.mesh.points + by))
-
-
 def column(**parts):
     """Two blocks, 1 x 1 x 2 in all, of which nothing is mirrored: x and y from 0 to 1/2 are all there is."""
     return replace(stack((Material(1.0, 0.3),) * 2, height=1.0), symmetry=1, **parts)
@@ -150,7 +145,8 @@ def test_centre_is_the_centroid(symmetry):
     """Wherever round contact is, its radius is about its own centre, with or without mirrors."""
     scene = hertz(coarse=2, symmetry=symmetry, displacement=0.1)
     here = once(scene, 2)
-    there = once(moved(replace(scene, contact_centre=None), np.array([0.1, 0.2, -0.3])), 2)
+    elsewhere = replace(scene.mesh, points=scene.mesh.points + [0.1, 0.2, -0.3])
+    there = once(replace(scene, mesh=elsewhere, contact_centre=None), 2)
     assert here.contact_radius > 0.1 and abs(there.contact_radius / here.contact_radius - 1) < 1e-6
     assert np.allclose(there.contact_centre[:2], [0.1, 0.2])
     # On the lower sphere of radius 1: r^2 / 2 below the pole, in the mean a fifth of the square of the contact radius.

@@ -26,45 +26,40 @@ from fx_contact import (
 )
 from fx_contact.adaptive.validity import ModelWarning, _place_of_largest, load_warnings
 from fx_contact.fem.cell_strain import cell_strains
+from fx_contact.problem import block as brick
+from fx_contact.problem import root_mesh_from_shapes
 from fx_contact.results import model_warnings
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
-from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 #: Without lateral strain, so that strains are known.
 MATERIAL = Material(young=1.0, poisson=0.0)
 
 
-def block(*loads, clamped="bottom", cells=(3, 2, 2), size=(3.0, 1.0, 1.0), poisson=0.0):
+def block(*loads):
     """One block that nothing touches, held on a face."""
-    boxes = Boxes(1)
-    boxes.add("block", (0.0, 0.0, 0.0), size, cells)
-    faces = {"bottom": (DOWN, 0.0), "top": (UP, size[2]), "left": (LEFT, 0.0), "right": (RIGHT, size[0])}
-    surfaces = {name: boxes.facets(*face) for name, face in faces.items()}
-    held = Dirichlet(clamped, 0.0, 0.0, 0.0)
-    forces = {
-        "tractions": tuple(one for one in loads if not isinstance(one, BodyForce)),
-        "body_forces": tuple(one for one in loads if isinstance(one, BodyForce)),
-    }
-    return Scene("block", boxes.mesh(surfaces), {"block": Material(1.0, poisson)}, (held,), **forces)
+    shape = brick((0, 0, 0), (3, 1, 1), (3, 2, 2), 1)
+    mesh = root_mesh_from_shapes({"block": shape}, {"bottom": "block bottom", "top": "block top"})
+    held = Dirichlet("bottom", 0.0, 0.0, 0.0)
+    volume = tuple(one for one in loads if isinstance(one, BodyForce))
+    surface = tuple(one for one in loads if one not in volume)
+    return Scene("block", mesh, {"block": MATERIAL}, (held,), tractions=surface, body_forces=volume)
 
 
-def on_a_block(x=0.0, down=0.01, gap=0.0, first="ground", second="foot", thick=20.0, bulge=0.0):
+def on_a_block(x=0.0, down=0.01, gap=0.0, thick=20.0, bulge=0.0):
     """A block on another one, both 20 wide, moved along their faces and pressed down; its foot may be round."""
-    boxes = Boxes(2 if bulge else 1)
-    boxes.add("base", (0.0, 0.0, -20.0), (20.0, 20.0, 0.0), (2, 2, 1))
-    boxes.add("slider", (0.0, 0.0, gap), (20.0, 20.0, thick + gap), (2, 2, 1))
-    faces = {"bottom": (DOWN, -20.0), "ground": (UP, 0.0, "base"), "foot": (DOWN, gap, "slider")}
-    surfaces = {name: boxes.facets(*face) for name, face in (faces | {"top": (UP, thick + gap)}).items()}
 
-    def place(name, x):
+    def place(x):
         """The foot is lower by the bulge half way between the corners of its facets."""
-        lower = bulge * np.prod(np.sin(np.pi * x[:, :2] / 10), axis=1) ** 2 * (1 - x[:, 2] / thick)
-        return x - np.outer(lower * (name == "slider"), [0, 0, 1])
+        lower = bulge * (np.sin(np.pi * x[0] / 10) * np.sin(np.pi * x[1] / 10)) ** 2 * (1 - x[2] / thick)
+        return x[0], x[1], x[2] - lower
 
+    base = brick((0, 0, -20), (20, 20, 0), (2, 2, 1), 2)
+    slider = brick((0, 0, gap), (20, 20, thick + gap), (2, 2, 1), 2).placed(place)
+    surfaces = {"bottom": "base bottom", "ground": "base top", "foot": "slider bottom", "top": "slider top"}
     held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -down)
     materials = dict.fromkeys(("base", "slider"), MATERIAL)
-    mesh = boxes.mesh(surfaces, place=place if bulge else None)
-    return Scene("on a block", mesh, materials, held, (ContactPair(first, second, (0, 0, 1)),))
+    mesh = root_mesh_from_shapes({"base": base, "slider": slider}, surfaces)
+    return Scene("on a block", mesh, materials, held, (ContactPair("ground", "foot", (0, 0, 1)),))
 
 
 def warned(scene, **options):
@@ -112,10 +107,9 @@ def turned(degrees):
     """A block with a rotation prescribed on two faces, as linear elasticity has it: without strain."""
     rate = np.radians(degrees)
     turn = {"x": lambda x: -rate * x[1], "y": lambda x: rate * x[0], "z": 0.0}
-    boxes = Boxes(1)
-    boxes.add("block", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
-    surfaces = {"bottom": boxes.facets(DOWN, 0.0), "top": boxes.facets(UP, 1.0)}
-    return Scene("turned", boxes.mesh(surfaces), {"block": MATERIAL}, tuple(Dirichlet(s, **turn) for s in surfaces))
+    mesh = root_mesh_from_shapes({"block": brick((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)})
+    held = tuple(Dirichlet(f"block {end}", **turn) for end in ("bottom", "top"))
+    return Scene("turned", mesh, {"block": MATERIAL}, held)
 
 
 def test_large_rotation():

@@ -14,6 +14,18 @@ from fx_contact.problem.fingerprint import mesh_digest
 from fx_contact.scenes import hertz
 
 
+def box(kind=dolfinx_mesh.CellType.hexahedron):
+    """A box of 4 x 2 x 2 blocks."""
+    return dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), kind)
+
+
+def tagged(mesh, dimension, entities, values):
+    """MeshTags of entities in ascending order, with a value each or one for all."""
+    entities = np.asarray(entities, dtype=np.int32)
+    values = np.broadcast_to(np.asarray(values, dtype=np.int32), entities.shape)
+    return dolfinx_mesh.meshtags(mesh, dimension, entities, values.copy())
+
+
 def of_dolfinx(root, variant=LagrangeVariant.equispaced):
     """A root mesh as a distributed dolfinx mesh with tags: the arguments of `RootMesh.from_dolfinx`."""
     order, share = root.order, lambda rows: np.array_split(rows, WORLD.size)[WORLD.rank]
@@ -25,9 +37,7 @@ def of_dolfinx(root, variant=LagrangeVariant.equispaced):
     element = basix.ufl.element("Lagrange", "hexahedron", order, lagrange_variant=variant, shape=(3,))
     mesh = dolfinx_mesh.create_mesh(WORLD, cells=share(root.cells)[:, tensor], e=element, x=share(x))
     numbers = mesh.topology.original_cell_index
-    cell_tags = dolfinx_mesh.meshtags(
-        mesh, 3, np.arange(len(numbers), dtype=np.int32), (7 + root.body[numbers]).astype(np.int32)
-    )
+    cell_tags = tagged(mesh, 3, np.arange(len(numbers)), 7 + root.body[numbers])
     mesh.topology.create_entities(2)
     mesh.topology.create_connectivity(3, 2)
     facets = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)
@@ -36,8 +46,7 @@ def of_dolfinx(root, variant=LagrangeVariant.equispaced):
         value[rows[:, 0], rows[:, 1]] = tag
     cell, face = np.nonzero(value[numbers])
     at = dict(zip(facets[cell, face].tolist(), value[numbers[cell], face].tolist()))
-    named = np.array(sorted(at), dtype=np.int32)
-    facet_tags = dolfinx_mesh.meshtags(mesh, 2, named, np.array([at[i] for i in named], dtype=np.int32))
+    facet_tags = tagged(mesh, 2, sorted(at), [at[i] for i in sorted(at)])
     bodies = {7 + index: name for index, name in enumerate(root.bodies)}
     return mesh, cell_tags, facet_tags, bodies, dict(enumerate(root.surfaces, 1))
 
@@ -75,37 +84,24 @@ def test_contact_on_it():
 
 def test_a_box_of_dolfinx():
     """What `create_box` makes, with the facets of its top."""
-    mesh = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
-    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-    cell_tags = dolfinx_mesh.meshtags(mesh, 3, cells, np.full(len(cells), 3, dtype=np.int32))
+    mesh, other = box(), box()
+    cells = np.arange(mesh.topology.index_map(3).size_local)
+    cell_tags, others_tags = tagged(mesh, 3, cells, 3), tagged(other, 3, cells, 3)
     top = dolfinx_mesh.locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1))
-    facet_tags = dolfinx_mesh.meshtags(mesh, 2, np.sort(top), np.full(len(top), 5, dtype=np.int32))
+    facet_tags = tagged(mesh, 2, np.sort(top), 5)
     root = RootMesh.from_dolfinx(mesh, cell_tags, facet_tags, {3: "box"}, {5: "top"})
     assert root.bodies == ("box",) and len(root.cells) == 16 and len(root.points) == 45
     assert len(root.surfaces["top"]) == 8 and (root.facet_points(root.surfaces["top"])[:, :, 2] == 1).all()
     assert WORLD.allgather(mesh_digest(root)) == [mesh_digest(root)] * WORLD.size
-    other = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
     bad = {
         "cell_tags are of another mesh": (other, cell_tags, facet_tags, {3: "box"}, {}),
-        "facet_tags are of another mesh": (
-            other,
-            dolfinx_mesh.meshtags(other, 3, cells, cell_tags.values),
-            facet_tags,
-            {3: "box"},
-            {},
-        ),
+        "facet_tags are of another mesh": (other, others_tags, facet_tags, {3: "box"}, {}),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "each of them cells": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
         "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
         "bodies must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
         "surfaces must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {3: "box"}, {"top": 5}),
-        "cell_tags must be MeshTags of dolfinx of dimension 3, got None": (
-            mesh,
-            None,
-            facet_tags,
-            {3: "a", 4: "b"},
-            {},
-        ),
+        "must be MeshTags of dolfinx of dimension 3, got None": (mesh, None, facet_tags, {3: "a", 4: "b"}, {}),
         "cell_tags must be MeshTags of dolfinx of dimension 3": (mesh, facet_tags, facet_tags, {3: "box"}, {}),
         "a Mesh of dolfinx is needed": (root, cell_tags, facet_tags, {3: "box"}, {}),
     }
@@ -119,11 +115,11 @@ def test_a_box_of_dolfinx():
 
 def test_several_tags_of_one_surface():
     """A surface has the facets of all tags of its name; one body needs no tags."""
-    mesh = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (2, 1, 1)], (4, 2, 2), dolfinx_mesh.CellType.hexahedron)
+    mesh = box()
     ends = [dolfinx_mesh.locate_entities_boundary(mesh, 2, lambda x, at=at: np.isclose(x[0], at)) for at in (0, 2)]
-    facets, tags = np.concatenate(ends), np.repeat([1, 2], [len(end) for end in ends]).astype(np.int32)
+    facets, tags = np.concatenate(ends), np.repeat([1, 2], [len(end) for end in ends])
     order = np.argsort(facets)
-    facet_tags = dolfinx_mesh.meshtags(mesh, 2, facets[order], tags[order])
+    facet_tags = tagged(mesh, 2, facets[order], tags[order])
     root = RootMesh.from_dolfinx(mesh, None, facet_tags, {1: "box"}, {1: "ends", 2: "ends"})
     assert root.bodies == ("box",) and not root.body.any() and len(root.body) == 16
     at = root.facet_points(root.surfaces["ends"])[:, :, 0]
@@ -133,8 +129,6 @@ def test_several_tags_of_one_surface():
 @pytest.mark.parametrize("kind", [dolfinx_mesh.CellType.tetrahedron, dolfinx_mesh.CellType.prism])
 def test_other_cells(kind):
     """Only hexahedra can be refined."""
-    mesh = dolfinx_mesh.create_box(WORLD, [(0, 0, 0), (1, 1, 1)], (2, 2, 2), kind)
-    empty = np.empty(0, dtype=np.int32)
-    tags = [dolfinx_mesh.meshtags(mesh, dimension, empty, empty) for dimension in (3, 2)]
+    mesh = box(kind)
     with pytest.raises(GeometryError, match=kind.name):
-        RootMesh.from_dolfinx(mesh, *tags, {}, {})
+        RootMesh.from_dolfinx(mesh, tagged(mesh, 3, [], []), tagged(mesh, 2, [], []), {}, {})

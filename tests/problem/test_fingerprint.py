@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.root_mesh import RootMesh
-from studies.boxes import DOWN, UP, Boxes
 
 #: The nodes of a cell of order 1, turned by half a turn about z.
 TURNED = [3, 2, 1, 0, 7, 6, 5, 4]
@@ -16,13 +16,11 @@ TURNED = [3, 2, 1, 0, 7, 6, 5, 4]
 
 def two_cubes():
     """A cube on another one, with names for surfaces, a vertex and an edge."""
-    boxes = Boxes(1)
-    for name, low in (("lower", 0.0), ("upper", 1.0)):
-        boxes.add(name, (0.0, 0.0, low), (1.0, 1.0, low + 1), (1, 1, 1))
-    facets = {"bottom": (DOWN, 0.0, "lower"), "head": (UP, 1.0, "lower"), "foot": (DOWN, 1.0, "upper")}
-    surfaces = {name: boxes.facets(*where) for name, where in facets.items()}
-    surfaces |= {name: boxes.facets(UP, 2.0, "upper") for name in ("top", "lid")}
-    return replace(boxes.mesh(surfaces, curves={"edge": [[0, 8]]}), vertices={"corner": [15]})
+    cube = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
+    surfaces = {"bottom": "lower bottom", "head": "lower top", "foot": "upper bottom", "top": "upper top"}
+    surfaces["lid"] = surfaces["top"]
+    mesh = root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(z=1)}, surfaces)
+    return replace(mesh, curves={"edge": [[0, 8]]}, vertices={"corner": [15]})
 
 
 def complete(mesh):

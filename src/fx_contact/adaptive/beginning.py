@@ -19,7 +19,7 @@ from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_count, check_same_comm, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.fingerprint import mesh_digest, scene_parts
+from fx_contact.problem.fingerprint import same_mesh, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
 from fx_contact.problem.scene import Scene, check_scene
 
@@ -29,10 +29,10 @@ class Beginning:
     """Start of a run from a refined forest instead of the root cells; checked when the run begins.
 
     Attributes:
-        forest: on the root mesh of the scene; materials and conditions may be others than it was refined for.
-        values: (n, (p+1)^3, 3 + k) at the nodes of its leaves, p = 1 or 2: a first guess of the displacement [m], then
-            any continuous fields of degree p, which are carried through refinement and partition.  In a run of another
-            degree they are interpolated.
+        forest: on the scene's root mesh, with its contact pairs and communicator.
+        values: (n, (p+1)^3, 3 + k) at the nodes of its leaves, finite, p = 1 or 2: a first guess of the displacement
+            [m], then any continuous fields of degree p, which are carried through refinement and partition.  In a run
+            of another degree they are interpolated.
         history: None: the estimate has not been measured, as on root cells.
     """
 
@@ -41,19 +41,14 @@ class Beginning:
     history: RefinementHistory | None = None
 
     def check(self, scene: Scene, comm: MPI.Intracomm) -> None:
-        """Raises SceneError unless a run of a scene can begin here.
-
-        Local.  The forest must be of the scene's root mesh, contact pairs and communicator, the values finite numbers
-        at the nodes of its leaves.
-        """
+        """Raises SceneError unless a run of a scene can begin here.  Local."""
         forest, values = self.forest, self.values
-        parts: tuple[tuple[str, object, type], ...]
-        parts = ("forest", forest, Forest), ("history", self.history, RefinementHistory)
-        for name, value, kind in parts:
-            if not isinstance(value, kind) and not (name == "history" and value is None):
-                raise SceneError(f"the {name} of a Beginning must be a {kind.__name__}, got {shown(value)}")
+        if not isinstance(forest, Forest):
+            raise SceneError(f"the forest of a Beginning must be a Forest, got {shown(forest)}")
+        if not isinstance(self.history, RefinementHistory | None):
+            raise SceneError(f"the history of a Beginning must be a RefinementHistory, got {shown(self.history)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
-        if forest.mesh is not scene.mesh and mesh_digest(forest.mesh) != mesh_digest(scene.mesh):
+        if not same_mesh(forest.mesh, scene.mesh):
             raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")
         if not forest.stands_on(scene.pairing, scene.contact_surfaces):
             raise SceneError("the forest of the Beginning has other contact pairs than the scene: begin with its own")
@@ -85,7 +80,7 @@ class Beginning:
     @classmethod
     @collective("comm")
     def uniform(cls, scene: Scene, levels: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Self:
-        """The root cells, refined uniformly up to `lattice.MAX_LEVEL` times, with zero displacement.
+        """The root cells, refined uniformly `levels` times, up to `lattice.MAX_LEVEL`, with zero displacement.
 
         Collective on comm.
 
@@ -112,7 +107,7 @@ class Beginning:
     def after(cls, step: Step, marked: BoolArray | IntArray) -> Self:
         """The refined forest of a step, with its displacement as the first guess and as carried field.
 
-        Collective on step.forest.comm.  Its estimate is trusted.
+        Collective on step.forest.comm.
 
         Args:
             marked: (n,), leaves to refine, or how often to refine each.

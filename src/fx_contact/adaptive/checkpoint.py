@@ -1,7 +1,7 @@
 """The state after an adaptive step on disk, from which any number of ranks can continue.
 
 Leaves and nodes are named by keys that do not depend on the ranks: a leaf with its indicator takes 24 bytes, a node
-with its displacement 32.  A checkpoint holds the fingerprint of its problem, and the records of all steps so far.
+with its displacement 32.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,6 @@ from typing import Any
 from uuid import uuid4
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
@@ -23,7 +22,7 @@ from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
 from fx_contact.parallel.agreement import check_alike, differences
-from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array
+from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
@@ -34,20 +33,20 @@ from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import Scene, check_scene
 
 NAME = "checkpoint"
+#: Bits of the level in the name of a leaf, after its `leaf_code`.
 _LEVEL_BITS = 4
 
 
 class CheckpointWriter:
     """Writer of the last step of a run in a folder.
 
-    Collective on comm.  Every run has an id, which its checkpoints hold.  A run replaces its own checkpoint, or that
-    from which it continues, and no other.
+    Collective on comm.  A run replaces its own checkpoint, known by its id, or that from which it continues, no other.
 
     Args:
-        folder: for the checkpoints; made if it is not there.
-        problem: the run's problem (`fingerprint.scene_parts`).
-        options: as JSON can hold them, those that must not change.
-        restart: checkpoint from which the run continues, the only one that may be in the folder already.
+        folder: made if it is not there.
+        problem: as from `fingerprint.scene_parts`.
+        options: those that must not change, for JSON.
+        restart: from which the run continues.
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
@@ -75,42 +74,36 @@ class CheckpointWriter:
     def save(self, step: Step, records: Sequence[StepRecord], further: Mapping[str, Any] | None = None) -> None:
         """Replace the checkpoint in the folder by the state after a step.
 
-        Collective on step.forest.comm.
+        Collective on step.forest.comm.  Raises OutputError if it cannot be written, or another run has written one; the
+        old file stays.
 
         Args:
             records: of all steps up to this one.
-            further: entries as JSON can hold them, added to the content or in its place.
-
-        Raises:
-            OutputError: the checkpoint cannot be written, or another run has written one; the old file stays.
+            further: entries for JSON, beside or instead of those of the content.
         """
         forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
         leaf, node = prolongation.space.example.T
         values = np.concatenate([prolongation.prolong(step.solution.displacement), step.carried[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
-        write_checkpoint(
-            self._path,
-            forest.comm,
-            {
-                "run": self._run,
-                "problem": self._problem,
-                "options": self._options,
-                "degree": prolongation.space.degree,
-                "records": [record.as_json() for record in records],
-                "estimate": [error.error_global, error.energy_norm, error.cells],
-                "history": asdict(step.history),
-                **(further or {}),
-            },
-            {
-                "leaves": _names(forest.cell, forest.level, forest.anchor),
-                "indicator": _by_leaf(step),
-                "refine": step.contact_error.refine.astype(np.int8),
-                "nodes": prolongation.space.keys[rows],
-                "values": values[rows],
-            },
-            self._allow,
-        )
+        level = forest.level.astype(np.uint64)
+        content = {
+            "run": self._run,
+            "problem": self._problem,
+            "options": self._options,
+            "degree": prolongation.space.degree,
+            "records": [record.as_json() for record in records],
+            "estimate": [error.error_global, error.energy_norm, error.cells],
+            "history": asdict(step.history),
+        }
+        arrays = {
+            "leaves": leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level,
+            "indicator": _by_leaf(step),
+            "refine": step.contact_error.refine.astype(np.int8),
+            "nodes": prolongation.space.keys[rows],
+            "values": values[rows],
+        }
+        write_checkpoint(self._path, forest.comm, content | dict(further or {}), arrays, self._allow)
         self._replaceable = {self._run}
 
     def _allow(self) -> None:
@@ -129,27 +122,14 @@ def _by_leaf(step: Step) -> FloatArray:
     return result
 
 
-def _names(cell: Int32Array, level: Int8Array, anchor: Int32Array) -> npt.NDArray[np.uint64]:
-    """Names (n,) of leaves."""
-    return leaf_code(cell, anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level.astype(np.uint64)
-
-
-def _named(names: npt.NDArray[np.uint64]) -> tuple[Int32Array, Int8Array, Int32Array]:
-    """Root cell, level and anchor of named leaves: inverse of `_names`."""
-    level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
-    cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
-    return cell, level, anchor
-
-
 @dataclass(frozen=True, eq=False)
 class State:
-    """Content of a checkpoint, distributed over the ranks.
+    """The state after a step, before it is marked.
 
     Attributes:
         values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
         estimate: its errors in the order of the leaves.
         refine: (n,), how often to refine each leaf for contact, whatever the estimate says.
-        history: before this step is marked.
     """
 
     forest: Forest
@@ -166,17 +146,12 @@ class State:
 
 
 class Checkpoint:
-    """The last checkpoint in a folder.
+    """The last checkpoint in the folder of a run of a scene.
 
     Collective on comm, of any size.
 
-    Args:
-        folder: of the run.
-        scene: the same as that of the run.
-
     Attributes:
-        path: of the file.
-        run: id of the run that has written it.
+        run: id of the run.
         records: of all steps so far.
 
     Raises:
@@ -218,16 +193,12 @@ class Checkpoint:
     def load(self) -> State:
         """The state, its leaves in equal blocks on the ranks.
 
-        Collective on comm.
-
-        Raises:
-            CheckpointError: the file is damaged.
+        Collective on comm.  Raises CheckpointError if the file is damaged.
         """
-        scene, comm, content = self._scene, self.comm, self._file.content
-        leaves, keys, values, error, refine = map(
-            self._file.array, ("leaves", "nodes", "values", "indicator", "refine")
-        )
-        cell, level, anchor = _named(leaves)
+        scene, comm, content, array = self._scene, self.comm, self._file.content, self._file.array
+        names, keys, values, error, refine = map(array, ("leaves", "nodes", "values", "indicator", "refine"))
+        level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
+        cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
         root = comm, scene.mesh, Lattice(scene.mesh), scene.pairing, scene.contact_surfaces
         forest = with_cuts(Forest(*root, cell, level, anchor))
         keys, rows = np.unique(keys, return_index=True)

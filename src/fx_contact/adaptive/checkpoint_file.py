@@ -1,9 +1,8 @@
 """A checkpoint on disk: one NumPy archive (.npz) with an array of each rank, complete or absent.
 
-The archive is a ZIP file: `content.json`, and `NAME/RANK.npy` for each array; ZIP keeps a CRC-32 of each.  The ranks
-append to it in turn, so that no rank has the arrays of others and none waits inside MPI-IO, HDF5 or ADIOS2 for one
-that is killed or cannot write.  The new archive replaces the old one by an atomic rename, so that a killed rank leaves
-either of them complete.
+The archive is a ZIP file: `content.json`, and `NAME/RANK.npy` for each array, with a CRC-32 of each.  The ranks append
+to it in turn: none waits inside MPI-IO, HDF5 or ADIOS2 for one that is killed or cannot write.  It replaces the old one
+by an atomic rename.
 """
 
 import json
@@ -48,7 +47,7 @@ def write_checkpoint(
         path: in a folder that is there and that all ranks see.
         content: as JSON can hold it, the same on all ranks.
         arrays: by name, (n, ...), n of each rank.
-        allow: called by rank 0 before the new file replaces the old one; raises an error if it must not.
+        allow: called by rank 0 before the new file replaces the old one; raises an error to keep that.
 
     Raises:
         OutputError: the file cannot be written; the old one stays, the new one is removed.
@@ -102,15 +101,9 @@ def _sync(path: Path) -> None:
 
 
 class CheckpointFile:
-    """A checkpoint, open for reading.
+    """A checkpoint, open for reading; `content` is that written with the arrays.
 
-    Collective on comm.
-
-    Args:
-        comm: of any size.
-
-    Attributes:
-        content: written with the arrays.
+    Collective on comm, of any size.
 
     Raises:
         CheckpointError: there is no such file, it is not complete, damaged, of another format or version.
@@ -131,22 +124,15 @@ class CheckpointFile:
     def array(self, name: str) -> npt.NDArray[Any]:
         """This rank's share of an array: about as many rows for each rank, in the order of the ranks that wrote them.
 
-        Collective on comm.
-
-        Raises:
-            CheckpointError: it cannot be read, or its checksum is wrong.
+        Collective on comm.  Raises CheckpointError if it cannot be read, or its checksum is wrong.
         """
         comm, ends = self._comm, np.cumsum(self._rows[name])
         starts = ends - self._rows[name]
         low, high = (int(ends[-1]) * (comm.rank + i) // comm.size for i in (0, 1))
         own = [piece for piece in range(len(ends)) if starts[piece] < high and ends[piece] > low] or [0]
         with together(comm), _reading(self._path):
-            return np.concatenate(
-                [
-                    self._piece(name, piece)[max(low - starts[piece], 0) : max(high - starts[piece], 0)]
-                    for piece in own
-                ]
-            )
+            pieces = [self._piece(name, piece)[max(low - starts[piece], 0) : high - starts[piece]] for piece in own]
+            return np.concatenate(pieces)
 
     def _piece(self, name: str, rank: int) -> npt.NDArray[Any]:
         """The array that a rank has written."""

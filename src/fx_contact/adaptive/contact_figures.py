@@ -11,10 +11,9 @@ from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.scene import Scene
 
-#: Contact is round where the semi-axes of the ellipse with its second moments differ by no more than this part, and its
-#: radius is not longer by more than that of its area: it is then within 6 % of both semi-axes.  A sphere whose pole is
-#: beside the nodes has semi-axes 1 : 0.81, 0.88, 0.94 with 4, 26, 11 closed pairs, 1 : 0.998 with 142 (a unit sphere
-#: 0.01 deep in a block, E = 1).
+#: Largest relative difference of the semi-axes of the ellipse with the second moments of round contact, and of its
+#: radius from that of its area: the radius is then within 6 % of both semi-axes.  A sphere whose pole is beside the
+#: nodes has semi-axes 1 : 0.81, 0.88, 0.94 with 4, 26, 11 closed pairs, 1 : 0.998 with 142.
 ROUND = 0.1
 #: Least length of the sum of the forces over the sum of their lengths of contact that has an axis: that of uniform
 #: pressure on a hemisphere; (1 + cos t) / 2 on a cap up to the angle t.
@@ -33,7 +32,7 @@ class ContactFigures:
             parallel; None: the pair is open.
         contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; without forces the middle
             of the bodies [m].
-        contact_radius: radius of Hertz's contact with these second moments of the forces about `contact_centre` [m];
+        contact_radius: radius of Hertz's contact with the same second moments of the forces about `contact_centre` [m];
             None where they differ across the contact, or take more than the closed area (a flat punch), or where
             several pairs have force; 0 without contact.
         max_pressure: largest nodal pressure [Pa].
@@ -53,35 +52,20 @@ class ContactFigures:
 def figures_of_contact(
     scene: Scene, rows: ConstraintRows | None, solution: ContactSolution, comm: MPI.Intracomm
 ) -> ContactFigures:
-    """Force, radius, pressure and penetration of the whole bodies.
-
-    Collective on comm.
-
-    Args:
-        rows: None without contact.
-    """
-    if rows is None:
-        return ContactFigures(
-            active_pairs=0,
-            force=0.0,
-            pair_forces=[],
-            pair_alignments=[],
-            contact_centre=list(map(float, _centre(scene, 0.0, np.zeros(3)))),
-            contact_radius=0.0,
-            max_pressure=0.0,
-            max_penetration=0.0,
-        )
-    force, mirrors = force_components(scene, rows, solution.force), scene.mirrors
-    sums = np.zeros((len(scene.contact), 10))
-    columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
-    np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
+    """Figures of the contact of the whole bodies; rows None: the scene has none.  Collective on comm."""
+    sums, moments, mirrors = np.zeros((len(scene.contact), 10)), np.zeros(10), scene.mirrors
+    if rows is not None:
+        force = force_components(scene, rows, solution.force)
+        columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
+        np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
     comm.Allreduce(MPI.IN_PLACE, sums)
     of_pair, lengths, vectors = sums[:, 0], mirrors.parts * sums[:, 1], mirrors.force(sums[:, 2:5])
     total, active, area = sums[:, [0, 8, 9]].sum(axis=0)
     centre = _centre(scene, total, sums[:, 5:8].sum(axis=0))
-    arm = rows.position - centre
-    radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
-    moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
+    if rows is not None:
+        arm = rows.position - centre
+        radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
+        moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
     tensor = mirrors.second_moment(moments[:-1].reshape(3, 3))
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)
@@ -113,15 +97,13 @@ def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:
 def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float) -> bool:
     """True if the forces have the spread of round bodies across their resultant.
 
-    Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  A circle of the
-    radius that the mean gives has then the closed area; on meshes with four or more closed pairs in a quarter it has
-    0.59 to 1.08 times that of spheres.  It is too large where more force is outside: 1.25 times the area under uniform
-    pressure on a circle, 1.31 times on a square, 1.67 times under a flat round punch.
+    Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  The circle of that
+    radius has 0.59 to 1.08 times the closed area of spheres on meshes with four or more closed pairs in a quarter, 1.25
+    times that of uniform pressure on a circle, 1.31 times on a square, 1.67 times of a flat round punch.
 
     Args:
         tensor: (3, 3), second moments of the forces [N m^2].
-        vector: (3,), sum of the forces [N].
-        length: sum of their lengths [N].
+        vector, length: sum (3,) of the forces, and of their lengths [N].
         area: closed area [m^2].
     """
     resultant = np.linalg.norm(vector)

@@ -16,8 +16,19 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Columns:
-    """Columns of each node pair, as in `ContactState`."""
+class ContactTable:
+    """All contact node pairs, sorted by contact pair and node: the same on any number of ranks.
+
+    Attributes:
+        points: (n, 3), undeformed positions on the first surface [m].
+        normal: (n, 3), unit direction from the first body to the second.
+        pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
+        force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
+        gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
+        active: (n,), closed pairs.
+        pair: (n,), number of the contact pair in the scene.
+        names: of the scene's contact pairs, as `ContactPair.name`.
+    """
 
     points: FloatArray
     normal: FloatArray
@@ -31,21 +42,14 @@ class _Columns:
     def __len__(self) -> int:
         return len(self.points)
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ContactTable(_Columns):
-    """All contact node pairs, sorted by contact pair and node: the same on any number of ranks; see `ContactState`."""
-
     def __repr__(self) -> str:
         return _summary("contact", self)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write a line for each node pair, below a line of headings; numbers with all digits, closed as 1 or 0.
 
-        Local.  The folder is made if it is not there.
-
-        Raises:
-            OutputError: the file cannot be written, or its name does not end in .csv.
+        Local.  The folder is made if it is not there.  Raises OutputError unless the name ends in .csv and the file
+        can be written.
         """
         path = as_path("the name of a table", path, OutputError)
         if path.suffix.lower() != ".csv":
@@ -66,18 +70,10 @@ class ContactTable(_Columns):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactState(_Columns):
-    """Contact at the node pairs that this rank owns; each pair is on one rank.
+class ContactState(ContactTable):
+    """A ContactTable of the node pairs that this rank owns, in any order; each pair is on one rank.
 
     Attributes:
-        points: (n, 3), undeformed positions on the first surface [m].
-        normal: (n, 3), unit direction from the first body to the second.
-        pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
-        force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
-        gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
-        active: (n,), closed pairs.
-        pair: (n,), number of the contact pair in the scene.
-        names: of the scene's contact pairs, as `ContactPair.name`.
         key: (n,), lattice key of the node on the first surface.
     """
 
@@ -90,7 +86,7 @@ class ContactState(_Columns):
     @collective("self.comm")
     def gathered(self) -> ContactTable | None:
         """The node pairs of all ranks in one table on rank 0, None on the others.  Collective on comm."""
-        names = ["key", *(one.name for one in fields(_Columns) if one.name != "names")]
+        names = ["key", *(one.name for one in fields(ContactTable) if one.name != "names")]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
             return None
@@ -99,7 +95,7 @@ class ContactState(_Columns):
         return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
 
 
-def _summary(what: str, rows: _Columns) -> str:
+def _summary(what: str, rows: ContactTable) -> str:
     """Two lines on node pairs."""
     return (
         f"{what}: {len(rows):,} node pairs, {int(rows.active.sum()):,} closed\n"

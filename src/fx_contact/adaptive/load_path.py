@@ -6,22 +6,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run, adapt
-from fx_contact.adaptive.carry_over import carried_over
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
-from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.fem.space import Space
+from fx_contact.forest.coarsening import coarsened
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path, check_comm, check_number, shown
-from fx_contact.problem.fingerprint import mesh_digest
+from fx_contact.problem import hexahedron
+from fx_contact.problem.fingerprint import same_mesh
 from fx_contact.problem.scene import Scene, check_scene
 
 #: Starts of a point (`SweepRecord.begun`).
@@ -42,9 +48,7 @@ def sweep(
     """Solve scenes that depend on a number (approach, force, modulus), each to a prescribed accuracy.
 
     Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before, on
-    its forest coarsened by two refinements (`carry_over`): the point refines where its own error is, and measures the
-    effectivity of the estimator.  Where the root mesh or the contact pairs of the scene change, a point begins anew.
-
+    its forest coarsened by two refinements; where the root mesh or the contact pairs of the scene change, anew.
     Contact without friction has no history: the points may be solved in any order.
 
     Args:
@@ -90,12 +94,7 @@ def _checked(values: Iterable[float]) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class SweepPoint:
-    """A solved point of a load path.
-
-    Attributes:
-        value: of the parameter.
-        step: the last one.
-    """
+    """A solved point of a load path: value of the parameter, last step, record."""
 
     value: float
     step: Step
@@ -103,9 +102,7 @@ class SweepPoint:
 
 
 class Sweep:
-    """A load path: an iterator of its points.
-
-    Collective on comm.  `sweep` makes it, from its arguments, checked.
+    """A load path: an iterator of its points, made by `sweep`.  Collective on comm.
 
     Attributes:
         records: of all points so far, with those before a restart.
@@ -127,7 +124,6 @@ class Sweep:
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
-        self._settings: Settings | None = None  # of the last run
         if restart and folder is not None:
             self._resume(folder)
 
@@ -141,7 +137,6 @@ class Sweep:
             return self._point()
 
     def _point(self) -> SweepPoint:
-        """Solve the next one.  Collective."""
         value = self._values[len(self.records)]
         scene = self._scene_of(value)
         with together(self._comm):
@@ -169,21 +164,19 @@ class Sweep:
 
     def _run(self, scene: Scene) -> tuple[Run, str]:
         """The Run of a scene after its first step, and its start.  Collective."""
-        if self._last is not None and _same_root(self._last.forest, scene):
+        options, last = self._options, self._last
+        if last is not None and _same_root(last.forest, scene):
+            control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
             try:
-                return self._begun(scene, self._last), COARSE
+                begin = carried_over(last, self._tolerance, control, kind)
+                return self._begun(scene, options | {"beginning": begin}), COARSE
             except PartitionError:  # the coarse forest has too few leaves for the ranks
                 pass
-        return self._begun(scene, None), ANEW
+        return self._begun(scene, options), ANEW
 
-    def _begun(self, scene: Scene, before: State | None) -> Run:
-        """A Run of a scene after its first step, from the coarsened state of the point before.  Collective."""
-        options, settings = dict(self._options), self._settings
-        if before is not None and settings is not None:
-            kind = options.get("partition_kind", "contact-sfc")
-            options["beginning"] = carried_over(before, settings.tolerance, settings.control, kind)
+    def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
+        """A Run of a scene after its first step.  Collective."""
         run = adapt(scene, self._tolerance, self._comm, **options)
-        self._settings = run.settings
         if self._folder is not None and self._writer is None:
             about = run.settings.problem, run.settings.fixed(), self._before
             self._writer = CheckpointWriter(self._folder, self._comm, *about)
@@ -206,7 +199,7 @@ class Sweep:
                 )
         scene = self._scene_of(solved[-1])
         before = self._before = Checkpoint(folder, scene, comm)
-        settings = self._settings = adapt(scene, self._tolerance, comm, **self._options).settings
+        settings = adapt(scene, self._tolerance, comm, **self._options).settings
         with together(comm):
             before.check(settings.problem, settings.fixed())
         self._last = before.load()
@@ -215,5 +208,41 @@ class Sweep:
 
 def _same_root(forest: Forest, scene: Scene) -> bool:
     """True if a forest is on the root mesh of a scene, with its contact pairs."""
-    same = forest.mesh is scene.mesh or mesh_digest(forest.mesh) == mesh_digest(scene.mesh)
-    return same and forest.stands_on(scene.pairing, scene.contact_surfaces)
+    return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
+
+
+def carried_over(state: State, tolerance: float, control: ErrorControl, kind: str) -> Beginning:
+    """The coarsened forest of a state, and its displacement there, a first guess.
+
+    Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
+    with its siblings while their parent, where the solution is smooth, has at most this error after two refinements,
+    the most of one marking.  So a run has at least two meshes, and measures the effectivity of the estimator.
+
+    Args:
+        tolerance: prescribed accuracy e [-].
+        kind: of partition, a key of `partition.KINDS`.
+    """
+    forest, estimate, history = state.forest, state.estimate, state.history
+    allowed = (control.correction(history) * tolerance * estimate.energy_norm) ** 2 / estimate.cells
+    merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
+    history = RefinementHistory(history.effectivity)
+    if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
+        return Beginning(forest, state.values, history)
+    merged = coarsened(forest, forest.level - merges, kind)
+    return Beginning(merged, _on_nodes(forest, state.values, merged), history)
+
+
+def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
+    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above, child_error^(-k) times theirs, is allowed."""
+    ancestors = np.arange(1, int(level.max(initial=0)) + 1)
+    small = error2[:, None] <= allowed * child_error**ancestors
+    return np.minimum(small.sum(axis=1), level).astype(np.int8)
+
+
+def _on_nodes(forest: Forest, values: FloatArray, merged: Forest) -> FloatArray:
+    """Nodal values (n, (p+1)^3, k) on a coarser forest, whose nodes are nodes of the finer one.  Collective."""
+    degree = hexahedron.order_of(values.shape[1])
+    before, after = Space(forest, degree), Space(merged, degree)
+    leaf, node = before.example.T
+    found, _ = before.directory.lookup(after.keys, values[leaf, node], np.ones(len(before), dtype=bool))
+    return found[after.cells]

@@ -1,20 +1,18 @@
 """Resultants: force and moment of contact pairs, loads and reactions, and the balance of each body.
 
-All are of the undeformed bodies, about one point c, the contact's centre, with the nodes of the leaf geometry.  The
-residual at the conforming nodes x_i is r = K u - L + B^T f.  The reaction of a condition is the sum of r_i over the
-components that it prescribes, its moment that of (x_i - c) x r_i.  Components prescribed by several conditions are
-shared among them, equally or by least squares (`fem.dirichlet.shared_forces`).
+All are of the undeformed bodies, about the contact's centre c.  The residual at the conforming nodes x_i is
+r = K u - L + B^T f.  The reaction of a condition is the sum of r_i over the components that it prescribes, its moment
+that of (x_i - c) x r_i.  Conditions that prescribe the same components share r_i (`fem.dirichlet.shared_forces`).
 
 On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  So do their
-moments where the order of the leaves' geometry is at most the degree, for then rotations are among the displacements.
-Elsewhere the error of the moments is that of a rotation in the space of displacements: 3e-3 of the force times the
-radius on the coarsest Hertz mesh, of order 2, at degree 1.
+moments where the order of the leaves' geometry is at most the degree; elsewhere rotations are not among the
+displacements (an error of 3e-3 of the force times the radius on the coarsest Hertz mesh, of order 2, at degree 1).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,8 +25,7 @@ from fx_contact.problem.scene import Scene
 if TYPE_CHECKING:
     from fx_contact.adaptive.step_record import StepRecord
 
-#: Least length of the sum of a pair's forces over the sum of their lengths of a pair with one direction: the force in
-#: the records is then the length of the vector to 1 %.
+#: Least `pair_alignments` of a pair with one direction: its force is then the length of its force vector to 1 %.
 DIRECTED = 0.99
 #: Components shown as 0, relative to the sum of magnitudes: less than its digits.
 _ROUNDING = 1e-6
@@ -57,14 +54,6 @@ class Resultant:
     point: tuple[float, float, float]
     parts: int
 
-    @classmethod
-    def from_json(cls, entries: dict[str, Any]) -> Resultant:
-        """A resultant from its entries in a record.  Local."""
-        known: dict[str, Any] = {
-            n: tuple(value) if isinstance(value, list) else value for n, value in entries.items()
-        }
-        return cls(**known)
-
 
 def undirected(record: StepRecord) -> list[str]:
     """Lines on the contact pairs whose sum of magnitudes is more than the length of their force vector.  Local."""
@@ -87,12 +76,11 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
 
     Args:
         residual: (owned, 3), as `nodal_residual` [N].
-        totals: (k, nbodies, 6), of the loads on this rank's leaves, as from `load_and_totals`: forces [N] and moments
-            about the origin [N m].
+        totals: (k, nbodies, 6), of the loads on this rank's leaves, as from `load_and_totals`.
         centre: (3,), the point of moments, on all mirrors of the scene [m].
     """
     scene = state.scene
-    # Of each pair on its two bodies, then of the others: entries x bodies x (force, moment).
+    # Entries x bodies x (force, moment).
     on_first, on_second = _of_contact(state, centre)
     shifted = totals.copy()
     shifted[..., 3:] -= np.cross(centre, totals[..., :3])
@@ -119,13 +107,12 @@ def _resultant(name: str, kind: str, row: FloatArray, centre: FloatArray, scene:
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:
-    """Three numbers."""
     x, y, z = map(float, values)
     return x, y, z
 
 
 def _of_contact(state: SolvedState, centre: FloatArray) -> FloatArray:
-    """Contact forces at this rank's nodes on first and on second bodies: (2, pairs, bodies, 6).  Collective."""
+    """Contact forces on first and on second bodies, of this rank's nodes: (2, pairs, bodies, 6).  Collective."""
     scene, rows, sums = state.scene, state.pairs, []
     if rows is None:
         return np.zeros((2, 0, len(scene.mesh.bodies), 6))

@@ -1,6 +1,6 @@
 """Settings of a run, the same in every step."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from numbers import Integral
@@ -19,11 +19,10 @@ from fx_contact.problem.scene import Scene, check_scene
 
 #: Default degree of the displacements.
 DEGREE = 2
-#: Largest deviation of the leaf maps from the root cells' maps over the tolerance, relative to the leaf's shortest
-#: length, by which the default geometry order is chosen: a relative deviation d changes strains by about d, and a tenth
-#: adds 0.5 % of the error, in squares.
+#: Largest deviation of the leaf maps from the root cells' maps, relative to the leaf's shortest length, over the
+#: tolerance: it changes strains by about as much, and errors add in squares.
 GEOMETRY_SHARE = 0.1
-#: Smallest tolerance: below it rounding is most of the error, on any mesh that fits into a memory.
+#: Smallest tolerance: below it rounding is most of the error.
 LEAST_TOLERANCE = 1e-9
 
 
@@ -69,38 +68,35 @@ class Settings:
         object.__setattr__(self, "goals", check_goals(self.goals, self.scene))
         tolerance = check_tolerance("the tolerance", self.tolerance)
         object.__setattr__(self, "tolerance", tolerance)
-        order, orders = self.geometry_order, range(1, self.scene.mesh.order + 1)
         if tolerance >= 1:
             raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
-        kinds: tuple[tuple[str, type], ...] = (
-            ("enforcement", Enforcement),
-            ("solver", Solver),
-            ("control", ErrorControl),
-        )
-        for name, kind in kinds:
-            if not isinstance(getattr(self, name), kind):
-                value, article = getattr(self, name), "an" if kind.__name__[0] in "AEIOU" else "a"
+        for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
+            value = getattr(self, name)
+            if not isinstance(value, kind):
+                article = "an" if kind.__name__[0] in "AEIOU" else "a"
                 advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
                 raise SceneError(f"{name} must be {article} {kind.__name__}, got {shown(value)}{advice}")
-        degree = self.degree
-        if isinstance(degree, bool) or not isinstance(degree, Integral) or degree not in DEGREES:
-            raise SceneError(
-                f"the degree of displacements must be {' or '.join(map(str, DEGREES))}, got {shown(degree)}"
-            )
-        object.__setattr__(self, "degree", int(degree))
+        degree = self._whole(
+            "degree", DEGREES, f"the degree of displacements must be {' or '.join(map(str, DEGREES))}"
+        )
         if self.solver.preconditioner == "p-multigrid" and degree == 1:
             raise SceneError(
                 "the preconditioner 'p-multigrid' solves on degree 1 below displacements of degree 2: at degree 1 take "
                 "'boomeramg', the default"
             )
         check_allowed(self.allow)
-        if order is None:
-            return
-        if isinstance(order, bool) or not isinstance(order, Integral) or order not in orders:
-            raise SceneError(
-                f"the geometry order must be 1 to {orders[-1]}, that of the root mesh, got {shown(order)}"
-            )
-        object.__setattr__(self, "geometry_order", int(order))
+        if self.geometry_order is not None:
+            highest = self.scene.mesh.order
+            wanted = f"the geometry order must be 1 to {highest}, that of the root mesh"
+            self._whole("geometry_order", range(1, highest + 1), wanted)
+
+    def _whole(self, name: str, known: Collection[int], wanted: str) -> int:
+        """A field made an int.  Raises SceneError unless it is one of the known whole numbers."""
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, Integral) or value not in known:
+            raise SceneError(f"{wanted}, got {shown(value)}")
+        object.__setattr__(self, name, int(value))
+        return int(value)
 
     @property
     def multigrid(self) -> bool:

@@ -33,8 +33,7 @@ class Step(SolvedState):
     """The state after one adaptive step.
 
     Of dolfinx: `mesh`, `displacement`, `stress`, `facet_tags`, `cell_tags`, `ds`; of contact: `contact`.  They are made
-    when first asked for; the mesh's tags, the stress and `ds` then collectively.  The solution and its estimated error
-    are those of a `SolvedState`.
+    when first asked for, some of them collectively.
 
     Attributes:
         start: (owned, 3), displacement carried from the step before, where the solve began [m].
@@ -69,8 +68,8 @@ class Step(SolvedState):
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
     def __del__(self) -> None:
-        # Where steps are collected and a later one fails, Python drops them while the error is under way; communicators
-        # of dolfinx freed then hang in mpi4py (see `parallel.mpi`).  Inside `__del__` the error is set aside.
+        # Communicators of dolfinx that are freed while an error is under way hang in mpi4py (see `parallel.mpi`);
+        # inside `__del__` the error is set aside.
         self.__dict__.clear()
 
     @property
@@ -135,10 +134,10 @@ class Step(SolvedState):
 
     @collective("self.forest.comm")
     def to_pyvista(self) -> Any:
-        """pyvista UnstructuredGrid of this rank's leaves, which `grid.warp_by_vector("displacement")` deforms.
+        """Undeformed pyvista UnstructuredGrid of this rank's leaves, Lagrange hexahedra of the displacement's degree.
 
-        Collective.  `pyvista.merge(comm.gather(step.to_pyvista()))` on rank 0 has those of all ranks.  A leaf is a
-        Lagrange hexahedron of the displacement's degree.
+        Collective.  `grid.warp_by_vector("displacement")` deforms it; `pyvista.merge(comm.gather(step.to_pyvista()))`
+        on rank 0 has the leaves of all ranks.
 
         Returns:
             Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
@@ -152,9 +151,9 @@ class Step(SolvedState):
         pairs, solution, comm = self.pairs, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
-            vectors, numbers, integers = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
-            pair, active = integers.astype(np.int32), np.zeros(0, dtype=bool)
-            return ContactState(vectors, vectors, numbers, numbers, numbers, active, pair, names, integers, comm)
+            vectors, numbers, active = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool)
+            pair, key = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
+            return ContactState(vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm)
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,
@@ -207,11 +206,8 @@ class Step(SolvedState):
     def ds(self, name: str) -> ufl.Measure:
         """The integral over a surface of the root mesh, for UFL: `ufl.inner(t, v) * step.ds("top")`.
 
-        Collective at the first call.  Plain `ufl.ds` is over hanging facets too.  The Gauss rule is exact for a
-        constant pressure; `step.ds("top")(degree=8)` has another.
-
-        Raises:
-            SceneError: there is no such surface.
+        Collective at the first call.  The Gauss rule is exact for a constant pressure; `step.ds("top")(degree=8)` has
+        another.  Raises SceneError if there is no such surface.
         """
         self.scene.mesh.surface(name)
         return self._boundary_measure(self.surface_tags[name])
@@ -221,7 +217,7 @@ class Step(SolvedState):
         """Tag of each surface, and its local cells and local facets in turn."""
         surfaces = self.scene.mesh.surfaces
         return [
-            (tag, self.leaf_mesh.facets(self.forest, surfaces[n]).ravel()) for n, tag in self.surface_tags.items()
+            (tag, self.leaf_mesh.facets(self.forest, rows).ravel()) for tag, rows in enumerate(surfaces.values(), 1)
         ]
 
     @cached_property

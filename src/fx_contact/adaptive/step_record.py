@@ -23,12 +23,12 @@ class SolveRecord:
     """The figures of a solve on an adaptive mesh, alike on all ranks.
 
     Attributes:
-        scene: name of the scene.
+        scene: its name.
         step: number of the step, from 0.
         ranks: number of MPI ranks.
         cells: leaves of the forest.
         dofs: conforming degrees of freedom.
-        degree: of the elements.
+        degree: of the displacements.
         hanging_nodes: nodes without degrees of freedom of their own.
         max_level: finest level of a leaf; root cells have level 0.
         geometry_order: polynomial order of the leaf maps.
@@ -173,13 +173,21 @@ class StepRecord(SolveRecord, ContactFigures):
             TypeError: the entries are no dict, or lack one.
         """
         known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
-        kinds: tuple[tuple[str, type], ...] = (("partition", PartitionSummary), ("true_error", TrueError))
-        for name, kind in kinds:
-            if name in known:
-                known[name] = kind(**known[name])
-        if "resultants" in known:
-            known["resultants"] = tuple(map(Resultant.from_json, known["resultants"]))
-        known["doubts"] = [ModelWarning.from_json(warning) for warning in known.get("doubts", ())]
-        if known.get("goals") is not None:
-            known["goals"] = tuple(GoalRecord(**goal) for goal in known["goals"])
+        for name, kind in _KINDS.items():
+            value = known.get(name)
+            if isinstance(value, dict):
+                known[name] = kind(**value)
+            elif value is not None:
+                rows = [{n: tuple(v) if isinstance(v, list) else v for n, v in row.items()} for row in value]
+                known[name] = (list if name == "doubts" else tuple)(kind(**row) for row in rows)
         return cls(**known)
+
+
+#: Classes of entries that are objects or lists of them.
+_KINDS: dict[str, type] = {
+    "partition": PartitionSummary,
+    "true_error": TrueError,
+    "doubts": ModelWarning,
+    "resultants": Resultant,
+    "goals": GoalRecord,
+}

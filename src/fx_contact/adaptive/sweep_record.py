@@ -52,22 +52,19 @@ class SweepRecord:
 
 
 def write_sweep(folder: Path, comm: MPI.Intracomm, points: list[SweepRecord]) -> None:
-    """Write the points of a load path as `sweep.jsonl` and `sweep.csv`, replacing old ones.
+    """Write the points of a load path as `sweep.jsonl` and `sweep.csv` into an existing folder, replacing old ones.
 
-    Collective on comm; rank 0 writes, into an existing folder.
-
-    Raises:
-        OutputError: a file cannot be written.
+    Collective on comm.  Raises OutputError if a file cannot be written.
     """
     with together(comm):
         if comm.rank == 0:
             lines = [json.dumps(point.as_json(), default=float) + "\n" for point in points]
-            for name, text in (("sweep.jsonl", "".join(lines)), ("sweep.csv", _table(points))):
-                _replace(folder / name, text)
+            _replace(folder / "sweep.jsonl", "".join(lines))
+            _replace(folder / "sweep.csv", _table(points))
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a file and rename it to replace the old one."""
+    """Replace a file by a renamed new one."""
     new = path.with_name(f"{path.name}.new")
     if path.exists() and not path.is_file():
         raise OutputError(f"{str(path)!r} is no file: remove it, or name another folder")
@@ -77,7 +74,6 @@ def _replace(path: Path, text: str) -> None:
 
 
 def _table(points: list[SweepRecord]) -> str:
-    """The points as CSV."""
     columns = [one.name for one in fields(SweepRecord) if one.name != "record"]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")

@@ -1,21 +1,18 @@
 """Assumptions of the model that a solution may violate: linear elasticity, contact between facing nodes.
 
-An estimate compares a solution with that of the same linear problem on a finer mesh, so it says nothing of the model.
-
 Strain and rotation. Of E = (grad u + grad u^T + grad u^T grad u) / 2 linear elasticity keeps the linear part and omits
 a share of |grad u| / 2. The largest strain grows without bound at the edge of a punch when the mesh is refined. The
 mean strain, weighted by the strain energy, does not depend on the mesh and is twice the omitted share of the energy.
 The rotation, weighted by the volume, is that of a rigid or a bent body.
 
 Sliding. Nodes face each other as long as they have slid by little against the length on which the gap changes: the
-radius of the contact, or between parallel surfaces that of the surfaces.  The pressure acts on both bodies where they
-were.  Turning normals are not checked: a body that slides in another of its own curvature turns, and shows as a large
-rotation first.
+radius of the contact, or between parallel surfaces that of the surfaces.  A body that slides in another of its own
+curvature turns, and shows as a large rotation first.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -46,11 +43,9 @@ SLIDING = 0.1
 INITIAL_OVERLAP = 0.05
 #: Limit of the part of a load that the mesh misses [-].
 MISSED = 0.01
-#: Largest initial overlap of bodies that do not load each other, relative to the size of all [-]; touching spheres of
-#: order 3 have 2.5e-9.
+#: Largest initial overlap of touching bodies, relative to the size of all [-]; spheres of order 3 have 2.5e-9.
 _TOUCHING = 1e-8
-#: Largest standard deviation of the initial gap between parallel surfaces, relative to the approach that the force
-#: takes [-]; of spheres it is 0.14.
+#: Largest standard deviation of the initial gap of parallel surfaces over the approach [-]; of spheres it is 0.14.
 _PARALLEL = 0.01
 #: Order of the sampling lattice for initial overlaps on root facets.
 _SAMPLES = 8
@@ -76,12 +71,6 @@ class ModelWarning:
     limit: float
     place: Point | str
     message: str
-
-    @classmethod
-    def from_json(cls, entries: dict[str, Any]) -> Self:
-        """A warning from its entries in a record.  Local."""
-        place = entries["place"]
-        return cls(**entries | {"place": place if isinstance(place, str) else tuple(place)})
 
 
 def check_allowed(allow: Sequence[str]) -> None:
@@ -134,22 +123,17 @@ def _initial_overlap(scene: Scene) -> float:
 def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
     """All violated assumptions of a solution, the same on all ranks.
 
-    Collective on state.forest.comm.
+    Collective on state.forest.comm.  Raises SceneError if a load that is a function is not finite somewhere.
 
     Args:
         state: its estimate with the energies of the cells.
         load_totals: (k, nbodies, 6), of the loads, as from `load_and_totals`.
-
-    Raises:
-        SceneError: a load that is a function fails, or is not finite somewhere.
     """
     warnings = [*load_warnings(state.scene), *_large_deformations(state)]
     rows = state.pairs
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
-        warnings += (
-            [*_sliding(state, rows), *_initial_overlaps(state, rows)] if closed else [_no_contact(state, rows)]
-        )
+        warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
     return warnings + _unresolved_loads(state, load_totals)
 
 
@@ -253,8 +237,7 @@ def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
 def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
     """Loads that are functions with features inside leaves."""
     scene = state.scene
-    warnings: list[ModelWarning] = []
-    loads = *scene.tractions, *scene.body_forces
+    loads, warnings = (*scene.tractions, *scene.body_forces), list[ModelWarning]()
     if not any(callable(force.value) for force in loads):
         return warnings
     sums = np.column_stack([load_totals[:, :, :3].sum(axis=1), finer_totals(scene, state.elasticity)])

@@ -1,7 +1,7 @@
 """Boundary conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
-Values are numbers, or functions of position as in dolfinx, of an array (3, n) of points.  Numbers are checked when the
-condition is made, functions when they are evaluated.  All is local.
+Values are numbers, checked when the condition is made, or functions of an array (3, n) of positions, as in dolfinx,
+checked when they are evaluated.  All is local.
 """
 
 from __future__ import annotations
@@ -30,14 +30,12 @@ COMPONENTS = "xyz"
 
 @dataclass(frozen=True)
 class Dirichlet:
-    """Prescribed displacement components on a surface, along a curve or at a vertex.
+    """Prescribed displacement components on a surface, along a curve or at a vertex of the root mesh.
+
+    Raises SceneError if no component is given, or one is neither a finite number nor a function.
 
     Attributes:
-        where: name of a surface, curve or vertex of the root mesh.
         x, y, z: displacement [m], constant or a function of the undeformed position; None where the component is free.
-
-    Raises:
-        SceneError: no component is given, or one is neither a finite number nor a function.
     """
 
     where: str
@@ -48,14 +46,26 @@ class Dirichlet:
     def __post_init__(self) -> None:
         if not self.held.any():
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
-        for component, value in zip(COMPONENTS, (self.x, self.y, self.z)):
-            if value is not None and not callable(value):
-                check_number(f"the displacement {component} on {self.where!r}", value)
+        for component, value in self._given:
+            _check(self._what(component), value, 1)
+
+    @property
+    def _given(self) -> list[tuple[int, ScalarValue]]:
+        """Prescribed components and their values."""
+        return [(i, value) for i, value in enumerate((self.x, self.y, self.z)) if value is not None]
+
+    def _what(self, component: int) -> str:
+        return f"the displacement {COMPONENTS[component]} on {self.where!r}"
 
     @property
     def held(self) -> BoolArray:
         """(3,), the prescribed components."""
         return np.array([value is not None for value in (self.x, self.y, self.z)])
+
+    @property
+    def components(self) -> str:
+        """Names of the prescribed components."""
+        return "".join(COMPONENTS[component] for component, _ in self._given)
 
     @property
     def across(self) -> FloatArray:
@@ -65,27 +75,23 @@ class Dirichlet:
     def at(self, points: FloatArray) -> FloatArray:
         """Displacement (n, 3) [m] at points (n, 3) [m], NaN where free; errors of `evaluated`."""
         result = np.full((len(points), 3), np.nan)
-        for component, value in enumerate((self.x, self.y, self.z)):
-            if value is not None:
-                what = f"the displacement {COMPONENTS[component]} on {self.where!r}"
-                result[:, component] = evaluated(what, value, points, 1)[:, 0]
+        for component, value in self._given:
+            result[:, component] = evaluated(self._what(component), value, points, 1)[:, 0]
         return result
 
 
 def merged(
     before: FloatArray, condition: Dirichlet, values: FloatArray, same: float, position: Callable[[int], FloatArray]
 ) -> FloatArray:
-    """Displacements (n, 3) [m] at points on which several conditions act, NaN where free.  Local.
+    """Displacements (n, 3) [m] at points on which several conditions act, NaN where free.
+
+    Raises SceneError if two conditions prescribe different values of a component.
 
     Args:
-        before: (n, 3), prescribed by other conditions [m].
-        condition: a further one.
-        values: (n, 3), prescribed by it [m].
+        before: (n, 3), prescribed by other conditions than `condition` [m].
+        values: (n, 3), prescribed by `condition` [m].
         same: tolerance for the difference of two values [m].
         position: maps the index of a point to its position (3,) [m].
-
-    Raises:
-        SceneError: two conditions prescribe different values of a component.
     """
     clash = np.argwhere(np.abs(before - values) > same)
     if len(clash):
@@ -110,10 +116,7 @@ class SymmetryPlane:
         return self.surface
 
     def on(self, mesh: RootMesh) -> Dirichlet | ObliquePlane:
-        """Displacement condition on a mesh: Dirichlet for a plane across x, y or z.
-
-        Local.  Raises SceneError if the surface is unknown or not plane.
-        """
+        """The condition on a mesh, Dirichlet for a plane across x, y or z.  Raises SceneError unless it is plane."""
         facets = mesh.surface(self.surface)
         points = mesh.facet_points(facets).reshape(-1, 3)
         extent = np.ptp(points, axis=0)
@@ -140,12 +143,17 @@ class ObliquePlane:
     normal: tuple[float, float, float]
 
     @property
+    def components(self) -> str:
+        """Direction of the prescribed component, for messages."""
+        return f"across {', '.join(f'{round(x, 3) + 0.0:g}' for x in self.normal)}"
+
+    @property
     def across(self) -> FloatArray:
         """(3, 3), n n^T [-]."""
         return np.outer(self.normal, self.normal).astype(np.float64)
 
     def check(self, values: FloatArray, largest: float, position: Callable[[int], FloatArray]) -> None:
-        """Raises SceneError unless displacements prescribed by other conditions are tangential to the plane.  Local.
+        """Raises SceneError unless displacements prescribed by other conditions are tangential to the plane.
 
         Args:
             values: (n, 3), at points of the plane [m], NaN where free.
@@ -167,22 +175,16 @@ PLANE = 1e-6
 
 @dataclass(frozen=True)
 class Traction:
-    """A surface force.
+    """A force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
-    Attributes:
-        surface: name of a surface of the root mesh.
-        value: force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
-
-    Raises:
-        SceneError: value is neither three finite numbers nor a function.
+    Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
     surface: str
     value: VectorValue
 
     def __post_init__(self) -> None:
-        if not callable(self.value):
-            check_vector(self.what, self.value)
+        _check(self.what, self.value, 3)
 
     @property
     def what(self) -> str:
@@ -196,22 +198,16 @@ class Traction:
 
 @dataclass(frozen=True)
 class Pressure:
-    """A pressure on a surface, against its undeformed outward normal.
+    """A pressure [Pa] against the undeformed outward normal, constant or a function of the undeformed position.
 
-    Attributes:
-        surface: name of a surface of the root mesh.
-        value: pressure [Pa], positive into the body, constant or a function of the undeformed position.
-
-    Raises:
-        SceneError: value is neither a finite number nor a function.
+    Raises SceneError if the value is neither a finite number nor a function.
     """
 
     surface: str
     value: ScalarValue
 
     def __post_init__(self) -> None:
-        if not callable(self.value):
-            check_number(self.what, self.value)
+        _check(self.what, self.value, 1)
 
     @property
     def what(self) -> str:
@@ -225,23 +221,16 @@ class Pressure:
 
 @dataclass(frozen=True)
 class BodyForce:
-    """A force on the volume of a body, such as its weight.
+    """A force per undeformed volume in x, y, z [N/m^3], such as weight, constant or a function of the position.
 
-    Attributes:
-        body: name of a body of the root mesh.
-        value: force per undeformed volume in x, y, z [N/m^3], constant or a function of the undeformed
-            position.
-
-    Raises:
-        SceneError: value is neither three finite numbers nor a function.
+    Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
     body: str
     value: VectorValue
 
     def __post_init__(self) -> None:
-        if not callable(self.value):
-            check_vector(self.what, self.value)
+        _check(self.what, self.value, 3)
 
     @property
     def what(self) -> str:
@@ -253,11 +242,16 @@ class BodyForce:
         return evaluated(self.what, self.value, points, 3)
 
 
+def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None:
+    """Raises SceneError unless a value is a function, or so many finite numbers."""
+    if not callable(value):
+        check_number(what, value) if components == 1 else check_vector(what, value)
+
+
 def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
     """Values (n, components) of a condition or load at points (n, 3) [m].
 
-    Local.  Raises SceneError, which begins with `what`, if a function gives an array of another shape or type, or a
-    number that is not finite.
+    Raises SceneError, which begins with `what`, if a function gives another shape, or numbers that are not finite.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))

@@ -36,14 +36,11 @@ class Contact(ABC):
 class ContactPair(Contact):
     """Two surfaces that may touch, meshed alike: each facet of the first faces one of the second (`Pairing`).
 
+    Contact forces are normal to the surfaces.  Raises SceneError for a surface with itself, or an invalid direction.
+
     Attributes:
-        first, second: names of surfaces of the root mesh.
         direction: from the first body to the second, of any length [-]; points face each other in this direction, and
             the contact force is summed along it.  None: closest points face each other, and magnitudes are summed.
-            Contact forces are normal to the surfaces in both cases.
-
-    Raises:
-        SceneError: a surface is paired with itself, or the direction is not a non-zero vector.
     """
 
     first: str

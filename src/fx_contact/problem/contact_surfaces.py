@@ -14,13 +14,11 @@ from fx_contact.problem.root_mesh import RootMesh
 class ContactSurfaces:
     """The contact surfaces of a root mesh, meshed alike (`Pairing`) or not; the same on all ranks.
 
+    Raises SceneError for an unknown surface, PairingError for a facet in two contacts, or on both sides of one.
+
     Attributes:
         contact: (ncells, 6), index of the contact of each local face, -1 for none.
         side: (ncells, 6), 0 on the first surface of a contact, 1 on the second, -1 on none.
-
-    Raises:
-        SceneError: an unknown surface.
-        PairingError: a facet is in two contacts, or on both sides of one.
     """
 
     def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:

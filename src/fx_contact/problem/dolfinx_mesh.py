@@ -19,9 +19,9 @@ from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 
 class _Rows(NamedTuple):
-    """Cells: number, body, (p+1)^3 nodes and their positions [m]; tagged facets: tag, number of the cell, local face.
+    """Of cells: number, body, (p+1)^3 nodes and positions [m]; of tagged facets: tag, number of the cell, local face.
 
-    Numbers of cells and nodes are those of the input of the mesh, which do not depend on the number of ranks.
+    Numbers are those of the input of the mesh.
     """
 
     number: Int64Array
@@ -41,12 +41,9 @@ def gathered_parts(
     bodies: Mapping[int, str],
     surfaces: Mapping[int, str],
 ) -> dict[str, Any]:
-    """Arguments of RootMesh, alike on all ranks.
+    """Arguments of RootMesh, alike on all ranks.  Collective on comm.  Arguments and errors of `RootMesh.from_dolfinx`.
 
-    Collective on comm.  Arguments as in `RootMesh.from_dolfinx`.
-
-    Raises:
-        GeometryError, SceneError: as there.
+    Raises GeometryError and SceneError.
     """
     with together(comm):
         _check_mesh(mesh, comm)

@@ -27,24 +27,19 @@ _SYMMETRIES = np.array(list(product((0, 1), repeat=3)), dtype=bool)
 #: Largest distance of facing nodes, projected along a given direction, relative to the size of the facet.
 _MATCH = 1e-6
 #: Largest tangential offset t of facing nodes without a given direction, relative to the size d of the facet.  On a
-#: surface of radius R it changes the gap by t d^2/(2 R), at 0.1 less than half of d^2/(8 R), the distance between the
-#: facet and its chord.  Concentric surfaces with a gap g have t = g/(2 R).
+#: radius R it changes the gap by t d^2/(2 R), less than half of d^2/(8 R), the distance between facet and chord.
 _OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the contact surfaces that are meshed alike, the same on all ranks.
+    """Facing facets of the surfaces of each ContactPair, the same on all ranks.
 
-    Args:
-        contacts: of a scene; only facets of a ContactPair have partners.
+    Raises SceneError for an unknown surface, PairingError unless they match facet by facet and node by node.
 
     Attributes:
         partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
-        rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface.
-
-    Raises:
-        SceneError: an unknown surface.
-        PairingError: surfaces that do not match facet by facet and node by node.
+        rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface, which are
+            not refined with it.
     """
 
     def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:
@@ -69,14 +64,9 @@ class Pairing:
     def opposite(
         self, cell: IntArray, face: IntArray, points: npt.NDArray[Coordinate]
     ) -> tuple[Int32Array, Int32Array, npt.NDArray[Coordinate]]:
-        """Points that face given points on paired root facets.
+        """Facing root cells (n,), their local faces (n,), and points (n, m, 3) there, of points on paired faces.
 
-        Args:
-            cell, face: (n,), root cells and their paired local faces.
-            points: (n, m, 3), on those faces, in lattice coordinates, integer or not.
-
-        Returns:
-            Facing root cells (n,), their local faces (n,), and the points (n, m, 3) in lattice coordinates there.
+        Points are in lattice coordinates, integer or not.
         """
         swap, *flips = _SYMMETRIES[self._symmetry[cell, face]].T
         other, other_face = self.partner[cell, face].T
@@ -142,7 +132,7 @@ def decode_leaf(code: Int64Array) -> tuple[Int32Array, Int32Array]:
 def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
     """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises PairingError.
 
-    Partners have the nearest centres, both ways, and coincident nodes, projected along the direction if one is given.
+    Partners have the nearest centres, both ways, and coincident nodes, seen along the direction or the normal.
     """
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
@@ -161,7 +151,7 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     centres = [x.mean(axis=1) for x in points]
     match = cKDTree(centres[1]).query(centres[0])[1]
     back = cKDTree(centres[0]).query(centres[1])[1]
-    images = np.stack([points[1][match][:, _face_order(mesh.order, code)] for code in range(8)], axis=1)
+    images = points[1][match][:, _face_orders(mesh.order)]
     symmetry = ((points[0][:, None] - images) ** 2).sum(axis=(2, 3)).argmin(axis=1)
     difference = points[0] - images[np.arange(len(match)), symmetry]
     if direction is None:
@@ -172,9 +162,8 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
         cell, face = first[unmatched][0]
-        if pair.direction is None:
-            advice = ", or give the direction in which they face each other"
-        else:
+        advice = ", or give the direction in which they face each other"
+        if pair.direction is not None:
             advice = f": seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
         raise PairingError(
             f"{label}: {unmatched.sum()} of {len(first)} facets have no partner, the first near "
@@ -201,13 +190,12 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
             )
 
 
-def _face_order(order: int, code: int) -> Int64Array:
-    """Node ((p+1)^2,) of the second facet that faces each node of the first, for a symmetry code."""
-    swap, flip_u, flip_v = _SYMMETRIES[code]
+def _face_orders(order: int) -> Int64Array:
+    """Node of the second facet that faces each node of the first, by symmetry code: (8, (p+1)^2)."""
     v, u = np.divmod(np.arange((order + 1) ** 2), order + 1)
-    a, b = (v, u) if swap else (u, v)
-    a, b = (order - a if flip_u else a), (order - b if flip_v else b)
-    return a + (order + 1) * b
+    swap, flip_u, flip_v = _SYMMETRIES.T[:, :, None]
+    a, b = np.where(swap, v, u), np.where(swap, u, v)
+    return np.where(flip_u, order - a, a) + (order + 1) * np.where(flip_v, order - b, b)
 
 
 def _inverse(symmetry: IntArray) -> Int64Array:
@@ -223,7 +211,7 @@ def _check_one_to_one(
     of_face = hexahedron.face_nodes(mesh.order)
     one = mesh.cells[first[:, :1], of_face[first[:, 1]]]
     two = mesh.cells[second[:, :1], of_face[second[:, 1]]]
-    two = np.take_along_axis(two, np.array([_face_order(mesh.order, code) for code in range(8)])[symmetry], axis=1)
+    two = np.take_along_axis(two, _face_orders(mesh.order)[symmetry], axis=1)
     links = np.unique(np.stack([one.ravel(), two.ravel()], axis=1), axis=0)
     for column in links.T:
         nodes, count = np.unique(column, return_counts=True)
@@ -235,11 +223,7 @@ def _check_one_to_one(
 
 
 def _rim(mesh: RootMesh, facets: Int32Array) -> BoolArray:
-    """Mask (n, 4) of the edges of facets (n, 2) that are on the rim (`Pairing`).
-
-    A cell that has only an edge on the surface need not be refined with the facing leaves, so that a vertex could be
-    hanging on one side only.
-    """
+    """Mask (n, 4) of the edges of facets (n, 2) on the rim, where a vertex could be hanging on one side only."""
     edges = mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]]
     around = np.bincount(mesh.edges.ravel())
     facing = np.unique(np.stack([np.repeat(facets[:, 0], 4), edges.ravel()], axis=1), axis=0)[:, 1]

@@ -12,27 +12,19 @@ from fx_contact.problem.scene import Scene
 
 
 def scene_parts(scene: Scene) -> dict[str, Any]:
-    """Parts of a scene for JSON, with digests of the root mesh and of functions of position.
-
-    Local.  The digest of a function is of its values, not of its code.
-    """
+    """Parts of a scene for JSON, with digests of the root mesh and of the values of functions of position.  Local."""
     return {
         "root mesh": mesh_digest(scene.mesh),
         "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
         "displacement conditions": [
-            (
-                [c.where, "oblique plane"]
-                if isinstance(c, ObliquePlane)
-                else [c.where, *(_given(scene, c.where, v, 1) for v in (c.x, c.y, c.z))]
-            )
+            [c.where, "oblique plane"] if isinstance(c, ObliquePlane) else _given(scene, c.where, 1, c.x, c.y, c.z)
             for c in scene.conditions
         ],
         "contact pairs": [c.data for c in scene.contact],
         "tractions": [
-            [t.surface, _given(scene, t.surface, t.value, 3 if isinstance(t, Traction) else 1)]
-            for t in scene.tractions
+            _given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value) for t in scene.tractions
         ],
-        "body forces": [[f.body, _given(scene, f.body, f.value, 3)] for f in scene.body_forces],
+        "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
@@ -53,15 +45,24 @@ def mesh_digest(mesh: RootMesh) -> str:
     return digest.hexdigest()[:16]
 
 
-def _given(scene: Scene, name: str, value: ScalarValue | VectorValue | None, components: int) -> Any:
-    """A prescribed value for JSON: numbers, or the digest of a function's values at the samples of its place."""
-    if not callable(value):
-        return None if value is None else _floats(np.atleast_1d(value))
-    values = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
-    size = np.abs(values).max()
-    rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
-    digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
-    return f"function {digest.hexdigest()[:16]}"
+def same_mesh(one: RootMesh, other: RootMesh) -> bool:
+    """True for root meshes of one digest.  Local."""
+    return one is other or mesh_digest(one) == mesh_digest(other)
+
+
+def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:
+    """A place and its prescribed values for JSON: numbers, or digests of functions by their values at its samples."""
+    result: list[Any] = [name]
+    for value in values:
+        if not callable(value):
+            result.append(None if value is None else _floats(np.atleast_1d(value)))
+            continue
+        found = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
+        size = np.abs(found).max()
+        rounded = np.rint(found / size * 1e9 if size else found).astype(np.int64)
+        digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
+        result.append(f"function {digest.hexdigest()[:16]}")
+    return result
 
 
 def _floats(values: Iterable[float]) -> list[float]:

@@ -49,17 +49,12 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> Roo
 def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
     """Root mesh, the same on all ranks, from a .msh file with hexahedra and physical groups, read on rank 0.
 
-    Collective on comm.
-
-    Raises:
-        SceneError: there is no such file, or Gmsh cannot read it.
-        GeometryError: as `root_mesh_from_gmsh`.
+    Collective on comm.  Raises SceneError if Gmsh cannot read the file, and as `root_mesh_from_gmsh`.
     """
     check_comm(comm)
     source = shared_path(comm, "a mesh file", path)
 
     def read() -> None:
-        """Make the file Gmsh's current model; SceneError if that fails."""
         import gmsh
 
         try:
@@ -85,22 +80,17 @@ def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
-        _built(build, gmsh)
-        return _read_model(gmsh.model)
-    finally:
-        if ours:
-            gmsh.finalize()
-
-
-def _built(build: Callable[[], object], gmsh: Any) -> None:
-    """Call the user's function; errors of Gmsh, which have no type of their own, become GeometryErrors."""
-    try:
         build()
     except Exception as error:
         *_, (frame, _) = traceback.walk_tb(error.__traceback__)
         if type(error) is not Exception or frame.f_globals.get("__name__") != gmsh.__name__:
             raise
-        raise GeometryError(f"Gmsh cannot build the model: {error}") from error
+        raise GeometryError(f"Gmsh cannot build the model: {error}") from error  # it has no type of error of its own
+    else:
+        return _read_model(gmsh.model)
+    finally:
+        if ours:
+            gmsh.finalize()
 
 
 def _read_model(model: Any) -> dict[str, Any]:
@@ -171,7 +161,7 @@ def _facing(
     """Name -> rows (cell, local face or edge) of the physical groups of a dimension, 2 or 1.
 
     Args:
-        family: Gmsh's name for their elements, and the order.
+        family: Gmsh's name of their elements, and the order.
         corners: (ncells, 8), Gmsh's nodes at the cell corners.
         local: (k, m), corners of the local faces or edges.
     """

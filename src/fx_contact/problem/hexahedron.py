@@ -1,8 +1,7 @@
 """Reference hexahedron [0, 1]^3: its corners, edges, faces, and tensor-product Lagrange functions.
 
-Corners, edges and faces are numbered as in dolfinx (Basix); corners and nodes of higher order are in tensor order, x
-fastest.  The Lagrange functions are not Basix's, since they must be exact at the nodes: cells that share a node must
-place it identically to the last bit.  All functions here are local.
+Corners, edges and faces are numbered as in dolfinx (Basix); nodes are in tensor order, x fastest.  The Lagrange
+functions are not Basix's, since cells that share a node must place it identically to the last bit.  All is local.
 """
 
 from collections.abc import Sequence
@@ -46,7 +45,7 @@ EDGE_FACES = np.array([np.flatnonzero((FACE_EDGES == edge).any(axis=1)) for edge
 
 
 def grid_points(order: int) -> Int64Array:
-    """Integer coordinates in 0..p of the nodes of a cell of order p, in tensor order: ((p+1)^3, 3)."""
+    """Integer coordinates ((p+1)^3, 3) in 0..p of the nodes of a cell of order p."""
     return np.array([ijk[::-1] for ijk in product(range(order + 1), repeat=3)], dtype=np.int64)
 
 
@@ -132,11 +131,9 @@ def lengths(corners: FloatArray) -> FloatArray:
 
 
 def tensor_evaluate(functions: Sequence[FloatArray], nodal: FloatArray) -> FloatArray:
-    """Values (n, m_x m_y m_z, d) of nodal tensor-product fields at the tensor product of points along each axis.
+    """Values (n, m_x m_y m_z, d) of fields with nodal values (n, (p+1)^3, d) at tensor products of points.
 
-    Args:
-        functions: 1D functions (m_x, p+1), (m_y, p+1) and (m_z, p+1) at points along x, y and z.
-        nodal: (n, (p+1)^3, d), in tensor order.
+    The 1D functions (m_x, p+1), (m_y, p+1) and (m_z, p+1) are at points along x, y and z.
     """
     n, _, d = nodal.shape
     fx, fy, fz = functions

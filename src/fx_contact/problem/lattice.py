@@ -2,9 +2,8 @@
 
 Each root cell has an integer lattice with 2^15 intervals a side, twice as fine as the finest leaves, so that midpoints
 of leaf edges and faces are lattice points too.  The key of a lattice point combines the root entity (vertex, edge, face
-or cell) whose interior contains it with its integer coordinates in the entity's canonical frame, which starts at the
-entity's lowest root vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.  All
-functions here are local.
+or cell) whose interior contains it with its integer coordinates in the entity's frame, which starts at its lowest root
+vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.  All functions are local.
 """
 
 from itertools import product
@@ -16,7 +15,7 @@ from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 
-#: Of each root entity, ascending: first key (int64), a cell that has it, and its part of that cell.
+#: Of each root entity, ascending: first key, a cell that has it, and its part of that cell.
 Entities = tuple[Int64Array, Int64Array, Int64Array]
 MAX_LEVEL = 14
 BITS = MAX_LEVEL + 1
@@ -29,7 +28,7 @@ _CODES = [code[::-1] for code in product((_LOW, _HIGH, _INSIDE), repeat=3)]
 
 
 class Lattice:
-    """Keys of the lattice points of a root mesh.  Local.  Raises GeometryError for too many root cells."""
+    """Keys of the lattice points of a root mesh.  Raises GeometryError for too many root cells."""
 
     def __init__(self, mesh: RootMesh) -> None:
         ncells = len(mesh.cells)
@@ -88,10 +87,7 @@ class Lattice:
         return self._start[cell, part] + inside
 
     def entities(self, prefer: BoolArray) -> Entities:
-        """Root entities (vertices, edges, faces, cells), each as a part of one of the cells that have it.
-
-        Parts (ncells, 27) in the mask `prefer` are chosen first; of several, that of the lowest cell.
-        """
+        """Root entities, each as a part of the lowest cell that has it, with preference for a mask (ncells, 27)."""
         order = np.argsort(~prefer.ravel(), kind="stable")
         starts, first = np.unique(self._start.ravel()[order], return_index=True)
         return starts, *np.divmod(order[first], 27)
@@ -143,12 +139,12 @@ def leaf_corners(anchor: Int32Array, level: Int8Array) -> Int32Array:
 
 
 def edge_midpoints(corners: Int32Array) -> Int32Array:
-    """Lattice coordinates (n, 12, 3) of the midpoints of the edges, from those of the corners (n, 8, 3)."""
+    """Midpoints (n, 12, 3) of the edges, from corners (n, 8, 3)."""
     return corners[:, hexahedron.EDGE_CORNERS].sum(axis=2) // 2
 
 
 def face_centres(corners: Int32Array) -> Int32Array:
-    """Lattice coordinates (n, 6, 3) of the centres of the faces, from those of the corners (n, 8, 3)."""
+    """Centres (n, 6, 3) of the faces, from corners (n, 8, 3)."""
     return corners[:, hexahedron.FACE_CORNERS[:, [0, 3]]].sum(axis=2) // 2
 
 

@@ -8,14 +8,11 @@ from fx_contact.parallel.validation import check_number
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic linear elastic material.
+    """Isotropic linear elastic material.  Raises SceneError for a value outside its range.
 
     Attributes:
         young: Young's modulus E [Pa], positive.
         poisson: Poisson's ratio nu [-], in (-1, 0.5).
-
-    Raises:
-        SceneError: a value outside its range.
     """
 
     young: float

@@ -15,10 +15,7 @@ _STEPS = 30
 
 
 def root_cells_at(mesh: RootMesh, point: FloatArray) -> tuple[Int64Array, FloatArray]:
-    """Root cells (k,) that contain a point (3,) [m], their surfaces included, and its reference coordinates (k, 3).
-
-    Local.  The point is undeformed; cells are ascending.
-    """
+    """Root cells (k,), ascending, that contain a point (3,) [m], and its reference coordinates (k, 3).  Local."""
     nodal = mesh.points[mesh.cells]
     low, high = nodal.min(axis=1), nodal.max(axis=1)
     size = np.linalg.norm(high - low, axis=1)

@@ -15,8 +15,8 @@ _ROUNDING = 1e-10
 class RigidMotions:
     """Rigid motions of the bodies of a root mesh.
 
-    Local.  A motion has six coefficients per body [m]: three translations, and three rotations about its middle, each
-    measured by the displacement at the distance of the body's size.
+    A motion has six coefficients per body [m]: three translations, and three rotations about its middle, measured by
+    the displacement at the distance of the body's size.  All is local.
 
     Args:
         prescribed: (npoints, 3), prescribed displacements of the nodes [m], NaN where free.
@@ -59,16 +59,13 @@ class RigidMotions:
         return (low + high) / 2, (high - low).max(axis=1, keepdims=True)
 
     def modes(self, points: FloatArray, bodies: IntArray) -> FloatArray:
-        """Displacements for unit coefficients, (n, 6, 3) [-], at points (n, 3) [m] of bodies (n,).  Local."""
+        """Displacements for unit coefficients, (n, 6, 3) [-], at points (n, 3) [m] of bodies (n,)."""
         middle, size = self._extents
         rotations = np.cross(np.eye(3), ((points - middle[bodies]) / size[bodies])[:, None])
         return np.concatenate([np.broadcast_to(np.eye(3), rotations.shape), rotations], axis=1)
 
     def along(self, points: FloatArray, bodies: IntArray, direction: FloatArray) -> FloatArray:
-        """Components (n, 6 nbodies) [-] in a direction, (3,) or (n, 3), of the displacements for unit coefficients.
-
-        Local.  Other arguments as in `modes`; a body of -1 does not move.
-        """
+        """Components (n, 6 nbodies) [-] of `modes` in a direction, (3,) or (n, 3); a body of -1 does not move."""
         result = np.zeros((len(points), len(self._mesh.bodies), 6))
         direction = np.broadcast_to(direction, points.shape)
         moved = np.einsum("nmi,ni->nm", self.modes(points, bodies), direction)
@@ -76,24 +73,19 @@ class RigidMotions:
         return result.reshape(len(points), 6 * len(self._mesh.bodies))
 
     def free_along(self, points: FloatArray, bodies: IntArray, direction: FloatArray) -> FloatArray:
-        """As `along`, for each of the free motions: (n, k) [-].  Local."""
-        return self.along(points, bodies, direction) @ self._free_rows.T
-
-    @property
-    def _free_rows(self) -> FloatArray:
-        """`free` as a matrix (k, 6 nbodies)."""
-        return self.free.reshape(-1, 6 * len(self._mesh.bodies))
+        """As `along`, for each of the free motions: (n, k) [-]."""
+        return self.along(points, bodies, direction) @ self.free.reshape(-1, 6 * len(self._mesh.bodies)).T
 
     def unresisted(self, resistance: FloatArray) -> list[str]:
         """Names of the bodies that move in a free motion without resistance.
 
-        Local.  The resistance (k, k) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus
-        that of the second one at a point in contact.
+        The resistance (k, k) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus that of
+        the second one at a point in contact.
         """
         if not len(self.free):
             return []
         strength, vectors = np.linalg.eigh(resistance)
         # For unit vectors: a row of R has a length of about 1, a body that moves has components above 1e-6.
         loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12)]
-        moves = (np.abs(loose @ self._free_rows) > 1e-6).reshape(-1, *self.free.shape[1:]).any(axis=(0, 2))
-        return [name for name, free in zip(self._mesh.bodies, moves) if free]
+        moves = np.abs(np.tensordot(loose, self.free, axes=1)).max(axis=(0, 2), initial=0.0)
+        return [name for name, size in zip(self._mesh.bodies, moves.tolist()) if size > 1e-6]

@@ -4,9 +4,10 @@ The geometry of every leaf is the restriction of its root cell's map of order p,
 (super-parametric elements, section 2 of the paper).  All functions without a communicator are local.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from textwrap import fill
 from typing import Self
 
 import numpy as np
@@ -20,7 +21,6 @@ from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.problem import hexahedron
 from fx_contact.problem.dolfinx_mesh import gathered_parts
 from fx_contact.problem.root_mesh_checks import check_mesh, take_arrays
-from fx_contact.problem.summary import mesh_summary
 
 #: Lattices evaluated at once, so that they fit into the processor's cache.
 _CHUNK = 1 << 12
@@ -30,18 +30,17 @@ _CHUNK = 1 << 12
 class RootMesh:
     """Conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks and validated when made.
 
-    Lists may be given for arrays and tuples.  All attributes are frozen, and copied if the caller could change them: to
-    change a mesh, make another one (`dataclasses.replace`).
+    Lists may be given for arrays and tuples.  Attributes are frozen; `dataclasses.replace` makes another mesh.
 
     Attributes:
         points: (npoints, 3), node positions [m].
         cells: (ncells, (p+1)^3), nodes of each cell in tensor order, x fastest (`hexahedron.grid_points`), equispaced
             in the reference cell.
-        bodies: names of the bodies.
+        bodies: their names.
         body: (ncells,), index into `bodies`.
         surfaces: name -> (n, 2), exterior facets as (root cell, local face).
-        vertices: name -> (n,), nodes at cell corners, for conditions at points.
-        curves: name -> (n, 2), edges as (root cell, local edge), for conditions along lines.
+        vertices: name -> (n,), nodes at cell corners.
+        curves: name -> (n, 2), edges as (root cell, local edge).
 
     Raises:
         GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
@@ -61,7 +60,19 @@ class RootMesh:
         check_mesh(self)
 
     def __repr__(self) -> str:
-        return mesh_summary(self)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        box = " x ".join(f"[{a:.5g}, {b:.5g}]" for a, b in zip(low, high))
+        cells = np.bincount(self.body, minlength=len(self.bodies))
+        lists = {"bodies (cells)": [f"{name!r} ({count:,})" for name, count in zip(self.bodies, cells)]}
+        groups: dict[str, Mapping[str, IntArray]]
+        groups = {
+            "surfaces (facets)": self.surfaces,
+            "curves (edges)": self.curves,
+            "vertices (nodes)": self.vertices,
+        }
+        for title, group in groups.items():
+            lists[title] = [f"{name!r} ({len(rows):,})" for name, rows in group.items()]
+        return summary(f"root mesh of {len(self.cells):,} hexahedra of order {self.order} in {box}", lists)
 
     @classmethod
     @collective("comm")
@@ -81,13 +92,9 @@ class RootMesh:
         Args:
             mesh: hexahedra of order 1 to 6; bodies in contact share no nodes.
             cell_tags: body of each cell; None if there is one body.
-            facet_tags: surface of each facet; facets with tags that are not in `surfaces` belong to none.
+            facet_tags: surface of each facet; those with tags that are not in `surfaces` belong to none.
             bodies: tag -> name of a body.
             surfaces: tag -> name of a surface; several tags may have the same name.
-            comm: communicator of the mesh.
-
-        Returns:
-            The same mesh on all ranks.
 
         Raises:
             GeometryError: cells that are not complete hexahedra in 3D, or as `RootMesh`.
@@ -111,13 +118,13 @@ class RootMesh:
 
     @cached_property
     def edges(self) -> Int64Array:
-        """(ncells, 12), number of each local edge, the same in all cells that share it."""
+        """(ncells, 12), number of each local edge in the mesh."""
         ends = np.sort(self.corners[:, hexahedron.EDGE_CORNERS], axis=2).reshape(-1, 2)
         return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
 
     @cached_property
     def faces(self) -> Int64Array:
-        """(ncells, 6), number of each local face, the same in all cells that share it."""
+        """(ncells, 6), number of each local face in the mesh."""
         corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
         return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
 
@@ -132,10 +139,7 @@ class RootMesh:
         return self.surfaces[name]
 
     def facet_points(self, facets: IntArray, order: int | None = None) -> FloatArray:
-        """Lattice points (n, (order+1)^2, 3) [m] of curved facets (n, 2), first tangent of the face fastest.
-
-        The default lattice, of the order of the mesh, are its nodes.
-        """
+        """Lattice points (n, (order+1)^2, 3) [m], by default nodes, of facets (n, 2), first tangent fastest."""
         order = order or self.order
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, order + 1))
         values = hexahedron.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
@@ -151,11 +155,7 @@ class RootMesh:
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
         """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.
 
-        Local.
-
-        Args:
-            cells: (n,), root cells.
-            coordinates: (n, 3, m), reference coordinates in [0, 1] along each axis.
+        The reference coordinates (n, 3, m) along each axis are in [0, 1].
         """
         m = coordinates.shape[2]
         result = np.empty((len(cells), m**3, 3))
@@ -177,6 +177,12 @@ class RootMesh:
         values = fy[:, None] @ values.reshape(len(layer), m, k, k * 3)[of_layer[column]]
         values = values.reshape(len(column), m * m * 3, k)[of_column] @ fx.swapaxes(1, 2)
         return values.reshape(n, m * m, 3, m).swapaxes(2, 3).reshape(n, m**3, 3)
+
+
+def summary(head: str, lists: Mapping[str, Sequence[str]]) -> str:
+    """A head and the lists that are not empty, wrapped, for `repr`."""
+    texts = [f"{title}: {', '.join(items)}" for title, items in lists.items() if items]
+    return "\n".join([head, *(fill(text, 110, initial_indent="  ", subsequent_indent="    ") for text in texts)])
 
 
 def _distinct(number: IntArray, coordinates: FloatArray) -> tuple[Int64Array, Int64Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,16 +23,12 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 #: Highest order of cell maps.
 MAX_ORDER = 6
-#: Smallest size, and inverse of the largest one, whose volumes and inertias are double precision numbers [m].
+#: Smallest size, and inverse of the largest one, with volumes and inertias in double precision [m].
 SMALLEST = 1e-60
 
 
 def check_mesh(mesh: RootMesh) -> None:
-    """Check that a RootMesh, its arrays taken, can be refined.
-
-    Raises:
-        GeometryError, SceneError: as `RootMesh`.
-    """
+    """Raises GeometryError or SceneError, as `RootMesh`, unless a mesh, its arrays taken, can be refined."""
     _check_shapes(mesh)
     _check_jacobian(mesh)
     _check_conforming(mesh)
@@ -40,17 +36,13 @@ def check_mesh(mesh: RootMesh) -> None:
 
 
 def take_arrays(mesh: RootMesh) -> None:
-    """Convert the arguments of a RootMesh to frozen arrays, tuples and dicts; arrays are copied if they are writeable.
-
-    Raises:
-        GeometryError: an argument cannot be converted.
-    """
+    """Convert the arguments of a RootMesh to frozen arrays, tuples and dicts.  Raises GeometryError if that fails."""
     try:
         taken = {
-            "points": _frozen(np.asarray(mesh.points, np.float64)),
-            "cells": _integers(mesh.cells, np.int64),
+            "points": _frozen(mesh.points, np.float64),
+            "cells": _frozen(mesh.cells, np.int64),
             "bodies": tuple(mesh.bodies),
-            "body": _integers(mesh.body, np.int32),
+            "body": _frozen(mesh.body, np.int32),
             "surfaces": _named(mesh.surfaces, np.int32),
             "vertices": _named(mesh.vertices, np.int64),
             "curves": _named(mesh.curves, np.int32),
@@ -64,23 +56,17 @@ def take_arrays(mesh: RootMesh) -> None:
         object.__setattr__(mesh, name, value)
 
 
-def _frozen(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-    """A read-only array: the same if it is one already, else a copy."""
-    if array.flags.writeable or array.base is not None:
-        array = array.copy()
-        array.setflags(write=False)
+def _frozen(value: Any, dtype: type[Scalar]) -> npt.NDArray[Scalar]:
+    """A read-only array, a copy unless it is one already.  Raises TypeError for numbers of another kind."""
+    array = np.asarray(value)
+    casting: Literal["same_kind", "unsafe"] = "same_kind" if array.size else "unsafe"  # an empty list has no kind
+    array = array.astype(dtype, casting=casting, copy=array.flags.writeable or array.base is not None)
+    array.setflags(write=False)
     return array
 
 
-def _integers(value: Any, dtype: type[np.integer[Any]]) -> npt.NDArray[Any]:
-    """A frozen array of whole numbers; TypeError for other numbers."""
-    array = np.asarray(value)
-    return _frozen(array.astype(dtype, casting="same_kind" if array.size else "unsafe", copy=False))
-
-
-def _named(groups: Mapping[str, Any], dtype: type[np.integer[Any]]) -> Mapping[str, npt.NDArray[Any]]:
-    """A frozen dict of arrays of whole numbers."""
-    return MappingProxyType({name: _integers(rows, dtype) for name, rows in dict(groups).items()})
+def _named(groups: Mapping[str, Any], dtype: type[Scalar]) -> Mapping[str, npt.NDArray[Scalar]]:
+    return MappingProxyType({name: _frozen(rows, dtype) for name, rows in dict(groups).items()})
 
 
 def _check_shapes(mesh: RootMesh) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from textwrap import indent
 
 import numpy as np
 
@@ -25,9 +26,8 @@ from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_units
-from fx_contact.problem.summary import scene_summary
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,10 +36,10 @@ class Scene:
 
     Attributes:
         name: for records and file names.
-        materials: by body name, one for each body.
+        materials: by body name.
         dirichlet: prescribed displacements and symmetry planes.
-        contact: contacts; a facet is in at most one of them.
-        tractions: surface forces; those on one surface add up.
+        contact: a facet is in at most one of them.
+        tractions: those on one surface add up.
         symmetry: number of symmetric parts, one of which is modelled (4 for a quarter model).  Total forces in the
             records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
@@ -47,9 +47,9 @@ class Scene:
         body_forces: those on one body add up.
 
     Raises:
-        SceneError: an unknown body, surface or vertex, a body without material, different values of a component at a
-            node, a prescribed displacement that is not finite or across a symmetry plane, a symmetry plane that is not
-            plane, a number of parts that does not follow from the symmetry planes, an unconstrained body.
+        SceneError: an unknown body or place, a body without material, a prescribed displacement that is not finite,
+            across a symmetry plane, or different from another one at a node, a symmetry plane that is not plane, a
+            number of parts that does not follow from the symmetry planes, an unconstrained body.
     """
 
     name: str
@@ -89,7 +89,16 @@ class Scene:
         _ = self.mirrors  # raises an error for an impossible number of parts
 
     def __repr__(self) -> str:
-        return scene_summary(self)
+        parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
+        materials = ((body, self.materials[body]) for body in self.mesh.bodies)
+        lists = {
+            "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
+            "contact": [" on ".join(map(repr, contact.surfaces)) for contact in self.contact],
+            "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
+            "surface forces": [repr(force.surface) for force in self.tractions],
+            "body forces": [repr(force.body) for force in self.body_forces],
+        }
+        return summary(f"scene {self.name!r}{parts}\n{indent(repr(self.mesh), '  ')}", lists)
 
     @cached_property
     def conditions(self) -> tuple[Dirichlet | ObliquePlane, ...]:
@@ -125,15 +134,12 @@ class Scene:
     def place(self, name: str) -> Int64Array:
         """Corner nodes (n,) of a surface, curve or vertex of the root mesh.  Raises SceneError for an unknown name."""
         mesh = self.mesh
-        check_name(
-            "surface, curve or vertex", name, [*mesh.surfaces, *mesh.curves, *mesh.vertices], "the root mesh has"
-        )
-        if name in mesh.surfaces:
-            cell, face = mesh.surfaces[name].T
-            return np.unique(mesh.corners[cell[:, None], hexahedron.FACE_CORNERS[face]])
-        if name in mesh.curves:
-            cell, edge = mesh.curves[name].T
-            return np.unique(mesh.corners[cell[:, None], hexahedron.EDGE_CORNERS[edge]])
+        known = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
+        check_name("surface, curve or vertex", name, known, "the root mesh has")
+        for groups, corners in ((mesh.surfaces, hexahedron.FACE_CORNERS), (mesh.curves, hexahedron.EDGE_CORNERS)):
+            if name in groups:
+                cell, entity = groups[name].T
+                return np.unique(mesh.corners[cell[:, None], corners[entity]])
         return mesh.vertices[name]
 
     def samples(self, name: str) -> FloatArray:
@@ -144,10 +150,13 @@ class Scene:
         if name in mesh.curves:
             cells, edges = mesh.curves[name].T
             nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
-            return np.take_along_axis(_sampled(mesh, cells), nodes[:, :, None], axis=1).reshape(-1, 3)
-        if name in mesh.bodies:
-            return _sampled(mesh, np.flatnonzero(mesh.body == mesh.bodies.index(name))).reshape(-1, 3)
-        return mesh.points[self.place(name)]
+        elif name in mesh.bodies:
+            cells = np.flatnonzero(mesh.body == mesh.bodies.index(name))
+            nodes = np.arange((_SAMPLES + 1) ** 3)[None]
+        else:
+            return mesh.points[self.place(name)]
+        points = mesh.evaluate(cells, np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1)))
+        return np.take_along_axis(points, nodes[:, :, None], axis=1).reshape(-1, 3)
 
     def contact_directions(self, facets: IntArray) -> FloatArray:
         """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
@@ -161,8 +170,7 @@ class Scene:
     def prescribed(self, points: FloatArray) -> FloatArray:
         """Prescribed displacements (npoints, 3) [m] of the root mesh's nodes at `points` (npoints, 3), NaN where free.
 
-        Raises:
-            SceneError: an unknown place, two values for one component at one node, or one across a symmetry plane.
+        Raises SceneError for an unknown place, two values of a component at a node, or one across a symmetry plane.
         """
         conditions = [condition for condition in self.conditions if isinstance(condition, Dirichlet)]
         places = [self.place(condition.where) for condition in conditions]
@@ -188,11 +196,6 @@ _ITEMS = {
 _SAMPLES = 5
 #: Largest difference of two conditions on one component, relative to the largest prescribed displacement.
 _SAME = 1e-12
-
-
-def _sampled(mesh: RootMesh, cells: IntArray) -> FloatArray:
-    """Sampling points (n, m, 3) [m] of root cells (n,)."""
-    return mesh.evaluate(cells, np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1)))
 
 
 def check_scene(scene: object) -> None:

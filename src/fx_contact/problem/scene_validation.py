@@ -84,9 +84,9 @@ def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
-    """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3).
+    """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3): their corners.
 
-    The corners; for a curved facet without a given direction four times their mean, where `direction` is the normal.
+    Curved facets without a given direction have four times the mean of them, where `direction` is the normal.
     """
     corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)

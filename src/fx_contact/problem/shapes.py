@@ -1,7 +1,7 @@
 """Shapes: curved hexahedra with named sides, placed, joined and swept into the bodies of a RootMesh.
 
 `problem.solids` makes simple shapes, `problem.swept_shapes` others from their sides.  Functions of position take an
-array (3, n) of points, as those of conditions do.  All functions here are local: every rank makes the same shapes.
+array (3, n) of points.  All is local: every rank makes the same shapes.
 """
 
 from __future__ import annotations
@@ -68,11 +68,9 @@ class Shape:
         return self.sides[name]
 
     def named(self, name: str, *sides: str, where: Predicate | None = None) -> Shape:
-        """The shape with one more side, the union of existing ones or the whole boundary.
+        """The shape with one more side, the union of existing `sides` or the whole boundary.
 
         Args:
-            name: of the new side.
-            sides: names of existing ones.
             where: predicate that all nodes of its facets satisfy; None: any.
 
         Raises:
@@ -96,11 +94,7 @@ class Shape:
         return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
     def turned(self, axis: Axis, degrees: float) -> Shape:
-        """The shape turned about an axis, counter-clockwise seen from its tip.
-
-        Raises:
-            SceneError, GeometryError: as `rotation`.
-        """
+        """The shape turned about an axis, counter-clockwise from its tip.  Raises Errors of `rotation`."""
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
     def mirrored(self, axis: str) -> Shape:
@@ -125,9 +119,7 @@ def join(*shapes: Shape) -> Shape:
     """One shape made of several of one order that touch, or of one whose ends meet.
 
     Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
-
-    Raises:
-        GeometryError: different orders, or no shape at all.
+    Raises GeometryError for different orders, or no shape at all.
     """
     if len({shape.order for shape in shapes}) != 1:
         raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in shapes]}")
@@ -155,10 +147,9 @@ def root_mesh_from_shapes(
     """Root mesh of bodies given by shapes.
 
     Args:
-        bodies: name of a body -> its shape.
         surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
         curves, vertices: name -> (body, predicate): the cell edges whose nodes all satisfy the predicate, or the cell
-            corners that do, for conditions along lines and at points.
+            corners that do.
 
     Raises:
         SceneError: an unknown body or side, or as `RootMesh`.
@@ -217,7 +208,7 @@ def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int6
 
 
 def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
-    """Images (n, 3) of points (n, 3).  Raises GeometryError, which begins with `what`, unless they are positions."""
+    """Images (n, 3) of points (n, 3).  Raises GeometryError unless they are positions."""
     image = place(points.T.copy())
     result: FloatArray
     try:
@@ -244,12 +235,7 @@ def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
 
 
 def rotation(axis: Axis, degrees: float) -> FloatArray:
-    """Rotation matrix (3, 3), exact for right angles.
-
-    Raises:
-        SceneError: no axis.
-        GeometryError: an axis of length zero.
-    """
+    """Rotation matrix (3, 3), exact for right angles.  Raises SceneError for no axis, GeometryError for a zero one."""
     if isinstance(axis, str):
         check_name("axis", axis, AXES)
         axis = np.eye(3)[AXES.index(axis)]

@@ -5,6 +5,7 @@ Lengths are in the unit of the mesh.  All functions are local.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,11 +20,11 @@ from fx_contact.problem.shapes import Placement, Shape, join
 BOTTOM, FRONT, LEFT, RIGHT, BACK, TOP = "bottom", "front", "left", "right", "back", "top"
 _SIDES = (BOTTOM, FRONT, LEFT, RIGHT, BACK, TOP)
 
-#: Distances of the inner block's corners on an axis, a diagonal and a space diagonal, relative to the radius.
+#: Distances of the inner block's corners on an axis, a diagonal and a space diagonal over the radius.
 _ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55 / np.sqrt(2), 0.6 / np.sqrt(3)
 
-#: Default order of the cell maps, the highest.  Two cells of order 3 along a quarter of an arc have an error of 1.5 %
-#: in the curvature, which matters for small contact areas; leaves use no higher order than they need.
+#: Default order of the cell maps; leaves use no higher order than they need.  Two cells of order 3 along a quarter of
+#: an arc have an error of 1.5 % in the curvature, which matters for small contact areas.
 ORDER = MAX_ORDER
 
 
@@ -31,10 +32,7 @@ def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], ord
     """A box along the axes with two opposite corners and numbers of cells along x, y, z.
 
     Its sides are "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
-
-    Raises:
-        SceneError: a corner or `cells` is not three numbers.
-        GeometryError: an order out of range, or corners without volume between them.
+    Raises SceneError for no three numbers, GeometryError for an order out of range, or no volume.
     """
     for what, corner in (("the low corner of a block", low), ("the high corner of a block", high)):
         check_vector(what, corner)
@@ -64,21 +62,18 @@ def ring(
 
     Args:
         inner, outer: radii.
-        length: along z.
         cells: numbers in the radial direction, around a quarter, and along z.
         order: of the cell maps, 1 to 6.
         quarters: 1: x, y >= 0; 2: x >= 0; 4: the whole.
 
     Raises:
-        SceneError: an invalid length, number of cells or number of quarters.
-        GeometryError: an order out of range, or an inner radius that is not the smaller one.
+        SceneError, GeometryError: an argument out of range.
     """
     _check_lengths(inner_radius=inner, outer_radius=outer, length=length)
     if not inner < outer:
         raise GeometryError(f"a ring has a smaller radius inside, got {inner} inside and {outer} outside")
 
     def place(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Map of the unit block: radial, around and along."""
         radius, angle = inner + x[0] * (outer - inner), np.pi / 2 * x[1]
         return radius * np.cos(angle), radius * np.sin(angle), length * x[2]
 
@@ -89,12 +84,10 @@ def ring(
 def cylinder(radius: float, length: float, cells: Sequence[int], order: int = ORDER, quarters: int = 4) -> Shape:
     """A cylinder about the z axis from z = 0, with the sides "outside", "bottom", "top", "x = 0" and "y = 0".
 
-    Its mesh is an o-grid: a square inner block, and one block towards each side.
+    Its mesh is an o-grid: a square inner block, and one block towards each side.  Other arguments are as in `ring`.
 
     Args:
-        radius, length: of the cylinder.
         cells: numbers along the edges of the blocks in the cross section, half of the square's side, and along z.
-        order, quarters: as in `ring`.
 
     Raises:
         SceneError, GeometryError: an argument out of range.
@@ -105,7 +98,6 @@ def cylinder(radius: float, length: float, cells: Sequence[int], order: int = OR
     across, along = cells
 
     def square(x: FloatArray, y: FloatArray) -> list[FloatArray]:
-        """The inner block."""
         return [radius * a * (_ON_AXIS * (1 - b) + _ON_DIAGONAL * b) for a, b in ((x, y), (y, x))]
 
     def flank(x: FloatArray, y: FloatArray) -> list[FloatArray]:
@@ -130,8 +122,6 @@ def ball(radius: float, cells: int, order: int = ORDER, octants: int = 8) -> Sha
     Its mesh is an inner block, and one block towards each side, with `cells` along each edge in an octant.
 
     Args:
-        radius: of the ball.
-        cells: number along an edge.
         order: of the cell maps, 1 to 6.
         octants: 1: x, y, z >= 0; 2: x, z >= 0; 4: z >= 0; 8: the whole.
 
@@ -140,31 +130,25 @@ def ball(radius: float, cells: int, order: int = ORDER, octants: int = 8) -> Sha
     """
     _check_lengths(radius=radius)
 
-    def cube(x: FloatArray) -> list[FloatArray]:
+    def cube(x: FloatArray) -> FloatArray:
         """The inner block: a coordinate shrinks with the two others."""
-        return [
-            radius
-            * a
-            * (_ON_AXIS * (1 - b) * (1 - c) + _ON_DIAGONAL * (b + c - 2 * b * c) + _ON_SPACE_DIAGONAL * b * c)
-            for a, b, c in (np.roll(x, -axis, axis=0) for axis in range(3))
-        ]
+        b, c = np.roll(x, -1, axis=0), np.roll(x, -2, axis=0)
+        shrunk = _ON_AXIS * (1 - b) * (1 - c) + _ON_DIAGONAL * (b + c - 2 * b * c) + _ON_SPACE_DIAGONAL * b * c
+        return radius * x * shrunk
 
-    def flank(x: FloatArray) -> list[FloatArray]:
+    def flank(x: FloatArray) -> FloatArray:
         """From the inner block to the sphere around the z axis, outwards along z."""
         inside = cube(np.stack([x[0], x[1], np.ones_like(x[0])]))
         direction = np.stack([np.tan(np.pi / 4 * x[0]), np.tan(np.pi / 4 * x[1]), np.ones_like(x[0])])
         direction *= radius / np.linalg.norm(direction, axis=0)
-        return [(1 - x[2]) * a + x[2] * b for a, b in zip(inside, direction)]
-
-    def turned(turn: int) -> Placement:
-        """The flank around another axis."""
-        return lambda x: np.roll(flank(x), turn, axis=0)
+        return (1 - x[2]) * inside + x[2] * direction
 
     planes = ["x = 0", "y = 0", "z = 0"]
     parts = [_part((cells,) * 3, order, cube, dict(zip((LEFT, FRONT, BOTTOM), planes)))]
     for turn in range(3):
         names = {TOP: "outside", LEFT: planes[turn], FRONT: planes[(1 + turn) % 3]}
-        parts.append(_part((cells,) * 3, order, turned(turn), names))
+        cap = _part((cells,) * 3, order, flank, names)
+        parts.append(replace(cap, points=np.roll(cap.points, turn, axis=1)))
     return _copies(join(*parts), "octants", octants, "yxz")
 
 

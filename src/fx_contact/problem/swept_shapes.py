@@ -11,7 +11,7 @@ import numpy.typing as npt
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.validation import check_count, check_number, check_vector
 from fx_contact.problem import hexahedron
-from fx_contact.problem.shapes import Axis, Placement, Shape, images, join, rotation
+from fx_contact.problem.shapes import Axis, Shape, images, join, rotation
 
 #: Local faces of swept cells: at the low and the high end of the first tangent, then of the second.
 _LATERAL = [
@@ -31,14 +31,11 @@ def sweep_side(
         upper = sweep_side(lower, "top", lambda x, t: (x[0], x[1], (1 - t) * (0.1 + x[0] ** 2) + t), layers=4)
 
     Args:
-        shape, side: to start from.
         path: function of positions (3, n) on the side and of a number t from 0 to 1 that gives positions on the way:
             three arrays (n,), or numbers.
         layers: number of cells along the path.
 
-    Raises:
-        SceneError: an unknown side, or an invalid number of layers.
-        GeometryError: the function gives no positions.
+    Raises SceneError for an unknown side or number of layers, GeometryError if the function gives no positions.
     """
     check_count("the number of layers", layers)
     order, rows = shape.order, shape.side(side)
@@ -46,11 +43,9 @@ def sweep_side(
     facets = facets.reshape(len(rows), -1)
     steps = np.linspace(0, 1, order * layers + 1)
 
-    def at(t: float) -> Placement:
-        """The path at t."""
-        return lambda x: path(x, t)
-
-    points = [images("the path", at(float(t)), shape.points[used]) for t in steps]
+    points = []
+    for t in map(float, steps):
+        points.append(images("the path", lambda x: path(x, t), shape.points[used]))
     n = order + 1
     low, top = points[0][facets[:, [0, order, order * n]]], points[order][facets[:, 0]]
     one, other, along = low[:, 1] - low[:, 0], low[:, 2] - low[:, 0], top - low[:, 0]
@@ -73,12 +68,8 @@ def extrude(shape: Shape, side: str, vector: Sequence[float], layers: int) -> Sh
 def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "z") -> Shape:
     """`sweep_side` around an axis through the origin that the side does not meet.
 
-    The angle is counter-clockwise seen from the tip of the axis.  After the full circle, 360 degrees, the ends are
-    joined.
-
-    Raises:
-        SceneError: an unknown side, an invalid number or axis.
-        GeometryError: an axis of length zero.
+    The angle is counter-clockwise seen from the tip of the axis.  The ends of a full circle, 360 degrees, are joined.
+    Raises SceneError for an unknown side, an invalid number or axis, GeometryError for an axis of length zero.
     """
     whole = abs(check_number("an angle", degrees)) == 360
     rotation(axis, degrees)
@@ -87,15 +78,11 @@ def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "
 
 
 def _rows(cell: IntArray, face: int | IntArray) -> Int32Array:
-    """Rows (cell, local face), (n, 2)."""
     return np.stack([cell, np.broadcast_to(face, np.shape(cell))], axis=-1).reshape(-1, 2).astype(np.int32)
 
 
 def _bordering(shape: Shape, rows: IntArray, facets: Int64Array, layers: int) -> dict[str, Int32Array]:
-    """Lateral sides of swept cells, by the names of the sides of the old shape that the swept side adjoins.
-
-    `rows` (n, 2) are the swept facets, `facets` (n, (p+1)^2) their nodes in the frames of the new cells.
-    """
+    """Lateral sides of cells swept from facets (n, 2), with nodes (n, (p+1)^2) in the frames of the new cells."""
 
     def edges(nodes: Int64Array) -> Int64Array:
         """Numbers (n, 4) of the edges of facets: low and high end of the first tangent, then of the second."""
