@@ -1,6 +1,6 @@
 """What solves with contact needs rows of B alone: those of node pairs, and others with more vertices."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,29 +8,21 @@ from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, discrete, pressed, roots, solved, two_boxes
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
+from fx_contact.contact.constraint_rows import Entries
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 
 
-@dataclass(frozen=True, eq=False)
-class MixedRows(ConstraintRows):
-    """0.9 of each node pair's row and 0.1 of the next one's: the same constraints in other words, where all are met."""
-
-    blocks: Blocks = None
-
-    @classmethod
-    def of(cls, pairs):
-        """The rows of one rank's node pairs, mixed."""
-        n, one = len(pairs), pairs.blocks
-        following = np.roll(np.arange(n), -1)
-        row = np.concatenate([one.row, np.argsort(following)[one.row]])
-        values = np.concatenate([0.9 * one.values, 0.1 * one.values])
-        order = np.argsort(row, kind="stable")
-        blocks = Blocks(row[order], np.tile(one.node, 2)[order], np.tile(one.side, 2)[order], values[order])
-        own = {field.name: getattr(pairs, field.name) for field in fields(ConstraintRows)}
-        return replace(cls(**own), blocks=blocks, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
+def mixed(pairs):
+    """0.9 of each node pair's row and 0.1 of the next one's, of equal normals: the same constraints, if all are met."""
+    n, one = len(pairs), pairs.entries
+    following = np.roll(np.arange(n), -1)
+    row = np.concatenate([one.row, np.argsort(following)[one.row]])
+    order = np.argsort(row, kind="stable")
+    weight = np.concatenate([0.9 * one.weight, 0.1 * one.weight])
+    entries = Entries(row[order], np.tile(one.node, 2)[order], np.tile(one.side, 2)[order], weight[order])
+    return replace(pairs, entries=entries, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
@@ -41,11 +33,13 @@ def test_rows_of_four_vertices(distribution):
     elasticity, enforcement = discrete(scene, forest), Enforcement()
     prolongation = elasticity.prolongation
     pairs = create_rows(scene, prolongation, enforcement)
-    rows, supports = MixedRows.of(pairs), find_supports(scene, forest, prolongation)
+    rows, supports = mixed(pairs), find_supports(scene, forest, prolongation)
     one, other = (solved(elasticity, some, supports, enforcement) for some in (pairs, rows))
     everywhere(one.active.all() and other.active.all(), "a row that is open")
-    mixed = bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01  # a rank with one row has none to mix it with
-    assert WORLD.allreduce(bool(mixed), op=MPI.LOR), "rows that are not mixed"
+    unlike = (
+        bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01
+    )  # a rank with one row has none to mix it with
+    assert WORLD.allreduce(bool(unlike), op=MPI.LOR), "rows that are not mixed"
     # Rounding is that of all ranks: it does not depend on their number, though some have nothing.
     forest = roots(scene, MPI.COMM_SELF)
     elasticity = discrete(scene, forest)

@@ -6,21 +6,21 @@ from conftest import WORLD, everywhere
 from mpi4py import MPI
 
 from fx_contact import Material, adapt
-from fx_contact.contact import initial_guess
+from fx_contact.contact import contact_solver
 from fx_contact.scenes import punch, stack
 
 
 @pytest.fixture
 def moved(monkeypatch):
     """A list that gets the displacements before and after the bodies are moved, and what is free."""
-    found, move = [], initial_guess.RigidModes.move
+    found, move = [], contact_solver.move_bodies
 
-    def seen(self, matrix, base, jump, stiffness, u, supports):
-        result = move(self, matrix, base, jump, stiffness, u, supports)
+    def seen(scene, matrix, load, jump, stiffness, u, supports):
+        result = move(scene, matrix, load, jump, stiffness, u, supports)
         found.extend([u, result, supports.free])
         return result
 
-    monkeypatch.setattr(initial_guess.RigidModes, "move", seen)
+    monkeypatch.setattr(contact_solver, "move_bodies", seen)
     return found
 
 

@@ -47,7 +47,7 @@ def test_normals_are_the_mean_of_both_surfaces(degree):
     """Between two equal half-spheres it is the axis, though neither surface is across it; at middles of facets too."""
     scene = hertz(order=2, coarse=3)
     pairs = pairs_of(scene, rounds=1, degree=degree)
-    everywhere((pairs.blocks.node < pairs.prolongation.owned).all(), "a node of another rank")
+    everywhere((pairs.entries.node < pairs.prolongation.owned).all(), "a node of another rank")
     everywhere(np.abs(pairs.normal - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-9, "not along the axis")
     aside = np.linalg.norm(pairs.position[:, :2], axis=1)
     gap = 2 * (1 - np.sqrt(np.maximum(1 - aside**2, 0.0)))

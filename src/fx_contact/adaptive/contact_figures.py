@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.body_contact import force_components
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.parallel.arrays import FloatArray
@@ -71,7 +70,7 @@ def figures_of_contact(
             max_pressure=0.0,
             max_penetration=0.0,
         )
-    force, mirrors = force_components(scene, rows, solution.force), scene.mirrors
+    force, mirrors = rows.force_components(solution.force), scene.mirrors
     sums = np.zeros((len(scene.contact), 10))
     columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
     np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))

@@ -15,7 +15,6 @@ from fx_contact.adaptive.validity import ModelWarning, check_model_warnings, mod
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
@@ -134,8 +133,6 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
-        rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
-        motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         mixed = elasticity.mixed and settings.solver.preconditioner != "cholesky"  # factors take all of K
         matrix = elasticity.stiffness(rows, not settings.multigrid, mixed, supports)
@@ -148,7 +145,6 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         energy_norm=elasticity.energy_norm,
         rows=rows,
         scene=scene,
-        motions=motions,
         coarse=coarse,
         volume=volume,
     )

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.body_contact import force_components
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
 from fx_contact.estimate.solved_state import SolvedState
@@ -97,7 +96,7 @@ class ContactForce(OfPair):
         """As `Quantity.functional`; d is the share of each closed node pair."""
         scene, (rows, ours) = state.scene, self.rows(state)
         closed = ours & state.solution.active
-        share = scene.symmetry * np.where(closed, force_components(scene, rows, np.ones(len(closed))), 0.0)
+        share = scene.symmetry * np.where(closed, rows.force_components(np.ones(len(closed))), 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
         return Functional(value, abs(value), penetration=share)
 

@@ -90,9 +90,8 @@ def nodal_values(step: Step) -> FloatArray:
         [contact.pressure, contact.active, contact.gap, np.ones(len(contact))], axis=1
     )
     sums = prolongation.zeros(4)
-    blocks = pairs.blocks
-    weight = np.linalg.norm(blocks.values, axis=1)[:, None]
-    np.add.at(sums, blocks.node, weight * rows[blocks.row])
+    entries = pairs.entries
+    np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * rows[entries.row])
     sums = prolongation.summed(sums)
     means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
     return prolongation.prolong(np.concatenate([step.solution.displacement, means], axis=1))
