@@ -238,13 +238,10 @@ def _errors_of_goals(
         forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
     goals, theta = (*forces.values(), *settings.goals), control.correction(history)
     judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
-    of_contact = ContactError.unknown(len(state.forest), len(contacts))
-    if holds_contact:
-        of_contact = contact_error(state, duals.between, dict(zip(forces, judged)))
-    if not settings.goals:
-        return of_contact, None
     of_user = judged[len(forces) :]
-    return of_contact.with_more(of_user, state.forest.comm), tuple(goal.record for goal in of_user)
+    between = duals.between if holds_contact else None
+    of_contact = contact_error(state, between, dict(zip(forces, judged)), of_user)
+    return of_contact, tuple(goal.record for goal in of_user) if settings.goals else None
 
 
 def _record(
