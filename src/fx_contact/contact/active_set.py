@@ -22,13 +22,13 @@ class ActiveSet:
     Collective on the prolongation's comm.
 
     Args:
-        scene: to find bodies that an active set leaves loose; None: not checked.
-        u: (owned, 3), first guess of the displacement [m].
-        most: largest number of updates.
+        scene: to support bodies that an active set leaves loose; None: not checked.
+        u: (owned, 3), displacement [m].
+        most: updates.
 
     Attributes:
         active: (n,), closed rows.
-        updates: number of active sets tried.
+        updates: number of active sets.
     """
 
     #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a loose body.
@@ -53,14 +53,10 @@ class ActiveSet:
         self._penetrate_when_open = False
 
     def wanted(self, trial: FloatArray, noise: float) -> BoolArray:
-        """The status (n,) that each row should have.
+        """The status (n,) that each row should have, by trial forces (n,), k (B u - D) of open rows [N].
 
-        A row keeps its status if its trial force is below the error of the linear solver.  If all are, all rows open,
-        unless they penetrated by more when all were open.  The rows closest to touching support bodies that are loose.
-
-        Args:
-            trial: (n,), force of closed rows, and k (B u - D) of open ones [N].
-            noise: error of the displacement in the energy norm [J^(1/2)].
+        A row keeps its status if its trial force is below the noise, the error of the linear solver in the energy norm
+        [J^(1/2)].  If all are, all rows open, unless they penetrated by more when all were open.
         """
         pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
         hardest = self._max(pressure)
@@ -70,11 +66,7 @@ class ActiveSet:
         return self._supporting(wanted, trial / self._rows.capped_stiffness)
 
     def check_supported(self) -> None:
-        """See that the rows that support the bodies press.  Local.
-
-        Raises:
-            SolveError: the last status wanted needs rows that pull, to support a body.
-        """
+        """Check that the rows that support the bodies press.  Local.  Raises SolveError: they pull."""
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "

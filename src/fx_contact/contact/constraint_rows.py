@@ -1,8 +1,7 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
-A row belongs to a node of the first contact surface, as a nodal multiplier does, and may have entries at any number of
-nodes of both surfaces, or of the first alone.  Each contact of a scene has a `RowKind` that makes its rows
-(`row_kinds`); everything else asks the rows.
+A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).
 """
 
 from abc import ABC, abstractmethod
@@ -94,13 +93,9 @@ class RowKind(ABC):
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
-        """Vectors from the first surface to the second or the obstacle, undeformed: (n, m, 3) [m].
+        """Vectors from points of the first surface to the second or the obstacle, undeformed: (n, m, 3) [m].
 
-        Local.  Along the normal they are the initial gap.
-
-        Args:
-            leaf, face: (n,) leaves and their local faces on the first surface.
-            points: (n, m, 3), lattice coordinates on those faces.
+        Local.  By the lattice coordinates (n, m, 3) of the points on local faces (n,) of leaves (n,).
         """
 
     def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
@@ -219,6 +214,12 @@ class ConstraintRows:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
         return self.apart - self.closing(u)
 
+    def at_nodes(self, contact: int, values: FloatArray) -> FloatArray:
+        """Values (n, k) of the rows of one contact, by its index, at this rank's nodes: (m, k).  Collective."""
+        ours, nodal = self.contact == contact, self.prolongation.zeros(values.shape[1])
+        nodal[self.first[ours]] = values[ours]
+        return self.prolongation.prolong(self.prolongation.summed(nodal))
+
     def pressure(self, force: FloatArray) -> FloatArray:
         """Contact pressure (n,) [Pa] of forces (n,) [N]: force over area, corrected by the kinds.  Collective."""
         return force / self.area + sum(correction.change() for correction in self._pressure_corrections(force))
@@ -239,15 +240,10 @@ class ConstraintRows:
     def force_and_approach(self, force: FloatArray, group: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Normal force F of groups of rows, and the approach F / (E* A^(1/2)) of a flat punch of their pressed area A.
 
-        Collective.
-
-        Args:
-            force: (n,), compression positive [N].
-            group: (n,), the group of each row, such as `contact`.
-            count: number of groups on all ranks.
+        Collective.  By forces (n,) [N] and group numbers (n,) below `count` of the rows.
 
         Returns:
-            two (count,): F of the modelled part [N], and the approach, by F and A of the bodies [m].
+            two (count,): F of the modelled part [N], and the approach of the bodies [m].
         """
         presses = force > 0
         columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)

@@ -15,21 +15,15 @@ from fx_contact.problem.scene import Scene
 def positions_across(
     forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions of points of paired facets and of those opposite, on the true curved geometry: two (n, m, 3) [m].
-
-    Local.  Arguments as in `RowKind.apart`.
-    """
+    """Positions of points of paired facets, as in `RowKind.apart`, and of those opposite: two (n, m, 3) [m].  Local."""
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
     return forest.evaluate(forest.cell[leaf], points), forest.evaluate(cell, opposite)
 
 
 def facet_shares(space: Space, nodes: FloatArray, face: Int64Array) -> tuple[FloatArray, FloatArray]:
-    """Integrals of shape functions over facets by their nodes (n, (p+1)^2, 3) [m]: exact for a uniform pressure.
+    """Integrals of shape functions over facets by their nodes (n, (p+1)^2, 3) [m], exact for a uniform pressure.
 
-    Local.
-
-    Returns:
-        (n, (p+1)^2) areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
+    Local.  Returns (n, (p+1)^2) areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
     """
     weights, value, along_u, along_v = space.facet_rule
     normal = np.cross(along_u @ nodes, along_v @ nodes) * hexahedron.FACE_ORIENTATION[face][:, None, None]
@@ -52,14 +46,10 @@ def spring_stiffness(enforcement: Enforcement, modulus: FloatArray, area: FloatA
 def nodal_sums(
     prolongation: Prolongation, leaf: Int64Array, face: Int64Array, values: FloatArray
 ) -> tuple[Int64Array, Int64Array, FloatArray]:
-    """Conforming nodes of facets, each on one rank, and sums over the facets of all ranks.
+    """Conforming nodes of facets, each on one rank, and sums of nodal values (n, (p+1)^2, k) over facets of all ranks.
 
     Collective.  Shares of hanging nodes go to their masters.  A node is on a rank that has a facet of it: its owner,
     unless contacts meet.
-
-    Args:
-        leaf, face: (n,) leaves and their local faces.
-        values: (n, (p+1)^2, k), of the facet nodes.
 
     Returns:
         (m,) nodes, positions in the index map; (m,) an example of each in the raveled facet nodes; (m, k) sums.

@@ -21,8 +21,7 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
 
     Attributes:
-        matrix: K on the conforming unknowns without `volume`, made with the same supports, not yet assembled; the
-            solution changes and frees it.
+        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).

@@ -66,16 +66,15 @@ def solve_system(
     Collective on problem.matrix.comm.
 
     Args:
-        problem: its matrix belongs to the system.
         start: (owned, 3), first guess, whose penetrations are the first active set [m].
-        objects: free the system.
+        objects: free the system, which owns the matrix.
 
     Returns:
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets, a body is loose once the contact opens, or
-            prescribed displacements force nodes to penetrate.
+        SolveError: a linear solve fails, too many active sets, a body is loose once the contact opens, or prescribed
+            displacements force nodes to penetrate.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem

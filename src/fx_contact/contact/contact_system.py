@@ -53,10 +53,10 @@ class ContactSystem:
     Collective.
 
     Args:
-        problem: its matrix, with the capped penalty term of `active`, belongs to the system.
+        problem: its matrix has the capped penalty term of `active`.
         load: (owned, 3), right-hand side without contact [N].
         active: (n,), closed rows.
-        objects: free the system.
+        objects: free the system, which owns the matrix.
 
     Attributes:
         solver: of K with the capped penalty term.

@@ -31,8 +31,8 @@ def move_bodies(
 ) -> FloatArray:
     """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
 
-    Without them a displacement that is 0 where nothing is prescribed has the energy of one layer of cells: for a stiff
-    body on a soft one a thousand times that of the solution, which costs PCG a dozen iterations.
+    A displacement that is 0 where nothing is prescribed has the energy of one layer of cells: for a stiff body on a
+    soft one a thousand times that of the solution, a dozen iterations of PCG.
 
     Collective on matrix.comm.
 
@@ -41,10 +41,6 @@ def move_bodies(
         load: (owned, 3), right-hand side without contact [N].
         stiffness: (n,), k [N/m].
         u: (owned, 3), displacement so far [m].
-        supports: at the owned conforming nodes.
-
-    Returns:
-        (owned, 3) [m].
     """
     rows, entries, motions, count = jump.rows, jump.rows.entries, scene.rigid_motions, len(scene.mesh.bodies)
     prolongation, space = rows.prolongation, rows.prolongation.space
@@ -98,10 +94,6 @@ def relax(matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray,
         load: (owned, 3), right-hand side without contact [N].
         term: of all rows.
         u: (owned, 3), first guess [m].
-        status: the active set, updated.
-
-    Returns:
-        (owned, 3) [m].
     """
     with PetscObjects() as objects:
         ksp = objects.add(PETSc.KSP().create(matrix.comm))

@@ -33,7 +33,7 @@ class FacetPressure:
         weights, value, _, _ = space.facet_rule
         mass = (value.T * weights) @ value
         self._matrix = np.linalg.solve(mass, np.diag(mass.sum(axis=1))) - np.eye(len(mass))
-        self._rows, self._ours, (leaf, face) = rows, rows.contact == index, rows.kinds[index].facets(space.forest)
+        self._rows, self._index, (leaf, face) = rows, index, rows.kinds[index].facets(space.forest)
         self._nodes = space.on_faces(leaf, face)
         nodal = self._at_facets(pressure)
         pressed = nodal.any(axis=1)
@@ -54,10 +54,7 @@ class FacetPressure:
 
     def _at_facets(self, values: FloatArray) -> FloatArray:
         """Values of the rows at the nodes of the facets: (k, (p+1)^2).  Collective."""
-        prolongation = self._rows.prolongation
-        known = prolongation.zeros(1)
-        known[self._rows.first[self._ours], 0] = values[self._ours]
-        return prolongation.prolong(prolongation.summed(known))[self._nodes, 0]
+        return self._rows.at_nodes(self._index, values[:, None])[self._nodes, 0]
 
     def _at_rows(self, values: FloatArray) -> FloatArray:
         """Transpose of `_at_facets`: (n,).  Collective."""
@@ -65,4 +62,4 @@ class FacetPressure:
         sums = np.zeros((len(prolongation.space), 1))
         np.add.at(sums[:, 0], self._nodes, values)
         total = prolongation.ghosted(prolongation.restrict(sums))[self._rows.first, 0]
-        return np.where(self._ours, total, 0.0)
+        return np.where(self._rows.contact == self._index, total, 0.0)

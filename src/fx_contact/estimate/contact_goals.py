@@ -38,12 +38,8 @@ class ContactError:
 def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float) -> dict[int, ContactForce]:
     """Goals for the positive forces of contact pairs, by the index of the pair.
 
-    Local.  The error may be e times the exact force, or e^2 times the largest force, but less than the exact force.
-
-    Args:
-        names: of the contact pairs.
-        forces: `pair_forces` of the record [N].
-        tolerance: prescribed accuracy e [-].
+    Local.  With a tolerance e the error may be e times the exact force, or e^2 times the largest force, but less than
+    the exact force.
     """
     largest = max(map(abs, forces), default=0.0)
     allowed = {i: max(tolerance, tolerance**2 * largest / force) for i, force in enumerate(forces) if force > 0}
@@ -61,7 +57,7 @@ def contact_error(
     Collective on state.forest.comm.
 
     Args:
-        between: of the state; None: contact is not controlled.
+        between: None: errors of contact are not controlled.
         forces: the judged `force_goals`.
         of_user: the judged goals of the user.
     """

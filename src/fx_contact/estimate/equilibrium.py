@@ -21,12 +21,9 @@ WHERE_ROUNDING_IS_LARGE = (
 
 
 def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
-    """K u - L + B^T f, (owned, 3) [N]: reactions of prescribed displacements, elsewhere the error of the solver.
+    """K u - L + B^T f, (owned, 3) [N], with external forces L: reactions, elsewhere the error of the solver.
 
     Collective on state.forest.comm.
-
-    Args:
-        load: (owned, 3), external forces L [N].
     """
     residual: FloatArray = state.elasticity.internal_forces(state.field) - load
     if state.pairs is not None:
@@ -54,12 +51,9 @@ def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, suppo
 
 
 def check_balance(state: SolvedState, residual: FloatArray, load: FloatArray, supports: Supports) -> None:
-    """Check that the forces on each body are in balance, which bodies from afar lose in rounding.
+    """Check the balance, which bodies from afar lose in rounding, by `unbalanced`.
 
-    Collective on state.forest.comm.  Arguments as in `unbalanced`.
-
-    Raises:
-        SolveError: more than `MOST` of the forces is not balanced.
+    Collective on state.forest.comm.  Raises SolveError: more than `MOST` is not balanced.
     """
     left = unbalanced(state, residual, load, supports)
     if left > MOST:

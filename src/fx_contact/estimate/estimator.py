@@ -33,7 +33,7 @@ class Estimate:
         error_global: xi of all cells (6) [J^(1/2)].
         energy_norm: omega (4) [J^(1/2)].
         cells: number of cells on all ranks.
-        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `fem.space.child_error` [-].
+        child_error: `fem.space.child_error`, xi_T^2 of a child over that of its parent if the solution is smooth [-].
     """
 
     error: FloatArray
@@ -54,7 +54,6 @@ class DisplacementError:
     """Estimated error e of a displacement field.
 
     Attributes:
-        field: the displacement.
         stress: sigma*, six components a node [Pa].
         squares: (k, ncells), xi_T^2 by (3), at degree 2 and by the element residual [J].
         residual: (ncells, 9), element residual [J/m]; None at degree 1.

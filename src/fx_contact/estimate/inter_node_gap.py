@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 from scipy.integrate import simpson
 
-from fx_contact.contact.constraint_rows import ConstraintRows, RowKind
+from fx_contact.contact.constraint_rows import RowKind
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -36,28 +36,28 @@ class GapBetweenNodes:
         forest, pairs, solution = state.forest, state.pairs, state.solution
         assert pairs is not None
         self._forest, self._rows, self._leaf = forest, pairs, state.elasticity.leaf_mesh.leaf
-        self._parts: list[tuple[Int64Array, IntArray, BoolArray, BoolArray, _Facets]] = []
+        self._parts: list[tuple[int, Int64Array, IntArray, BoolArray, _Facets]] = []
         prolongation, space = pairs.prolongation, pairs.prolongation.space
         known = np.column_stack([pairs.closing(solution.displacement), pairs.normal])
         for kind in pairs.kinds:
             leaf, face = kind.facets(forest)
-            cells, ours = space.on_faces(leaf, face), pairs.contact == kind.index
-            near = _touched(prolongation, cells, pairs.first[ours & solution.active])
-            facets = _Facets(kind, space, leaf, face, _at_nodes(pairs, ours, known)[cells])
-            self._parts.append((leaf, cells, ours, near, facets))
+            cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
+            near = _touched(prolongation, cells, pairs.first[closed])
+            facets = _Facets(kind, space, leaf, face, pairs.at_nodes(kind.index, known)[cells])
+            self._parts.append((kind.index, leaf, cells, near, facets))
 
     def penetrated(self) -> BoolArray:
         """Leaves with a facet that is penetrated between open nodes: (n,).  Local."""
         refine = np.zeros(len(self._forest), dtype=bool)
-        for leaf, _, _, near, facets in self._parts:
+        for _, leaf, _, near, facets in self._parts:
             refine[leaf[~near][facets.where(~near).penetrate()]] = True
         return refine
 
     def on_cells(self, pressure: FloatArray) -> FloatArray:
         """int |p| |g - g_I| dA over the closed facets of each cell: (ncells,), by p in the rows (n,).  Collective."""
         of_leaf = np.zeros(len(self._forest))
-        for leaf, cells, ours, near, facets in self._parts:
-            nodal = _at_nodes(self._rows, ours, np.abs(pressure)[:, None])[cells][near, :, 0]
+        for contact, leaf, cells, near, facets in self._parts:
+            nodal = self._rows.at_nodes(contact, np.abs(pressure)[:, None])[cells][near, :, 0]
             np.add.at(of_leaf, leaf[near], facets.where(near).work(nodal))
         return of_leaf[self._leaf]
 
@@ -136,14 +136,6 @@ def _touched(prolongation: Prolongation, cells: IntArray, closed: IntArray) -> B
         closed = prolongation.conforming[np.unique(cells[facets])]
         closed = closed[closed >= 0]
     return facets
-
-
-def _at_nodes(rows: ConstraintRows, ours: BoolArray, values: FloatArray) -> FloatArray:
-    """Values (n, k) of some rows at this rank's nodes of the first surface: (m, k).  Collective."""
-    prolongation = rows.prolongation
-    nodal = prolongation.zeros(values.shape[1])
-    nodal[rows.first[ours]] = values[ours]
-    return prolongation.prolong(prolongation.summed(nodal))
 
 
 def _least(apart: FloatArray, normal: FloatArray) -> FloatArray:

@@ -122,16 +122,10 @@ def _mark(
     choose: Callable[[FloatArray, FloatArray], int],
     comm: MPI.Intracomm,
 ) -> tuple[Int8Array, FloatArray, FloatArray]:
-    """Refine cells whose error is above a threshold, twice where a child's would be.
+    """Number of refinements (ncells,) of cells above a threshold, 2 if a child's error would be; and their sums.
 
-    Collective on comm.
-
-    Args:
-        thresholds: (m,), descending; one below all errors follows.
-        choose: position of a threshold by two (m + 1,), errors on all ranks of cells refined, and refined twice.
-
-    Returns:
-        (ncells,), number of refinements, and the two sums at the threshold.
+    `choose` gives the position of a threshold, of descending ones (m,) and one below all errors, by two (m + 1,): the
+    sums on all ranks of the errors of cells refined, and refined twice.
     """
     first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, child_error)]
     sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first]).astype(float)
