@@ -4,19 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import WORLD
 from model_problems import corner_scene, gathered, leaves, roots
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
-from fx_contact.contact.enforcement import METHODS
 from fx_contact.contact.row_kinds import kinds_of
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson
 from fx_contact.fem.space import Space
 from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.scenes import punch, stack
+from fx_contact.scenes import punch
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import bump, in_two, on_block, ring, waves
 
@@ -193,25 +192,6 @@ def test_ring(bodies):
     assert np.ptp(forces) < 1e-6 * forces.mean()
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_corner_of_a_contact_cut_out(method):
-    """At a vertex with a quarter of its area in one pair and the rest in another, both have the uniform pressure."""
-    materials = Material(1.0, 0.3), Material(3.0, 0.3)
-    scene = stack(materials, cells=(2, 2, 1))
-    (whole,), surfaces = scene.contact, dict(scene.mesh.surfaces)
-    for name in (whole.first, whole.second):
-        surfaces |= {f"{name} corner": surfaces[name][:1], f"{name} rest": surfaces[name][1:]}
-    pairs = tuple(
-        replace(whole, first=f"{whole.first} {part}", second=f"{whole.second} {part}") for part in ("corner", "rest")
-    )
-    cut = replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=pairs)
-    options = {"enforcement": Enforcement(method), "solver": Solver(tolerance=1e-10)}
-    one, two = (next(adapt(s, 0.1, max_steps=1, **options)) for s in (scene, cut))
-    pressure = one.record.force  # of a square metre
-    everywhere(np.abs(two.solution.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
-    assert np.abs(np.array(two.record.pair_forces) / pressure - [0.25, 0.75]).max() < 1e-6
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "stiffness, enforcement",
@@ -275,7 +255,7 @@ def test_simpson(count):
 
 
 def facet(bulge=0.0):
-    """Two cells of order 2, 2 m wide, the upper one bulging by so much: kind, Forest, leaf and face of their contact."""
+    """Kind, Forest, leaf and face of the contact of two cells 2 m wide, of which the upper one bulges."""
     scene = on_block("bump", lambda x, y: -bulge * (1 - x**2) * (1 - y**2), 1, 2, 0.0)
     (kind,), forest = kinds_of(scene), roots(scene, MPI.COMM_SELF)
     return kind, forest, *kind.facets(forest)
