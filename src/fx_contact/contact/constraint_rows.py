@@ -61,7 +61,7 @@ class RowColumns:
 
 
 class PressureCorrection(Protocol):
-    """A linear correction of force over area in the rows of one contact, 0 in other rows."""
+    """A linear correction of force over area in the rows of one contact, 0 in others."""
 
     def change(self) -> FloatArray:
         """(n,) [Pa].  Collective."""

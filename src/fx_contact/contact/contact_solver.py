@@ -73,8 +73,7 @@ def solve_system(
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, too many active sets, a body is loose once the contact opens, or prescribed
-            displacements force nodes to penetrate.
+        SolveError: a linear solve fails, too many active sets, a loose body, or prescribed penetrations.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
@@ -155,10 +154,7 @@ def _find_active_set(
 
 
 def _impose(matrix: PETSc.Mat, load: FloatArray, supports: Supports) -> tuple[FloatArray, FloatArray]:
-    """Eliminate prescribed unknowns symmetrically, with identity rows scaled like the others.
-
-    Returns the right-hand side [N], and the roots of the diagonal, both (owned, 3).
-    """
+    """Eliminate prescribed unknowns: the right-hand side [N], and the roots of the diagonal, both (owned, 3)."""
     with PetscObjects() as objects:
         x, b = map(objects.add, matrix.createVecs())
         x.array[:], b.array[:] = supports.values.ravel(), supports.tangential(load).ravel()

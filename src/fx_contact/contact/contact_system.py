@@ -166,7 +166,7 @@ class ContactSystem:
     def trial(self, u: FloatArray) -> FloatArray:
         """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Compression is positive [N].  Projected rows that other rows at their nodes keep from closing count as open.
+        Projected rows that other rows keep from closing count as open.
         """
         force = PenaltyTerm(self._jump, self._capped).forces(u)
         if self._projection is None:

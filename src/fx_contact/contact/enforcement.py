@@ -28,8 +28,8 @@ class Enforcement:
         node_stiffness: k_N [N/m] of every node pair as in (1), instead of a factor.
 
     Raises:
-        SceneError: an unknown method, a value that is not positive, a penalty in exact contact, both a factor and a
-            node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
+        SceneError: an unknown method, a penalty in exact contact, both a factor and a node_stiffness, values that are
+            not positive, a factor beyond `SOFTEST` and `STIFFEST`.
     """
 
     method: str = METHODS[0]

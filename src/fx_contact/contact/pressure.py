@@ -1,12 +1,10 @@
 """The contact pressure at the nodes, from the forces of node pairs.
 
-At degree 2 force over area, p = D^-1 f with Simpson's areas D, alternates around the true pressure: on smooth contact
-with facets of size h it is off by -h^2 p''/20 at vertices and by h^2 p''/40 at middles, for each direction.  With the
-mass matrix M of a facet, M^-1 D p is the pressure that has the forces D p there.  Its means over the facets of a node
-are off by O(h^4).
+At degree 2 force over area, p = D^-1 f with Simpson's areas D, is off by -h^2 p''/20 at vertices and by h^2 p''/40 at
+middles for each direction, on smooth contact with facets of size h.  With the mass matrix M of a facet, M^-1 D p is the
+pressure that has the forces D p there.  Its means over the facets of a node are off by O(h^4).
 
-At the rim of contact and near singular pressures M^-1 D p oscillates: it may change no nodal pressure of a facet by
-more than the part `_MOST`.
+At the rim of contact M^-1 D p oscillates: it may change no nodal pressure of a facet by more than the part `_MOST`.
 """
 
 import numpy as np

@@ -48,16 +48,10 @@ def needed_keys(scene: Scene, space: Space) -> Int64Array:
 def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
     """The rows of all contacts of a scene.
 
-    Collective on prolongation.comm.
-
-    Args:
-        scene: with one contact or more.
-        prolongation: with the `needed_keys`.
-        enforcement: for the stiffness.
+    Collective on prolongation.comm, with the `needed_keys`.
 
     Raises:
-        SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`, or a Prolongation that lacks
-            nodes.
+        SceneError: a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a Prolongation that lacks nodes.
     """
     kinds = kinds_of(scene)
     parts = [kind.columns(prolongation, enforcement) for kind in kinds]

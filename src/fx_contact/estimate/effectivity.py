@@ -34,9 +34,7 @@ class RefinementHistory:
 
             ||u - u_H||^2 = ||u_h - u_H||^2 + ||u - u_h||^2,  ||u - u_h|| ~ xi_h / theta,  theta = xi_H / ||u - u_H||.
 
-        Args:
-            change: ||u_h - u_H||, as from `Elasticity.change_norm` [J^(1/2)].
-            least: lower bound of the effectivity [-].
+        `change` is ||u_h - u_H||, as from `Elasticity.change_norm` [J^(1/2)], `least` a lower bound of theta [-].
         """
         if not self.refined:
             return self

@@ -39,7 +39,6 @@ def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, suppo
     Args:
         residual: (owned, 3), `nodal_residual` of the state [N].
         load: (owned, 3), external forces [N].
-        supports: at the owned conforming nodes.
     """
     forest, prolongation, free = state.forest, state.elasticity.prolongation, supports.free_part(residual)
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])

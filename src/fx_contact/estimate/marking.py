@@ -35,7 +35,7 @@ def for_tolerance(
     as by refining all cells of a smooth solution.  If that of criterion (2) is too high, it is `_equidistributing`.
 
     Args:
-        tolerance: prescribed accuracy e [-].
+        tolerance: e [-].
         loss_rate: loss of xi^2 by refinement, over that of a smooth solution; None: unknown [-].
 
     Returns:
@@ -45,7 +45,7 @@ def for_tolerance(
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    loss, child = _smooth_loss(estimate.child_error), estimate.child_error
+    loss, child = 1 - 8 * estimate.child_error, estimate.child_error  # of xi_T^2, by eight children
     thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
     later = _equidistributing(child) * criterion
     of_later = int(np.argmax(thresholds <= later)) if later < largest else len(thresholds) - 1
@@ -63,25 +63,15 @@ def for_tolerance(
     return times, float(_lost(once, twice, loss))
 
 
-def _smooth_loss(child_error: float) -> float:
-    """Relative loss of xi_T^2 by refining a cell into eight children, if the solution is smooth."""
-    return 1 - 8 * child_error
-
-
 def for_goal(
     error: FloatArray, allowed: float, child_error: float, control: ErrorControl, comm: MPI.Intracomm
 ) -> Int8Array:
-    """The fewest cells to refine for a sum of errors below what is allowed.
+    """Number of refinements (ncells,), 0 to 2, of the fewest cells for a sum of errors (ncells,) that is allowed.
 
     Collective on comm.  If refining twice does not suffice, the cells that are not refined keep the allowed sum.
 
     Args:
-        error: (ncells,), non-negative errors that add up.
-        allowed: largest sum on all ranks.
         child_error: error of a child over that of its parent, of smooth solutions [-].
-
-    Returns:
-        (ncells,), number of refinements of each cell, 0 to 2.
     """
     largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
     thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, _THRESHOLDS) * largest
@@ -89,7 +79,7 @@ def for_goal(
     def choose(once: FloatArray, twice: FloatArray) -> int:
         """The highest threshold that suffices, as in `_mark`."""
         kept = once[-1] - once
-        left = kept + once - _lost(once, twice, _smooth_loss(child_error))
+        left = kept + once - _lost(once, twice, 1 - 8 * child_error)
         aim = control.target * allowed
         return int(np.argmax((left <= aim) | (kept <= aim)))
 

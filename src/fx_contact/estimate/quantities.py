@@ -50,7 +50,7 @@ class Quantity(ABC):
 
 
 class OfPair(Quantity):
-    """A quantity of a contact pair, by its name `pair`."""
+    """A quantity of a contact pair."""
 
     pair: str
 
