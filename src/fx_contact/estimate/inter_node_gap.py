@@ -1,7 +1,5 @@
 """Gap and penetration between the nodes of contact facets, which node-to-node contact does not resist, nor xi show."""
 
-from copy import copy
-
 import numpy as np
 from scipy.integrate import simpson
 
@@ -36,29 +34,32 @@ class GapBetweenNodes:
         forest, pairs, solution = state.forest, state.pairs, state.solution
         assert pairs is not None
         self._forest, self._rows, self._leaf = forest, pairs, state.elasticity.leaf_mesh.leaf
-        self._parts: list[tuple[int, Int64Array, IntArray, BoolArray, _Facets]] = []
+        self._open: list[tuple[Int64Array, _Facets]] = []
+        self._closed: list[tuple[int, Int64Array, IntArray, _Facets]] = []
         prolongation, space = pairs.prolongation, pairs.prolongation.space
         known = np.column_stack([pairs.closing(solution.displacement), pairs.normal])
         for kind in pairs.kinds:
             leaf, face = kind.facets(forest)
             cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
             near = _touched(prolongation, cells, pairs.first[closed])
-            facets = _Facets(kind, space, leaf, face, pairs.at_nodes(kind.index, known)[cells])
-            self._parts.append((kind.index, leaf, cells, near, facets))
+            nodal = pairs.at_nodes(kind.index, known)[cells]
+            away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (~near, near))
+            self._open.append((leaf[~near], away))
+            self._closed.append((kind.index, leaf[near], cells[near], close))
 
     def penetrated(self) -> BoolArray:
         """Leaves with a facet that is penetrated between open nodes: (n,).  Local."""
         refine = np.zeros(len(self._forest), dtype=bool)
-        for _, leaf, _, near, facets in self._parts:
-            refine[leaf[~near][facets.where(~near).penetrate()]] = True
+        for leaf, facets in self._open:
+            refine[leaf[facets.penetrate()]] = True
         return refine
 
     def on_cells(self, pressure: FloatArray) -> FloatArray:
         """int |p| |g - g_I| dA over the closed facets of each cell: (ncells,), by p in the rows (n,).  Collective."""
         of_leaf = np.zeros(len(self._forest))
-        for contact, leaf, cells, near, facets in self._parts:
-            nodal = self._rows.at_nodes(contact, np.abs(pressure)[:, None])[cells][near, :, 0]
-            np.add.at(of_leaf, leaf[near], facets.where(near).work(nodal))
+        for contact, leaf, cells, facets in self._closed:
+            nodal = self._rows.at_nodes(contact, np.abs(pressure)[:, None])[cells, 0]
+            np.add.at(of_leaf, leaf, facets.work(nodal))
         return of_leaf[self._leaf]
 
 
@@ -88,12 +89,6 @@ class _Facets:
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
         jump, self._normal = np.split(self._sampled(nodal), 2, axis=2)
         self._apart = apart - jump  # small, however far the bodies come
-
-    def where(self, which: BoolArray) -> "_Facets":
-        """Some of the facets, by a mask (n,)."""
-        some = copy(self)
-        some._area, some._apart, some._normal = self._area[which], self._apart[which], self._normal[which]
-        return some
 
     def _sampled(self, nodal: FloatArray) -> FloatArray:
         """Nodal values (n, (p+1)^2, ...) at the points: (n, points, ...)."""
