@@ -39,7 +39,7 @@ class Entries:
 
     def sums(self, values: FloatArray, count: int) -> FloatArray:
         """Sums of values (b,) over the entries of each of `count` rows: (count,).  Local."""
-        return np.bincount(self.row, values, count).astype(float)
+        return np.bincount(self.row, values, count).astype(float)  # without rows NumPy counts in integers
 
 
 @dataclass(frozen=True, eq=False)
