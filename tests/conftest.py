@@ -21,7 +21,7 @@ def pytest_addoption(parser):
     parser.addoption("--as-printed", action="store_true", help="run what the pages print to the letter, for hours")
     parser.addoption("--quick", action="store_true", help="leave out tests that are marked as slow")
     parser.addoption("--limit", type=float, default=120.0, help="seconds of a test, five times as many of a slow one")
-    parser.addoption("--whole-runs-on", metavar="RANKS", help="numbers of ranks of which one has each whole run")
+    parser.addoption("--spread", metavar="RANKS", default="", help="numbers of ranks of which one runs each test")
 
 
 def pytest_configure(config):
@@ -29,25 +29,25 @@ def pytest_configure(config):
     global _LOG
     _LOG = os.dup(2)
     config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
-    config.addinivalue_line(
-        "markers",
-        "whole_run(*ranks): adaptive runs; with --whole-runs-on on these numbers of ranks, else on one of the option",
-    )
+    config.addinivalue_line("markers", "ranks(*numbers): with --spread it runs on these numbers of ranks")
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what the options say.  A slow whole run is on the first number of ranks, another by its name on one."""
+    """Leave out what the options say.
 
-    share = [int(number) for number in (config.getoption("--whole-runs-on") or "").split()]
+    With --spread a test runs on the ranks of its mark, if it skips some on those that it does not, else on one number
+    by its name, a slow one on the first.
+    """
+    spread = [int(number) for number in config.getoption("--spread").split()]
 
     def left_out(item):
-        if config.getoption("--quick") and item.get_closest_marker("slow"):
+        slow, mark = item.get_closest_marker("slow"), item.get_closest_marker("ranks")
+        if slow and config.getoption("--quick"):
             return True
-        mark = item.get_closest_marker("whole_run")
-        if mark is None or not share:
+        if not spread or (mark is None and item.get_closest_marker("skipif")):
             return False
-        one = share[0 if item.get_closest_marker("slow") else zlib.crc32(item.nodeid.encode()) % len(share)]
-        return WORLD.size not in (mark.args or [one])
+        one = spread[0 if slow else zlib.crc32(item.nodeid.encode()) % len(spread)]
+        return WORLD.size not in (mark.args if mark else [one])
 
     left = [item for item in items if left_out(item)]
     config.hook.pytest_deselected(items=left)

@@ -134,7 +134,6 @@ def test_holds_what_the_step_had(scene, folder, degree, steps):
     assert size < 17 * step.record.cells + 40 * (step.record.dofs / 3 + step.record.hanging_nodes) + 2**14
 
 
-@pytest.mark.whole_run
 def test_fields_go_along(scene, folder):
     """Fields that a run began with, positions here, are after a restart what they are without."""
     forest = Beginning.uniform(scene, 0).forest
@@ -149,7 +148,6 @@ def test_fields_go_along(scene, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run
 def test_finished_run(scene, folder):
     """From the last step the same step comes again; with a tighter tolerance the run goes further."""
     list(adapt(scene, 0.5, checkpoint=folder))

@@ -14,8 +14,6 @@ from fx_contact.problem import hexahedron
 from fx_contact.scenes import hertz
 from studies.cost.thin import ring
 
-pytestmark = pytest.mark.whole_run
-
 
 def deviation(forest, order):
     """Largest distance of root maps from their interpolants of an order, over the shortest length of a cell."""

@@ -22,8 +22,6 @@ from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space
 from fx_contact.scenes import hertz
 
-pytestmark = pytest.mark.whole_run
-
 small = partial(hertz, order=3, coarse=2)
 
 

@@ -17,8 +17,6 @@ from fx_contact.adaptive.resultants import _resultant
 from fx_contact.problem.mirrors import Mirrors, mirror_group
 from fx_contact.scenes import hertz, indentation, shrink_fit, stack
 
-pytestmark = pytest.mark.whole_run
-
 #: Part of the contact force that the solver's tolerance, 1e-13 here, may leave.
 CLOSE = 1e-10
 

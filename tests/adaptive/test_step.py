@@ -22,7 +22,7 @@ from fx_contact.parallel.errors import OutputError, SceneError, SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, shrink_fit, stack
 
-pytestmark = pytest.mark.whole_run(1, 2)
+pytestmark = pytest.mark.ranks(1, 2)
 
 #: Areas of surfaces of two boxes, 2 x 2 x 2 on 4 x 4 x 1; `lower contact` is a part of `lower z high`.
 AREAS = {"upper z high": 4, "lower z low": 16, "lower z high": 16, "upper x low": 4, "lower contact": 4}

@@ -46,8 +46,6 @@ from fx_contact.scenes import cylinders, hertz, indentation, punch, shrink_fit, 
 from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import oblique
 
-pytestmark = pytest.mark.whole_run
-
 
 def forces(scene, tolerance, degree, **options):
     """Contact force of the last step for an enforcement."""
@@ -417,7 +415,7 @@ def test_oblique_contact_costs_no_more(enforcement):
 
 #: Scenes that contact's cost is compared on, and the numbers of ranks that they are for, if not by their names.
 COMPARED = [
-    pytest.param(make, id=name, marks=pytest.mark.whole_run(*ranks))
+    pytest.param(make, id=name, marks=pytest.mark.ranks(*ranks))
     for name, make, ranks in (
         ("hertz", hertz, (1,)),
         ("punch", punch, (2,)),

@@ -24,7 +24,6 @@ def moved(monkeypatch):
     return found
 
 
-@pytest.mark.whole_run
 @pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e6])
 def test_a_stiff_body_takes_a_soft_one_along(ratio, moved):
     """The energy is not left in one layer of a stiff body's cells; what is prescribed stays."""
@@ -37,7 +36,7 @@ def test_a_stiff_body_takes_a_soft_one_along(ratio, moved):
     everywhere((before == after)[~free].all(), "a prescribed displacement has changed")
 
 
-@pytest.mark.whole_run(2, 3)
+@pytest.mark.ranks(2, 3)
 def test_a_body_that_contact_holds(moved):
     """A force moves it towards the contact, by about what it takes, whatever the number of ranks."""
     step = next(adapt(punch(force=1e-3), 0.3))

@@ -22,7 +22,7 @@ from fx_contact.problem.contact import Contact
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.scenes import hertz, patch, stack
 
-pytestmark = pytest.mark.whole_run(1, 2, 3)
+pytestmark = pytest.mark.ranks(1, 2, 3)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,6 @@ from fx_contact.results.report import force_warnings
 from fx_contact.scenes import punch
 from studies.stability.shapes import beam, films, on_a_base, sinking
 
-pytestmark = pytest.mark.whole_run
-
 #: At degree 1 coarse meshes of beams and thin plates are far from their forces, for they lock in bending.
 adapt_linear = partial(adapt, degree=1)
 
@@ -165,7 +163,7 @@ def test_restart(tmp_path):
     assert closer.record.pair_errors[0] < again.record.pair_errors[0]
 
 
-@pytest.mark.whole_run(2, 3)
+@pytest.mark.ranks(2, 3)
 def test_any_number_of_ranks():
     """What dual solutions ask for is the same, though the force is light beside what the solver is accurate to."""
     scene, solver = beam(0.85, poisson=0.4, tension=1e-2), Solver(tolerance=1e-10)

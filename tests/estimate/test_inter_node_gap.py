@@ -19,8 +19,6 @@ from fx_contact.scenes import punch
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import bump, in_two, on_block, ring, waves
 
-pytestmark = pytest.mark.whole_run
-
 HIDDEN = {"cells": 5, "displacement": 0.003}
 """A bump whose pole is in the middle of a root facet, all of whose nodes of degree 1 stay apart."""
 QUARTER = {"cells": 3, "pole": 1 / 6, "displacement": 0.006}

@@ -34,8 +34,6 @@ from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
 from studies.goals.run import layers, square
 
-pytestmark = pytest.mark.whole_run
-
 POLES = "lower pole on upper pole"
 BLOCKS = "on block 0 on under block 1"
 #: A tolerance that says nothing: the error alone is wanted.

@@ -1,6 +1,7 @@
 """Coarser forests: the coarsest that has the levels that are needed, by the rules of refinement."""
 
 import numpy as np
+import pytest
 from conftest import WORLD, everywhere
 from model_problems import leaves, roots, scramble
 
@@ -8,6 +9,8 @@ from fx_contact.forest.coarsening import coarsened
 from fx_contact.forest.partition import repartition
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.scenes import hertz
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
 
 
 def refined(rounds=3):

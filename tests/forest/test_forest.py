@@ -28,6 +28,8 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 SCENES = {
     "alike": {},
     "wider": dict(upper=(1, 2, 1), margin=1),

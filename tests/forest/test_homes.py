@@ -20,6 +20,8 @@ from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.hexahedron import FACE_CORNERS
 from fx_contact.scenes import hertz
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 SCENES = pytest.mark.parametrize(
     "make",
     [lambda: pressed(two_boxes(margin=1)), corner_scene, lambda: hertz(comm=MPI.COMM_SELF)],

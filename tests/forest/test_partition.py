@@ -25,6 +25,8 @@ from fx_contact.parallel.errors import PartitionError
 from fx_contact.problem.facet_pairing import leaf_code
 from studies.partition.assignment import assign
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 KEEPING = [name for name, kind in KINDS.items() if kind.pairs]
 
 

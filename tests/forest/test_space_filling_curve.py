@@ -11,6 +11,8 @@ from fx_contact.forest.super_elements import curve_keys
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import BITS
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def cube(bits):
     """All points of a cube of side 2^bits."""

@@ -8,6 +8,8 @@ import pytest
 
 import fx_contact
 
+pytestmark = pytest.mark.ranks(1)
+
 FOLDER = Path(fx_contact.__file__).parent
 
 #: The rooms, from the ground up: each may import from those before it, and nothing else of ours.

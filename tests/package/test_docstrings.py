@@ -7,6 +7,8 @@ import pytest
 
 import fx_contact
 
+pytestmark = pytest.mark.ranks(1)
+
 FOLDER = Path(fx_contact.__file__).parent
 MODULES = sorted(FOLDER.rglob("*.py"))
 ERRORS = {

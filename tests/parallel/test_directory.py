@@ -8,6 +8,8 @@ from model_problems import gathered, scramble
 from fx_contact.parallel import exchange
 from fx_contact.parallel.mpi import Directory, together
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def in_blocks(keys):
     """Homes that are near each other where keys are."""

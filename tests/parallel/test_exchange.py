@@ -11,6 +11,8 @@ from mpi4py import MPI
 from fx_contact.parallel import exchange
 from fx_contact.parallel.exchange import Exchange
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 @pytest.fixture(params=[exchange.FEW_RANKS, 0], ids=["all to all", "partners"], autouse=True)
 def way(request, monkeypatch):

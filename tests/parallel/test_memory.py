@@ -11,6 +11,8 @@ from fx_contact.forest import forest as forests
 from fx_contact.parallel import memory
 from fx_contact.parallel.errors import SolveError
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 @pytest.fixture
 def on_one_host(monkeypatch):

@@ -64,7 +64,7 @@ def test_who_watches_hears_of_every_stage():
     assert heard == ["assemble", "compile", "assemble", "solve"]
 
 
-@pytest.mark.whole_run(1, 2)
+@pytest.mark.ranks(1, 2)
 def test_progress_of_a_run():
     """The steps in order, on every rank, from what leads to the first one to the last estimate."""
     heard = []

@@ -80,7 +80,7 @@ PICTURES = {
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(2)
+@pytest.mark.ranks(2)
 @pytest.mark.parametrize("name, degree", [*((name, 1) for name in PICTURES), ("stress near", 2)])
 def test_pictures(name, degree, tmp_path):
     """Something is drawn, in several colours, into a folder that is made; all ranks know where."""

@@ -20,6 +20,8 @@ from fx_contact.problem.lattice import (
 )
 from fx_contact.problem.root_mesh import RootMesh
 
+pytestmark = pytest.mark.ranks(1)
+
 #: Lattice coordinates along an axis, the same seen from both ends: ends, middle, and odd ones.
 LINE = np.array([0, 1, SIDE // 4, 3 * SIDE // 8 - 1, SIDE // 2])
 LINE = np.union1d(LINE, SIDE - LINE)

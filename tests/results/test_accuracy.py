@@ -16,8 +16,6 @@ from fx_contact.results.overrefined_solution import true_error
 from fx_contact.results.reference_values import hertz_a, ssnv104
 from fx_contact.scenes import hertz, indentation, stack
 
-pytestmark = pytest.mark.whole_run
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degree, steps", [(1, 3), (2, 2)])
@@ -46,7 +44,7 @@ def test_adaptive_rate_and_effectivity():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_true_error_of_hertz():
     """At e = 8 % the true error is what was asked for, and estimated within 10 %."""
     *_, step = adapt(hertz(), 0.08)
@@ -109,7 +107,7 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
     bodies = [Material(1.0, 0.4), Material(3.0, 0.4)]
@@ -122,7 +120,7 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
     bodies = [Material(1.0, 0.3), Material(3.0, 0.3)]

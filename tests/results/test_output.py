@@ -22,8 +22,6 @@ from fx_contact.scenes import hertz, indentation
 MATERIAL = Material(young=1.0, poisson=0.3)
 FILES = ("fields.bp", "cells.bp")
 
-pytestmark = pytest.mark.whole_run
-
 
 ENERGY = ErrorControl("energy")
 

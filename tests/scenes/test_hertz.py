@@ -23,8 +23,6 @@ from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import STAGES
 from fx_contact.scenes import hertz
 
-pytestmark = pytest.mark.whole_run
-
 KEYS = """scene, step, ranks, cells, dofs, degree, hanging_nodes, max_level, geometry_order, active_pairs,
 contact_iterations, krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces,
 contact_radius, pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
@@ -59,7 +57,7 @@ def runs(scene, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(2, 3)
+@pytest.mark.ranks(2, 3)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_same_run_in_serial(degree):
     """Cells, levels, dofs and active pairs of every step are those of a serial run; forces agree to 1e-7."""
@@ -83,7 +81,7 @@ def test_same_run_in_serial(degree):
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_default_krylov_tolerance():
     """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
     forces = [
@@ -147,7 +145,7 @@ def test_reference_values(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(1)
+@pytest.mark.ranks(1)
 def test_reference_values_at_2_percent(scene):
     """HERTZ-A at 2 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
     *_, step = adapt(scene, 0.02)

@@ -20,7 +20,7 @@ from studies.stability.twins import turned
 AROUND, ON_TOP = 0.003, 0.001
 
 
-@pytest.mark.whole_run(1, 2, 3)
+@pytest.mark.ranks(1, 2, 3)
 @pytest.mark.parametrize("degree, poisson", [(1, 0.3), (2, 0.3), (1, 0.45), (2, 0.49)])
 def test_uniform_stress(degree, poisson):
     """The displacement is linear, with hanging nodes; the planes react to what the loads leave."""
@@ -57,7 +57,7 @@ def last(scene, tolerance, **options):
 @pytest.mark.parametrize(
     "degree, poisson",
     [
-        pytest.param(degree, poisson, marks=pytest.mark.whole_run(ranks))
+        pytest.param(degree, poisson, marks=pytest.mark.ranks(ranks))
         for degree, poisson, ranks in ((1, 0.3, 3), (2, 0.3, 1), (2, 0.45, 2))
     ],
 )
@@ -74,7 +74,7 @@ def test_turned_hertz(degree, poisson, monkeypatch):
     assert abs(other.value / one.value - 1) < 1e-7 and abs(other.error / one.error - 1) < 1e-3
 
 
-@pytest.mark.whole_run(1, 2)
+@pytest.mark.ranks(1, 2)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_tilted_rings(degree):
     """Rings that three planes alone hold, in no direction of the axes; their forces add up to none."""
@@ -111,7 +111,7 @@ def sector_of_ball(degrees):
 
 
 @pytest.mark.slow
-@pytest.mark.whole_run(2)
+@pytest.mark.ranks(2)
 def test_sector_of_two_spheres():
     """A twelfth gives the force, pressure and radius of the whole that a computation with axial symmetry gives."""
     lower = ball(1.0, 2, octants=1).placed(sector_of_ball(30.0)).shifted(z=-1)
@@ -136,7 +136,7 @@ def test_sector_of_two_spheres():
     assert abs(record.contact_radius / known.contact_radius - 1) < 0.01
 
 
-@pytest.mark.whole_run(2)
+@pytest.mark.ranks(2)
 def test_sector_of_rings():
     """A sector of 30 degrees of a shrink fit has the forces of the whole, as its quarter."""
     scene = shrink_fit(coarse=1)

@@ -64,7 +64,6 @@ def compressed(materials):
     return scene, np.array([(lateral, lateral, axial) for lateral, axial in strain])
 
 
-@pytest.mark.whole_run
 @pytest.mark.parametrize(
     "degree, materials",
     [(1, (STEEL, RUBBER)), (1, (SOFT, STEEL)), (2, (STEEL, RUBBER))],

@@ -16,8 +16,6 @@ from fx_contact.results.analytic import Hertz, HertzLine, ShrinkFit
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 from studies.stability.twins import scaled, swapped, turned
 
-pytestmark = pytest.mark.whole_run
-
 SOFT, STIFF = Material(1.0, 0.3), Material(1e3, 0.0)
 CYCLE = np.roll(np.eye(3), 1, axis=0)
 
