@@ -12,7 +12,8 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.row_kinds import needed_keys
+from fx_contact.contact.row_kinds import create_rows, needed_keys
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
@@ -371,6 +372,13 @@ def prolongation_of(scene, forest, degree=1):
     """Prolongation with the nodes that the rows of a scene need."""
     space = Space(forest, degree)
     return Prolongation(space, needed_keys(scene, space))
+
+
+def with_rows(scene, forest, enforcement=None):
+    """Elasticity of a scene on a forest, the rows of its contact, and its supports."""
+    elasticity = discrete(scene, forest)
+    rows = create_rows(scene, elasticity.prolongation, enforcement or Enforcement())
+    return elasticity, rows, find_supports(scene, forest, elasticity.prolongation)
 
 
 def side_by_side():

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_contact import Solver
-from fx_contact.contact.body_contact import force_components
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
@@ -136,8 +135,8 @@ class State:
         self._load = load(step.scene, step.forest, step.elasticity)
         held = ~supports.free
         self._contact = np.zeros_like(u)
-        blocks = self.pairs.blocks
-        np.add.at(self._contact, blocks.node, -contact.force[blocks.row, None] * blocks.values)
+        pairs, entries = self.pairs, self.pairs.entries
+        np.add.at(self._contact, entries.node, -contact.force[entries.row, None] * pairs.values)
         self._reaction = np.where(held, inner - self._load - self._contact, 0.0)
         self._body = _bodies(step.forest, prolongation)
         self.copies = step.scene.symmetry
@@ -154,7 +153,7 @@ class State:
 
         self.penetration = self.pairs.penetration(u)
         self.force = float(np.abs(contact.force).sum())
-        self._resultants = force_components(step.scene, self.pairs, contact.force)
+        self._resultants = self.pairs.force_components(contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
         self.yielded = float(contact.force @ self.penetration)

@@ -1,5 +1,6 @@
 """The rules by which single pairs change: noise, ties, and what ends a cycle."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,18 +9,19 @@ from conftest import WORLD, everywhere
 from mpi4py import MPI
 
 from fx_contact.contact.active_set import ActiveSet
+from fx_contact.parallel.errors import SolveError
 
 
-def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF):
+def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100):
     """An ActiveSet of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""
     size = len(penetration)
     rows = SimpleNamespace(
         prolongation=SimpleNamespace(comm=comm),
-        penetration=lambda u: np.array(penetration),
+        penetration=lambda u: np.array(penetration, dtype=float),
         capped_stiffness=np.ones(size),
         key=comm.rank * size + np.arange(size),
     )
-    return ActiveSet(rows, None, np.full((size, 3), largest), 100)
+    return ActiveSet(rows, None, np.full((size, 3), largest), most)
 
 
 def test_first_guess():
@@ -67,3 +69,74 @@ def test_single_changes(comm):
     fewer[1:] = False if first else fewer[1:]
     status.update(fewer)  # only two are: all at once
     now(False, False, False)
+
+
+def flexible(number, size):
+    """A random complementarity problem: f >= 0, g - M f <= 0, f (g - M f) = 0, with positive definite M."""
+    random = np.random.default_rng(number)
+    factor = random.normal(size=(size, 3))
+    return factor @ factor.T + 0.01 * np.eye(size), random.normal(size=size)
+
+
+def trial_force(matrix, gap, active):
+    """Forces of the closed pairs, penetrations of the open ones."""
+    force = np.zeros(len(gap))
+    force[active] = np.linalg.solve(matrix[np.ix_(active, active)], gap[active])
+    return np.where(active, force, gap - matrix @ force)
+
+
+def test_active_set_ends():
+    """Where changing all wrong pairs at once cycles, the rules still end, and with the solution."""
+    size, cycles = 8, 0
+    for number in range(200):
+        matrix, gap = flexible(number, size)
+        if not (gap > 0).any():
+            continue
+        (solution,) = (
+            on
+            for on in map(np.array, product([False, True], repeat=size))
+            if (np.where(on, 1, -1) * trial_force(matrix, gap, on) > 0).all()
+        )
+        plain, seen = np.arange(size) == 0, set()
+        while plain.tobytes() not in seen:
+            seen.add(plain.tobytes())
+            plain = trial_force(matrix, gap, plain) > 0
+        cycles += (plain != solution).any()
+
+        status = active_set(-np.arange(size), most=200)
+        while status.differs(wanted := status.wanted(trial_force(matrix, gap, status.active), 0.0)):
+            status.update(wanted)
+        assert (status.active == solution).all()
+    assert cycles > 3, "no problem cycles without the rules"
+
+
+def test_light_contact_within_the_solvers_error_ends():
+    """Pairs that overlap when they are open stay closed, though their forces are less than the solver's error."""
+    status, noise = active_set([0, -1, -2], most=10), 1e-3
+    light = np.array([1e-4, 1e-4, 0.0])
+    for _ in range(10):
+        overlap = np.array([1e-2, 1e-2, -1e-2])  # by which open pairs know that they must close
+        wanted = status.wanted(np.where(status.active, light, overlap), noise)
+        if not status.differs(wanted):
+            break
+        status.update(wanted)
+    assert status.active.tolist() == [True, True, False]
+
+
+def test_what_pulls_is_not_tried_in_turn():
+    """Where a body needs now this pair, now that one to hold it, and both pull, that is the error."""
+    status = active_set([0, -1], most=20)
+    status._loose_bodies = lambda active: [] if active.any() else ["upper"]
+    with pytest.raises(SolveError, match="nothing holds body 'upper'"):
+        for _ in range(20):
+            closest = np.where(status.active, -2.0, -1.0)
+            status.update(status.wanted(closest, 0.0))
+    assert status.updates < 5
+
+
+def test_too_many_updates():
+    """The number of updates is limited, and the error says so."""
+    status = active_set(-np.arange(5), most=3)
+    with pytest.raises(SolveError, match="after 3 updates"):
+        for _ in range(4):
+            status.update(~status.active)

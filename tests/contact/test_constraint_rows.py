@@ -1,56 +1,113 @@
-"""What solves with contact needs rows of B alone: those of node pairs, and others with more vertices."""
+"""Rows of B: solves need nothing else of a contact; normals, stiffness and forces of node pairs."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import DISTRIBUTIONS, discrete, pressed, roots, solved, two_boxes
+from model_problems import (
+    DISTRIBUTIONS,
+    corner_scene,
+    grown,
+    pressed,
+    prolongation_of,
+    roots,
+    solved,
+    two_boxes,
+    with_rows,
+)
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
-from fx_contact.contact.enforcement import Enforcement
+from fx_contact import Enforcement
+from fx_contact.contact.constraint_rows import Entries
+from fx_contact.contact.enforcement import CAP
 from fx_contact.contact.row_kinds import create_rows
-from fx_contact.fem.dirichlet import find_supports
+from fx_contact.scenes import hertz
 
 
-@dataclass(frozen=True, eq=False)
-class MixedRows(ConstraintRows):
-    """0.9 of each node pair's row and 0.1 of the next one's: the same constraints in other words, where all are met."""
+def pairs_of(scene, enforcement=None, rounds=2, degree=1):
+    """NodePairs on a randomly refined forest, along the contact-aware curve."""
+    forest = DISTRIBUTIONS["contact-sfc"](grown(roots(scene), rounds, share=0.2))
+    return create_rows(scene, prolongation_of(scene, forest, degree), enforcement or Enforcement())
 
-    blocks: Blocks = None
 
-    @classmethod
-    def of(cls, pairs):
-        """The rows of one rank's node pairs, mixed."""
-        n, one = len(pairs), pairs.blocks
-        following = np.roll(np.arange(n), -1)
-        row = np.concatenate([one.row, np.argsort(following)[one.row]])
-        values = np.concatenate([0.9 * one.values, 0.1 * one.values])
-        order = np.argsort(row, kind="stable")
-        blocks = Blocks(row[order], np.tile(one.node, 2)[order], np.tile(one.side, 2)[order], values[order])
-        own = {field.name: getattr(pairs, field.name) for field in fields(ConstraintRows)}
-        return replace(cls(**own), blocks=blocks, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
+@pytest.mark.parametrize("symmetry", [1, 4])
+def test_how_hard_a_punch_presses(symmetry):
+    """F, and F / (E* A^(1/2)) of the whole body, of which a quarter has a quarter of F and A."""
+    scene = pressed(two_boxes())
+    pairs = replace(pairs_of(scene), symmetry=symmetry)
+    pressure, compliance = 0.01, sum(1 / m.plane_strain_modulus for m in scene.materials.values())
+    force, approach = pairs.force_and_approach(pressure * pairs.area, pairs.contact, 2)
+    whole = 4 * symmetry  # m^2
+    assert np.allclose(force, [4 * pressure, 0.0], rtol=1e-12)
+    assert np.allclose(approach, [pressure * whole * compliance / np.sqrt(whole), 0.0], rtol=1e-12)
+
+
+def test_only_what_presses_counts():
+    """Pairs without force have no part in the area that presses."""
+    pairs = pairs_of(pressed(two_boxes()))
+    left = pairs.position[:, 0] < 0.5
+    force, approach = pairs.force_and_approach(np.where(left, pairs.area, -1.0), pairs.contact, 1)
+    area = WORLD.allreduce(float(pairs.area[left].sum()))
+    compliance = (1 / pairs.modulus).sum(axis=1)
+    assert 0 < area < 4 and abs(force[0] / area - 1) < 1e-12
+    everywhere(np.allclose(approach[0], np.sqrt(area) * compliance), "another area")
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_normals_are_the_mean_of_both_surfaces(degree):
+    """Between two equal half-spheres it is the axis, though neither surface is across it; at middles of facets too."""
+    scene = hertz(order=2, coarse=3)
+    pairs = pairs_of(scene, rounds=1, degree=degree)
+    everywhere((pairs.entries.node < pairs.prolongation.owned).all(), "a node of another rank")
+    everywhere(np.abs(pairs.normal - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-9, "not along the axis")
+    aside = np.linalg.norm(pairs.position[:, :2], axis=1)
+    gap = 2 * (1 - np.sqrt(np.maximum(1 - aside**2, 0.0)))
+    everywhere(np.abs(pairs.gap - gap).max(initial=0.0) < 1e-3, "not the distance of two spheres")
+
+
+def test_normals_across_an_edge_stay_apart():
+    """Surfaces that meet at right angles keep their normals, also at the vertices that they share."""
+    pairs = pairs_of(corner_scene())
+    everywhere(np.abs(np.abs(pairs.normal).max(axis=1) - 1).max(initial=0.0) < 1e-12, "a normal between two surfaces")
+
+
+@pytest.mark.parametrize("factor", [5.0, 100.0, 1e6])
+def test_stiffness_in_the_matrix(factor):
+    """Soft springs are in the matrix as they are; of stiffer ones those of pairs that are held."""
+    pairs = pairs_of(pressed(two_boxes()), Enforcement("penalty", factor))
+    relative = pairs.capped_stiffness / pairs.stiffness * pairs.penalty_factor
+    expected = np.minimum(pairs.penalty_factor, CAP)
+    everywhere(np.allclose(relative, expected, rtol=1e-12), "another stiffness")
+    # c E*/h times the area of a node: for facets of one size c of all pairs that have four of them.
+    assert WORLD.allreduce(int((np.abs(pairs.penalty_factor / factor - 1) < 1e-9).sum())) > 0
+
+
+def mixed(pairs):
+    """0.9 of each node pair's row and 0.1 of the next one's, of equal normals: the same constraints, if all are met."""
+    n, one = len(pairs), pairs.entries
+    following = np.roll(np.arange(n), -1)
+    row = np.concatenate([one.row, np.argsort(following)[one.row]])
+    order = np.argsort(row, kind="stable")
+    weight = np.concatenate([0.9 * one.weight, 0.1 * one.weight])
+    entries = Entries(row[order], np.tile(one.node, 2)[order], np.tile(one.side, 2)[order], weight[order])
+    return replace(pairs, entries=entries, gap=0.9 * pairs.gap + 0.1 * pairs.gap[following])
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 def test_rows_of_four_vertices(distribution):
     """Mixed rows let the bodies move as the rows of node pairs do, and their forces act alike."""
     scene = pressed(two_boxes(margin=1))
-    forest = DISTRIBUTIONS[distribution](roots(scene))
-    elasticity, enforcement = discrete(scene, forest), Enforcement()
-    prolongation = elasticity.prolongation
-    pairs = create_rows(scene, prolongation, enforcement)
-    rows, supports = MixedRows.of(pairs), find_supports(scene, forest, prolongation)
-    one, other = (solved(elasticity, some, supports, enforcement) for some in (pairs, rows))
+    elasticity, pairs, supports = with_rows(scene, DISTRIBUTIONS[distribution](roots(scene)))
+    rows = mixed(pairs)
+    one, other = (solved(elasticity, some, supports) for some in (pairs, rows))
     everywhere(one.active.all() and other.active.all(), "a row that is open")
-    mixed = bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01  # a rank with one row has none to mix it with
-    assert WORLD.allreduce(bool(mixed), op=MPI.LOR), "rows that are not mixed"
+    unlike = (
+        bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01
+    )  # a rank with one row has none to mix it with
+    assert WORLD.allreduce(bool(unlike), op=MPI.LOR), "rows that are not mixed"
     # Rounding is that of all ranks: it does not depend on their number, though some have nothing.
-    forest = roots(scene, MPI.COMM_SELF)
-    elasticity = discrete(scene, forest)
-    serial = create_rows(scene, elasticity.prolongation, enforcement)
-    alone = solved(elasticity, serial, find_supports(scene, forest, elasticity.prolongation), enforcement)
+    alone = solved(*with_rows(scene, roots(scene, MPI.COMM_SELF)))
     assert abs(one.rounding / alone.rounding - 1) < 1e-6
     everywhere(np.abs(one.displacement - other.displacement).max(initial=0) < 2e-12, "other displacements")
     forces = pairs.transposed(one.force), rows.transposed(other.force)
@@ -60,8 +117,7 @@ def test_rows_of_four_vertices(distribution):
 def test_jump_of_translations():
     """B of a translation is exactly 0, however far it goes, and of the first body alone it is n . t."""
     scene = pressed(two_boxes(bend=0.3))
-    forest = roots(scene)
-    pairs = create_rows(scene, discrete(scene, forest).prolongation, Enforcement())
+    _, pairs, _ = with_rows(scene, roots(scene))
     far = np.broadcast_to([1e9, -3e8, 7e8], (pairs.prolongation.owned, 3))
     everywhere((pairs.jump(far) == 0).all(), "a jump of a translation")
     first = np.zeros_like(far)

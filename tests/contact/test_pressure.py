@@ -7,7 +7,7 @@ from model_problems import grown, pressed, prolongation_of, roots, side_by_side,
 from mpi4py import MPI
 
 from fx_contact import Enforcement
-from fx_contact.contact.contact_facets import facets_of, positions_across
+from fx_contact.contact.contact_facets import positions_across
 from fx_contact.contact.row_kinds import create_rows
 
 SIZE = 0.5
@@ -27,11 +27,11 @@ def forces(pairs, pressure):
     prolongation, space = pairs.prolongation, pairs.prolongation.space
     weights, value, _, _ = space.facet_rule
     result = np.zeros(len(pairs))
-    for index in range(len(pairs.kinds)):
-        leaf, face = facets_of(index, space.forest)
+    for kind in pairs.kinds:
+        leaf, face = kind.facets(space.forest)
         here, _ = positions_across(space.forest, leaf, face, space.points[leaf[:, None], space.face_nodes[face]])
         x, y, _ = np.moveaxis(value @ here, 2, 0)
-        sums, ours = np.zeros((len(space), 1)), pairs.contact == index
+        sums, ours = np.zeros((len(space), 1)), pairs.contact == kind.index
         np.add.at(sums[:, 0], space.on_faces(leaf, face), (SIZE**2 * weights * pressure(x, y)) @ value)
         result[ours] = prolongation.ghosted(prolongation.restrict(sums))[pairs.first[ours], 0]
     return result
@@ -57,7 +57,7 @@ def test_uniform_pressure(degree):
     """It stays, on facets of several sizes too; their nodes have positive areas, that of the surface together."""
     pairs = pairs_of(pressed(two_boxes()), degree, rounds=2)
     prolongation = pairs.prolongation
-    leaf, face = facets_of(0, prolongation.space.forest)
+    leaf, face = pairs.kinds[0].facets(prolongation.space.forest)
     hanging = prolongation.hanging[prolongation.space.on_faces(leaf, face)].any()
     assert WORLD.allreduce(int(hanging)), "no contact facet has a hanging node"
     assert abs(WORLD.allreduce(float(pairs.area.sum())) - 4) < 1e-12

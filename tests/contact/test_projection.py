@@ -1,14 +1,71 @@
-"""How a gap is shared by the two bodies that close it."""
+"""The projection onto closed contact, and how a gap is shared by the two bodies that close it."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from conftest import WORLD, everywhere
-from model_problems import discrete, grown, pressed, roots, two_boxes
+from model_problems import (
+    DISTRIBUTIONS,
+    corner_scene,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    scramble,
+    two_boxes,
+    with_rows,
+)
 
-from fx_contact import Enforcement, Material
+from fx_contact import Material
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.projection import Projection
-from fx_contact.contact.row_kinds import create_rows
-from fx_contact.fem.dirichlet import find_supports
+
+
+def noisy(shape, salt):
+    """Numbers in (-1, 1) that differ from rank to rank."""
+    numbers = scramble(np.arange(np.prod(shape)) + 7919 * WORLD.rank, salt).reshape(shape)
+    return numbers.astype(float) / 2**63 - 1
+
+
+def dot(a, b):
+    """Scalar product over all ranks."""
+    return WORLD.allreduce(float((a * b).sum()))
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("contact", ["flat", "a corner, two pairs", "a corner, one pair"])
+def test_projection(contact, distribution):
+    """P keeps closed pairs as they are, is a projection, and P^T is its transpose; pairs may share vertices."""
+    scene = pressed(two_boxes(margin=1)) if contact == "flat" else corner_scene(contact.endswith("one pair"))
+    scene = replace(scene, materials=dict(zip(scene.mesh.bodies, (Material(1e4, 0.3), Material(1.0, 0.2)))))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    _, pairs, supports = with_rows(scene, forest)
+    jump, prolongation = Jump(pairs, supports), pairs.prolongation
+    number = prolongation.index_map.local_to_global(pairs.entries.node.astype(np.int32)).reshape(-1, 2)
+    shared = any(len(np.unique(column)) < len(column) for column in gathered(WORLD, number).T)
+    assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
+    projection = Projection(jump)
+    active = noisy(len(pairs), 5) > 0
+    projection.close(active)
+    everywhere((projection.closed == active & jump.movable).all(), "other pairs are closed")
+
+    x, y = noisy((prolongation.owned, 3), 1), noisy((prolongation.owned, 3), 2)
+    projected = x.copy()
+    projection.apply(projected)
+    everywhere(np.abs(jump.matrix.times(projected)[projection.closed]).max(initial=0) < 1e-12, "a closed pair moves")
+    again, transposed = projected.copy(), y.copy()
+    projection.apply(again)
+    projection.apply_transpose(transposed)
+    everywhere(np.abs(again - projected).max() < 1e-12, "not a projection")
+    assert abs(dot(projected, y) - dot(x, transposed)) < 1e-10 * dot(x, x)
+    assert dot(projected - x, projected - x) > 0.01
+    held = ~supports.free
+    everywhere((projected[held] == x[held]).all(), "a prescribed displacement is changed")
+    closed = projection.onto_closed(x)
+    everywhere(
+        np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left"
+    )
 
 
 def test_the_softer_body_follows_the_stiffer():
@@ -16,9 +73,8 @@ def test_the_softer_body_follows_the_stiffer():
     materials = Material(4.0, 0.3), Material(1.0, 0.3)
     scene = pressed(two_boxes(), materials=materials)
     forest = grown(roots(scene), 2, share=0.2)
-    prolongation = discrete(scene, forest).prolongation
-    pairs = create_rows(scene, prolongation, Enforcement())
-    jump = Jump(pairs, find_supports(scene, forest, prolongation))
+    _, pairs, supports = with_rows(scene, forest)
+    jump, prolongation = Jump(pairs, supports), pairs.prolongation
     projection = Projection(jump.with_gap(np.full(len(pairs), 0.05)))
     projection.close(np.ones(len(pairs), dtype=bool))
     u = prolongation.ghosted(projection.onto_closed(np.zeros((prolongation.owned, 3))))

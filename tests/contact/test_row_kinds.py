@@ -178,33 +178,24 @@ def kinds(monkeypatch):
 
 def on_floor(scene, name, height=0.0, keep=None):
     """The upper part of a scene of two bodies, on a plane instead of the lower one; `top` is held as in the scene."""
-    mesh, body = scene.mesh, scene.mesh.bodies.index(keep)
-    cells = np.flatnonzero(mesh.body == body)
+    mesh, materials = scene.mesh, {keep: scene.materials[keep]}
+    cells = np.flatnonzero(mesh.body == mesh.bodies.index(keep))
     nodes, numbered = np.unique(mesh.cells[cells], return_inverse=True)
-    place = np.full(len(mesh.cells), -1)
-    place[cells] = np.arange(len(cells))
-    surfaces = {}
-    for key, rows in mesh.surfaces.items():
-        ours = place[rows[:, 0]] >= 0
-        if ours.any():
-            surfaces[key] = np.column_stack([place[rows[ours, 0]], rows[ours, 1]]).astype(np.int32)
-    part = RootMesh(
-        points=mesh.points[nodes],
-        cells=numbered.reshape(len(cells), -1),
-        bodies=(keep,),
-        body=np.zeros(len(cells), dtype=np.int32),
-        surfaces=surfaces,
-    )
+    found = {key: rows[np.isin(rows[:, 0], cells)] for key, rows in mesh.surfaces.items()}
+    surfaces = {
+        key: np.column_stack([np.searchsorted(cells, rows[:, 0]), rows[:, 1]]).astype(np.int32)
+        for key, rows in found.items()
+        if len(rows)
+    }
+    body, shape = np.zeros(len(cells), dtype=np.int32), (len(cells), -1)
+    part = RootMesh(mesh.points[nodes], numbered.reshape(shape), (keep,), body, surfaces)
     held = tuple(c for c in scene.dirichlet if getattr(c, "where", getattr(c, "surface", None)) in surfaces)
-    return replace(
-        scene, mesh=part, materials={keep: scene.materials[keep]}, dirichlet=held, contact=(Floor(name, height),)
-    )
+    return replace(scene, mesh=part, materials=materials, dirichlet=held, contact=(Floor(name, height),))
 
 
 def averaged(scene):
     """The same scene, its contact pairs averaged."""
-    pairs = tuple(Averaged(pair.first, pair.second, pair.direction) for pair in scene.contact)
-    return replace(scene, contact=pairs)
+    return replace(scene, contact=tuple(Averaged(**vars(pair)) for pair in scene.contact))
 
 
 def around_the_axis(scene):
@@ -267,12 +258,9 @@ def test_three_kinds_in_a_stack(degree, method):
     scene = stack((material, Material(3.0, 0.2), material), pressure=0.01)
     one, two = scene.contact
     held = tuple(c for c in scene.dirichlet if not isinstance(c, Dirichlet))
-    scene = replace(
-        scene, dirichlet=held, contact=(one, Averaged(two.first, two.second, two.direction), Floor("bottom"))
-    )
-    step = next(
-        iter(adapt(scene, 0.1, degree=degree, beginning=around_the_axis(scene), enforcement=Enforcement(method)))
-    )
+    scene = replace(scene, dirichlet=held, contact=(one, Averaged(**vars(two)), Floor("bottom")))
+    options = {"degree": degree, "beginning": around_the_axis(scene), "enforcement": Enforcement(method)}
+    step = next(adapt(scene, 0.1, **options))
     assert step.record.hanging_nodes > 0
     assert np.abs(np.array(step.record.pair_forces) / 0.01 - 1).max() < 1e-6
     off = np.abs(step.contact.pressure / 0.01 - 1).max(initial=0.0)
@@ -302,10 +290,10 @@ def test_averaged_rows_are_the_same_anywhere(distribution):
 def test_rows_whose_projection_does_not_converge(monkeypatch):
     """It is an error on all ranks, not a wrong force; it converges in the iterations that there are."""
     scene = averaged(patch(cells=(2, 2, 1)))
-    assert next(iter(adapt(scene, 0.1, degree=1))).record.force > 0
+    assert next(adapt(scene, 0.1, degree=1)).record.force > 0
     monkeypatch.setattr(Projection, "_ITERATIONS", 2)
     with pytest.raises(SolveError, match="projection .* has not converged in 2 iterations"):
-        next(iter(adapt(scene, 0.1, degree=1)))
+        next(adapt(scene, 0.1, degree=1))
 
 
 def test_an_unknown_kind(monkeypatch):
@@ -313,4 +301,4 @@ def test_an_unknown_kind(monkeypatch):
     monkeypatch.delitem(KINDS, Floor)
     scene = on_floor(patch(cells=(1, 1, 1)), "under block 1", 1.0, keep="block 1")
     with pytest.raises(SceneError, match="no rows for a Floor"):
-        next(iter(adapt(scene, 0.1)))
+        next(adapt(scene, 0.1))

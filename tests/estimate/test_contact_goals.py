@@ -13,6 +13,7 @@ from fx_contact import ContactForce, Enforcement, Solver, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
+from fx_contact.estimate.contact_goals import force_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
@@ -107,28 +108,16 @@ BEAMS = {
     "a gap that is least elsewhere": (partial(beam, 0.9, tension=3e-3, near=1e-3), 2, 0.4, 3.98e-6),
     "a touch elsewhere in the same contact pair": (partial(beam, 0.85, tension=3e-3, touch=2e-6), 2, 0.3, 6.87e-6),
     "a touch beside the wall": (partial(beam, 0.85, tension=3e-3, near=-8e-7), 2, 0.3, 5.84e-6),
-    "a gap that a block from afar has all but closed": (
-        partial(beam, 0.85, tension=3e-3, near=1e-3, afar=0.05),
-        2,
-        0.3,
-        5.79e-6,
-    ),
+    "a gap that a block from afar closes": (partial(beam, 0.85, tension=3e-3, near=1e-3, afar=0.05), 2, 0.3, 5.79e-6),
     "a heavier load far away": (partial(beam, 0.8, beside=0.1), 2, 0.1, 2.29e-5),
 }
 
 
+TOO_SMALL = pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        (
-            pytest.param(name, marks=pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error"))
-            if name == "a heavier load far away"
-            else name
-        )
-        for name in BEAMS
-    ],
-)
+@pytest.mark.parametrize("name", [*list(BEAMS)[:-1], pytest.param(list(BEAMS)[-1], marks=TOO_SMALL)])
 def test_forces_of_beams(name):
     """However little energy a force has to do with, it is as right as asked for, and its error is known."""
     make, degree, tolerance, force = BEAMS[name]
@@ -154,12 +143,9 @@ def test_contact_with_a_block_that_sinks():
 
 def test_a_new_beginning():
     """What is not resolved is so for whoever goes on with its forest too."""
-    for step in adapt_linear(beam(0.9), 0.2):
-        if step.record.pair_leaves != [0]:
-            break
-    again = next(
-        iter(adapt_linear(step.scene, 0.2, beginning=Beginning.after(step, np.zeros(len(step.forest), dtype=int))))
-    )
+    step = next(step for step in adapt_linear(beam(0.9), 0.2) if step.record.pair_leaves != [0])
+    beginning = Beginning.after(step, np.zeros(len(step.forest), dtype=int))
+    again = next(adapt_linear(step.scene, 0.2, beginning=beginning))
     assert not again.record.reached and again.record.pair_leaves == step.record.pair_leaves
 
 
@@ -291,11 +277,8 @@ def test_dual_forces(asked, method):
     goal, *_ = asked[-1]
     area = step.pairs.area
     stiffness = -WORLD.allreduce(float((goal.pressure * area).sum()))
-    springs = (
-        {"exact": 0.0}.get(method, 1.0)
-        * WORLD.allreduce(float(area.sum()))
-        / WORLD.allreduce(float(step.pairs.stiffness.sum()))
-    )
+    total, springs = WORLD.allreduce(np.array([area.sum(), step.pairs.stiffness.sum()]))
+    springs = 0.0 if method == "exact" else total / springs
     assert abs(stiffness * (2 * 0.05 + springs) - 1) < 0.02
 
 
@@ -308,3 +291,15 @@ def test_the_gap_between_nodes_counts_for_a_force(asked):
     (error,), (of_user,) = step.record.pair_errors, step.record.goals
     assert 0.01 * goal.total < between < goal.total
     assert error == of_user.error / of_user.value >= goal.total / goal.value
+
+
+def test_allowed_errors_by_hand():
+    """e times each exact force, or e^2 times the largest one; forces that are not positive are no goals.
+
+    With e = 0.1: of forces 1, 0.2 and 0.01 the errors 0.1, 0.02 and 0.01, a tenth, a tenth and all of the exact ones;
+    relative to the computed ones they are a / (1 + a), for these may be too small.
+    """
+    goals = force_goals(["a", "b", "c", "d", "e"], [1.0, 0.2, 0.01, 0.0, -0.5], 0.1)
+    assert {i: goal.tolerance for i, goal in goals.items()} == pytest.approx({0: 1 / 11, 1: 1 / 11, 2: 1 / 2})
+    assert [goal.pair for goal in goals.values()] == ["a", "b", "c"]
+    assert force_goals(["a"], [0.0], 0.1) == {}

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import leaves, roots, strewn
+from model_problems import gathered, leaves, roots, strewn
 from mpi4py import MPI
 
 from fx_contact import ErrorControl, Material, adapt
@@ -33,6 +33,22 @@ def dealt(values):
     return values[WORLD.rank :: WORLD.size]
 
 
+def left(estimate, marked):
+    """xi after refinement of a smooth solution, of which eight children have 8 c of the square of a cell's error."""
+    return np.sqrt(WORLD.allreduce(float((estimate.error**2 * (8 * estimate.child_error) ** marked).sum())))
+
+
+def least_marked(estimate, marked):
+    """The least error of the cells that are marked."""
+    return WORLD.allreduce(float(estimate.error[marked > 0].min(initial=np.inf)), op=MPI.MIN)
+
+
+def check_loss(estimate, marked, lost):
+    """What refinement is said to lose of xi^2 is what it loses."""
+    total2 = estimate.error_global**2
+    assert abs(left(estimate, marked) ** 2 - (total2 - lost)) < 1e-9 * total2
+
+
 def test_marking_stops_where_the_tolerance_is_met():
     """Enough cells for the tolerance and hardly more."""
     errors = np.geomspace(1e-4, 1e-2, 3000)
@@ -40,13 +56,9 @@ def test_marking_stops_where_the_tolerance_is_met():
     for share in (0.95, 0.8):
         mine = spread(errors)
         marked, lost = for_tolerance(mine, share * total, None, CONTACT, WORLD)
-        left = (mine.error**2 * 0.25**marked).sum()
-        left = np.sqrt(WORLD.allreduce(float(left)))
-        assert 0.85 * share * total < left <= 0.9 * share * total
-        assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
-        everywhere(
-            mine.error[marked > 0].min(initial=1) > mine.error[marked == 0].max(), "not the largest are marked"
-        )
+        assert 0.85 * share * total < left(mine, marked) <= 0.9 * share * total
+        check_loss(mine, marked, lost)
+        everywhere(least_marked(mine, marked) > mine.error[marked == 0].max(), "not the largest are marked")
 
 
 @pytest.mark.parametrize("child", [1 / 32, 1 / 128])
@@ -58,7 +70,7 @@ def test_a_step_that_cannot_suffice_refines_for_the_meshes_to_come(child):
     threshold = tolerance / np.sqrt(len(errors)) / np.sqrt(np.mean(final**2))
     mine = spread(errors, child_error=child)
     marked, _ = for_tolerance(mine, tolerance, 0.5, CONTACT, WORLD)
-    least, most = WORLD.allreduce(least_marked(mine, marked), op=MPI.MIN), mine.error[marked == 0].max(initial=0)
+    least, most = least_marked(mine, marked), mine.error[marked == 0].max(initial=0)
     assert 0.99 * threshold < least < 1.01 * threshold and WORLD.allreduce(int(marked.max()), op=MPI.MAX) == 2
     everywhere(most <= least, "not the largest are marked")
     above = np.arange(3000) % 2 == 0  # of errors at 3 and 1.5 times (2): once only
@@ -69,11 +81,6 @@ def test_a_step_that_cannot_suffice_refines_for_the_meshes_to_come(child):
     everywhere((for_tolerance(even, tolerance, 0.1, CONTACT, WORLD)[0] == 1).all(), "no cell of criterion (2)")
 
 
-def least_marked(estimate, marked):
-    """The least error of this rank's cells that are marked."""
-    return float(estimate.error[marked > 0].min(initial=np.inf))
-
-
 def test_one_step_of_degree_2_aims_at_a_quarter():
     """However small the tolerance is; a larger aim than a quarter is met.  At degree 1 there is no such aim."""
     errors = np.geomspace(1e-4, 1e-2, 3000)
@@ -81,11 +88,10 @@ def test_one_step_of_degree_2_aims_at_a_quarter():
     mine = spread(errors, child_error=1 / 128)
     for share, aim in ((1e-3, 0.25), (0.1, 0.25), (0.6, 0.54)):
         marked, _ = for_tolerance(mine, share * total, 1.0, CONTACT, WORLD)
-        left = np.sqrt(WORLD.allreduce(float((mine.error**2 / 16.0**marked).sum())))
-        assert 0.98 * aim * total < left <= aim * total
+        assert 0.98 * aim * total < left(mine, marked) <= aim * total
     linear, tolerance = spread(errors, child_error=1 / 32), 0.5 * total  # of which (2) would leave 0.99
     marked, _ = for_tolerance(linear, tolerance, 1.0, CONTACT, WORLD)
-    ratio = WORLD.allreduce(least_marked(linear, marked), op=MPI.MIN) / (tolerance / np.sqrt(linear.cells))
+    ratio = least_marked(linear, marked) / (tolerance / np.sqrt(linear.cells))
     assert 1.85 < ratio < 1.95, "not for the meshes to come"
 
 
@@ -96,11 +102,9 @@ def test_a_lower_threshold_saves_a_solve():
     mine, tolerance = spread(errors), 0.65 * total
     for rate in (None, 1.0):
         marked, lost = for_tolerance(mine, tolerance, rate, CONTACT, WORLD)
-        left = np.sqrt(WORLD.allreduce(float((mine.error**2 * 0.25**marked).sum())))
-        assert 0.85 * tolerance < left <= 0.9 * tolerance
-        assert abs(left**2 - (total**2 - lost)) < 1e-9 * total**2
-        ratio = WORLD.allreduce(least_marked(mine, marked), op=MPI.MIN) / (tolerance / np.sqrt(mine.cells))
-        assert 1 < ratio < 1.5
+        assert 0.85 * tolerance < left(mine, marked) <= 0.9 * tolerance
+        check_loss(mine, marked, lost)
+        assert 1 < least_marked(mine, marked) / (tolerance / np.sqrt(mine.cells)) < 1.5
 
 
 def test_marking_uses_the_loss_of_the_last_refinement():
@@ -111,8 +115,7 @@ def test_marking_uses_the_loss_of_the_last_refinement():
     for brought in (1.0, 0.5):
         before = spread(errors)
         marked, history = CONTACT.marked(before, 0.5 * total, CONTACT.begin(), WORLD)
-        lost = WORLD.allreduce(float((before.error**2 * (1 - 0.25**marked)).sum()))
-        now = np.sqrt(total**2 - brought * lost)
+        now = np.sqrt(total**2 - brought * (total**2 - left(before, marked) ** 2))
         after, _ = CONTACT.marked(spread(errors * now / total), 0.9 * now, history, WORLD)
         counts.append(WORLD.allreduce(int(after.sum())))
     assert counts[1] > 1.5 * counts[0]
@@ -121,13 +124,11 @@ def test_marking_uses_the_loss_of_the_last_refinement():
 @pytest.mark.parametrize("theta", [0.3, 0.5, 0.8, 1.0, 1.3])
 def test_effectivity_is_measured_by_refinement(theta):
     """If the error halves with each mesh its effectivity is found within two meshes."""
-    true = 0.5 ** np.arange(4)
-    history = CONTACT.begin()
-    for last, now in zip(true, true[1:]):
-        _, history = CONTACT.marked(spread(np.full(8, theta * last / np.sqrt(8))), 0.1, history, WORLD)
-        history = history.observed(
-            spread(np.full(8, theta * now / np.sqrt(8))), np.sqrt(last**2 - now**2), CONTACT.least_effectivity
-        )
+    true, history = 0.5 ** np.arange(4), CONTACT.begin()
+    estimates = [spread(np.full(8, theta * error / np.sqrt(8))) for error in true]
+    for before, after, last, now in zip(estimates, estimates[1:], true, true[1:]):
+        _, history = CONTACT.marked(before, 0.1, history, WORLD)
+        history = history.observed(after, np.sqrt(last**2 - now**2), CONTACT.least_effectivity)
     assert abs(history.effectivity - min(max(theta, 0.4), 1.0)) < 0.02 and history.compared
     same_mesh = replace(history, refined=False)
     assert same_mesh.observed(spread(np.ones(8)), 1e9, 0.4) == same_mesh
@@ -136,14 +137,8 @@ def test_effectivity_is_measured_by_refinement(theta):
 def test_tolerance_is_corrected_by_a_low_effectivity():
     """Down to 0.8 an estimate is taken at its word; below, it is divided by its effectivity."""
     error = spread(np.full(8, 0.1 / np.sqrt(8)))
-    for theta, tolerance, sought in (
-        (1.0, 0.1001, None),
-        (0.8, 0.1001, None),
-        (0.79, 0.12, 0.0948),
-        (0.79, 0.13, None),
-        (0.4, 0.2, 0.08),
-        (0.4, 0.251, None),
-    ):
+    taken = (1.0, 0.1001, None), (0.8, 0.1001, None), (0.79, 0.13, None), (0.4, 0.251, None)
+    for theta, tolerance, sought in (*taken, (0.79, 0.12, 0.0948), (0.4, 0.2, 0.08)):
         found = CONTACT.sought(error, tolerance, RefinementHistory(theta, compared=True))
         assert found is sought or abs(found - sought) < 1e-12
     for history in (RefinementHistory(0.4, compared=True), CONTACT.begin()):
@@ -177,9 +172,8 @@ def test_both_modes_by_hand():
         times, after = ENERGY.marked(error, 0.5, known, WORLD)
         assert np.array_equal(times, dealt(np.array([0, 0, 1, 1]))) and after == known
         assert np.array_equal(ENERGY.marked(error, 0.1, known, WORLD)[0], dealt(np.ones(4)))  # never twice
-    assert np.array_equal(
-        ENERGY.marked(error, 0.4, begin, WORLD)[0], dealt(np.array([0, 0, 1, 1]))
-    )  # 2 is not above 2
+    times, _ = ENERGY.marked(error, 0.4, begin, WORLD)
+    assert np.array_equal(times, dealt(np.array([0, 0, 1, 1])))  # 2 is not above 2
     assert ENERGY.effectivity(RefinementHistory(0.4)) == ENERGY.correction(RefinementHistory(0.4)) == 1.0
 
     times, after = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
@@ -215,15 +209,11 @@ def test_partners_by_hand(control, marked, partner):
     estimate = Estimate(np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
     times, _ = control.marked(estimate, 0.5, control.begin(), WORLD)
     fine, _ = forest.refined_with(times)
-    sides, quarters = product((0, HALF), repeat=3), list(product((0, HALF // 2), repeat=3))
-    expected = set()
-    for place in product((0, 1), sides):
-        if place in (marked, partner):
-            expected |= {(place[0], 2, *np.add(place[1], quarter).tolist()) for quarter in quarters}
-        else:
-            expected.add((place[0], 1, *place[1]))
-    found = np.column_stack([fine.cell, fine.level, fine.anchor])
-    found = [tuple(row) for row in np.concatenate(WORLD.allgather(found)).tolist()]
+    places, quarters = set(product((0, 1), product((0, HALF), repeat=3))), product((0, HALF // 2), repeat=3)
+    children = product({marked, partner} - {None}, quarters)
+    expected = [[cell, 1, *anchor] for cell, anchor in places - {marked, partner}]
+    expected += [[cell, 2, *np.add(anchor, quarter).tolist()] for (cell, anchor), quarter in children]
+    found = gathered(WORLD, np.column_stack([fine.cell, fine.level, fine.anchor])).tolist()
     assert sorted(found) == sorted(expected) and len(found) == (30 if partner else 23)
 
 

@@ -1,25 +1,54 @@
-"""The recovered stress, and the energies that come with it."""
+"""The recovered stress, the energies that come with it, and the stress that is shown."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import ufl
 from conftest import WORLD, everywhere
-from model_problems import ALONG, conforming_positions, discrete, grown, pressed, roots, two_boxes, wedge
+from dolfinx import fem
+from model_problems import (
+    ALONG,
+    DISTRIBUTIONS,
+    RUBBER,
+    STEEL,
+    conforming_positions,
+    discrete,
+    grown,
+    pressed,
+    roots,
+    two_boxes,
+    wedge,
+)
 
 from fx_contact import Dirichlet, Scene, adapt
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import VOIGT, ShearFree, find_shear_free
-from fx_contact.estimate.stress_recovery import StressRecovery
+from fx_contact.estimate.stress_projection import projected_stress
+from fx_contact.estimate.stress_recovery import StressRecovery, six
 from fx_contact.fem.external_forces import body_force
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.boundary_conditions import BodyForce, Traction
 from fx_contact.problem.materials import Material
-from studies.boxes import DOWN, UP, Boxes
+from fx_contact.problem.shapes import root_mesh_from_shapes
+from fx_contact.problem.solids import block
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
+
+
+def boxes(degree=2, share=0.2, materials=(STEEL, RUBBER), force=None, distribution="roots", **shape):
+    """Two boxes with hanging nodes: Elasticity, positions of its unknowns, no node without shear, and the Estimator."""
+    scene = pressed(two_boxes(**shape), materials=materials)
+    if force is not None:
+        scene = replace(scene, body_forces=tuple(BodyForce(body, force) for body in scene.mesh.bodies))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=share))
+    elasticity = discrete(scene, forest, degree=degree)
+    assert (elasticity.prolongation.hanging_global > 10) == (share > 0)
+    position, _ = conforming_positions(forest, elasticity.prolongation)
+    nowhere = ShearFree(np.zeros(position.shape, dtype=bool))
+    return elasticity, position, nowhere, Estimator(elasticity, nowhere, Stages(), body_force(scene, elasticity))
 
 
 @pytest.mark.parametrize("loaded", [False, True])
@@ -54,32 +83,25 @@ def test_no_shear_stress_on_oblique_planes(loaded):
 @DEGREES
 def test_energies_add_up(degree):
     """The energy of sigma_h is that of its displacement; omega (4) has xi too, omega^2 = |sigma_h|^2 + xi^2."""
-    scene = pressed(two_boxes(bend=0.2))
-    forest = grown(roots(scene), 2, share=0.2)
-    elasticity = discrete(scene, forest, degree=degree)
-    position, _ = conforming_positions(forest, elasticity.prolongation)
+    elasticity, position, _, estimator = boxes(degree, bend=0.2)
     u = 0.1 * np.sin(3 * position)
-    nowhere = ShearFree(np.zeros(u.shape, dtype=bool))
-    estimate = Estimator(elasticity, nowhere, Stages()).error(elasticity.field(u)).estimate
+    estimate = estimator.error(elasticity.field(u)).estimate
     energy, error2 = WORLD.allreduce(np.array([estimate.energy.sum(), (estimate.error**2).sum()]))
     assert estimate.relative > 0.04, "hardly an error"
     assert abs(energy / elasticity.energy_norm(u) ** 2 - 1) < 1e-12
     assert abs(error2 / estimate.error_global**2 - 1) < 1e-12
     assert abs((energy + error2) / estimate.energy_norm**2 - 1) < 1e-12
-    assert estimate.cells == forest.size_global
+    assert estimate.cells == elasticity.prolongation.space.forest.size_global
 
 
 @DEGREES
 def test_no_shear_stress_where_symmetry_forbids_it(degree):
     """On planes across x that are named, s_xy and s_xz are 0, the other components as without."""
-    scene = pressed(two_boxes())
-    forest = grown(roots(scene), 1, share=0.2)
-    elasticity = discrete(scene, forest, degree=degree)
-    position, _ = conforming_positions(forest, elasticity.prolongation)
+    elasticity, position, nowhere, _ = boxes(degree)
     field = elasticity.field(position @ np.array([[1.0, 0.5, 0.2], [0.3, 2.0, 0.4], [0.6, 0.1, 3.0]]))
     plane = np.zeros(position.shape, dtype=bool)
     plane[:, 0] = np.abs(position[:, 0]) < 1e-9
-    recoveries = (StressRecovery(elasticity, ShearFree(which), Stages()) for which in (0 * plane > 0, plane))
+    recoveries = (StressRecovery(elasticity, where, Stages()) for where in (nowhere, ShearFree(plane)))
     free, held = (recovery.stress(field) for recovery in recoveries)
     on = elasticity.at_blocks(elasticity.prolongation.prolong(np.repeat(plane[:, :1], 6, axis=1).astype(float)))
     on, free, held = (values.reshape(-1, 6) for values in (on, free.x.array, held.x.array))
@@ -95,33 +117,20 @@ def test_no_shear_stress_where_symmetry_forbids_it(degree):
 @DEGREES
 def test_rigid_motions_have_no_error(degree):
     """Nor stress, on bent cells with hanging nodes."""
-    scene = pressed(two_boxes(bend=0.2))
-    forest = grown(roots(scene), 2, share=0.2)
-    elasticity = discrete(scene, forest, degree=degree)
-    position, _ = conforming_positions(forest, elasticity.prolongation)
-    field = elasticity.field(np.cross([0.3, -0.2, 0.5], position) + [1.0, 2.0, 3.0])
-    error = Estimator(elasticity, ShearFree(np.zeros(position.shape, dtype=bool)), Stages()).error(field)
+    elasticity, position, _, estimator = boxes(degree, bend=0.2)
+    error = estimator.error(elasticity.field(np.cross([0.3, -0.2, 0.5], position) + [1.0, 2.0, 3.0]))
     assert error.estimate.energy_norm < 1e-12
     everywhere(np.abs(error.stress.x.array).max(initial=0) < 1e-12, "a stress")
 
 
-def unit_cells(hanging, force=None):
-    """Elasticity of degree 2 on boxes of cells with E = 3 Pa and nu = 0, positions of its unknowns, an Estimator."""
-    scene = pressed(two_boxes(distortion=0.0), materials=(Material(3.0, 0.0),) * 2)
-    forest = grown(roots(scene), 2, share=0.2) if hanging else roots(scene)
-    if force is not None:
-        scene = replace(scene, body_forces=tuple(BodyForce(body, force) for body in scene.mesh.bodies))
-    elasticity = discrete(scene, forest, degree=2)
-    position, _ = conforming_positions(forest, elasticity.prolongation)
-    nowhere = ShearFree(np.zeros(position.shape, dtype=bool))
-    return elasticity, position, Estimator(elasticity, nowhere, Stages(), body_force(scene, elasticity))
+#: Of degree 2 with E = 3 Pa and nu = 0, on boxes of cells.
+UNIT_CELLS = {"materials": (Material(3.0, 0.0),) * 2, "distortion": 0.0}
 
 
 def test_a_linear_stress_has_no_error():
     """At degree 2 it is recovered as it is, at hanging nodes and at the boundary too."""
-    elasticity, position, estimator = unit_cells(hanging=True)
+    elasticity, position, _, estimator = boxes(**UNIT_CELLS)
     x, y, _ = position.T
-    assert elasticity.prolongation.hanging_global > 10
     field = elasticity.field(np.stack([x**2, -4 * x * y, 0 * x], axis=1))  # in equilibrium
     error = estimator.error(field)
     x, y, _ = elasticity.prolongation.space.positions()[elasticity.node_of_block].T
@@ -132,7 +141,7 @@ def test_a_linear_stress_has_no_error():
 
 def test_stresses_come_from_the_superconvergent_points():
     """Of the stress E y^2 they make E (y^2 - 1/6) at the ends of unit cells, E (y^2 + 1/12) in the middle."""
-    elasticity, position, estimator = unit_cells(hanging=False)
+    elasticity, position, _, estimator = boxes(share=0.0, **UNIT_CELLS)
     x, y, _ = position.T
     field = elasticity.field(np.stack([x * y**2, 0 * x, 0 * x], axis=1))
     stress = estimator.error(field).stress.x.array.reshape(-1, 6)[:, VOIGT.index((0, 0))]
@@ -146,8 +155,8 @@ def test_the_element_residual_is_the_error_of_a_cubic():
 
     Without the body force f = -6 E x nothing is left: div sigma_h is constant in each cell.
     """
-    elasticity, position, estimator = unit_cells(
-        hanging=False, force=lambda x: np.stack([-18 * x[0], 0 * x[0], 0 * x[0]])
+    elasticity, position, _, estimator = boxes(
+        share=0.0, force=lambda x: np.stack([-18 * x[0], 0 * x[0], 0 * x[0]]), **UNIT_CELLS
     )
     x = position[:, 0]
     field = elasticity.field(np.stack([x**3, 0 * x, 0 * x], axis=1))
@@ -158,8 +167,8 @@ def test_the_element_residual_is_the_error_of_a_cubic():
 
 def test_a_displacement_in_equilibrium_has_no_element_residual():
     """Of u = (x^2 y, 0, 0) with f = -div sigma (3) alone is left: E / 360 in a unit cell, of the shear E x^2 / 2."""
-    elasticity, position, estimator = unit_cells(
-        hanging=False, force=lambda x: np.stack([-6 * x[1], -3 * x[0], 0 * x[0]])
+    elasticity, position, _, estimator = boxes(
+        share=0.0, force=lambda x: np.stack([-6 * x[1], -3 * x[0], 0 * x[0]]), **UNIT_CELLS
     )
     x, y, _ = position.T
     field = elasticity.field(np.stack([x**2 * y, 0 * x, 0 * x], axis=1))
@@ -170,11 +179,42 @@ def test_a_displacement_in_equilibrium_has_no_element_residual():
 
 def test_estimates_of_tall_cells_fall():
     """Those of a pressed column, clamped at both ends, its cells 1:40: true errors of nested meshes can only fall."""
-    boxes = Boxes(1)
-    boxes.add("column", (0.0, 0.0, 0.0), (1.0, 1.0, 10.0), (4, 4, 1))
-    ends = {"foot": boxes.facets(DOWN, 0.0), "head": boxes.facets(UP, 10.0)}
+    column = block((0.0, 0.0, 0.0), (1.0, 1.0, 10.0), (4, 4, 1), 1)
+    mesh = root_mesh_from_shapes({"column": column}, {"foot": "column bottom", "head": "column top"})
     held = Dirichlet("foot", 0.0, 0.0, 0.0), Dirichlet("head", 0.0, 0.0, -0.01)
-    scene = Scene("column", boxes.mesh(ends), {"column": Material(1.0, 0.3)}, held, ())
+    scene = Scene("column", mesh, {"column": Material(1.0, 0.3)}, held, ())
     estimates = [step.record.estimate for step in adapt(scene, 0.16, WORLD, max_steps=3)]
     assert len(estimates) == 3
     assert max(np.diff(estimates)) < 0  # 0.208, 0.158, 0.096; with tractions on facets 0.208, 0.357, 0.425
+
+
+@DEGREES
+def test_the_stress_that_is_shown(degree):
+    """It is the nearest continuous one to sigma_h: their difference is orthogonal to all of these."""
+    elasticity, position, nowhere, _ = boxes(degree, distribution="strewn")
+    field = elasticity.field(np.sin(3 * position + [0.0, 1.0, 2.0]))
+    shown, dx = projected_stress(elasticity, field, nowhere, Stages()), elasticity.measure()
+    any_stress = fem.Function(shown.function_space)
+    nodal = np.cos(5 * position @ np.arange(18.0).reshape(3, 6))
+    any_stress.x.array[:] = elasticity.at_blocks(elasticity.prolongation.prolong(nodal))
+    off, size = shown - ufl.as_vector(six(elasticity.stress(field))), ufl.inner(shown, shown)
+    products = [fem.assemble_scalar(fem.form(form * dx)) for form in (ufl.inner(off, any_stress), size)]
+    product, size = WORLD.allreduce(np.array(products))
+    assert abs(product) < 1e-7 * size and size > 0.1
+
+
+def test_a_quadratic_displacement_has_its_linear_stress():
+    """At degree 2, on boxes, at hanging nodes and at the boundary too; in each body by its own moduli."""
+    elasticity, position, nowhere, _ = boxes(distribution="strewn", distortion=0.0)
+    x, y, z = position.T
+    field = elasticity.field(np.stack([x**2 + y * z, -4 * x * y, z * y], axis=1))
+    shown = projected_stress(elasticity, field, nowhere, Stages())
+    values = elasticity.at_leaves(shown)
+    x, y, z = np.moveaxis(elasticity.prolongation.space.positions()[elasticity.prolongation.space.cells], -1, 0)
+    strain = [2 * x, -4 * x, y, z / 2, y / 2, (z - 4 * y) / 2]
+    first, second = np.empty((2, len(values), 1))
+    for lame, of_leaf in zip(elasticity.lame, (first, second)):
+        of_leaf[elasticity.leaf_mesh.leaf] = lame.x.array[lame.function_space.dofmap.list]
+    known = [2 * second * e + (i < 3) * first * sum(strain[:3]) for i, e in enumerate(strain)]
+    largest = WORLD.allreduce(float(np.abs(known).max(initial=0.0)))
+    everywhere(np.abs(values - np.stack(known, axis=2)).max(initial=0.0) < 1e-6 * largest, "another stress")

@@ -4,21 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
-from model_problems import corner_scene, leaves, roots
+from conftest import WORLD
+from model_problems import corner_scene, gathered, leaves, roots
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, Solver, adapt  # noqa: E402
-from fx_contact.adaptive.beginning import Beginning  # noqa: E402
-from fx_contact.adaptive.checkpoint import Checkpoint  # noqa: E402
-from fx_contact.contact.enforcement import METHODS  # noqa: E402
-from fx_contact.contact.row_kinds import kinds_of  # noqa: E402
-from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson  # noqa: E402
-from fx_contact.fem.space import Space  # noqa: E402
-from fx_contact.problem.facet_pairing import leaf_code  # noqa: E402
-from fx_contact.scenes import punch, stack  # noqa: E402
-from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes  # noqa: E402
-from studies.stability.shapes import bump, in_two, ring, waves
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.contact.row_kinds import kinds_of
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson
+from fx_contact.fem.space import Space
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.scenes import punch
+from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+from studies.stability.shapes import bump, in_two, on_block, ring, waves
 
 HIDDEN = {"cells": 5, "displacement": 0.003}
 """A bump whose pole is in the middle of a root facet, all of whose nodes of degree 1 stay apart."""
@@ -53,17 +52,10 @@ def test_a_touch_between_nodes(degree, cells, pole, depth, radius):
 
 def test_what_is_unseen_is_refined_alone():
     """One facet in the middle of all overlaps; its leaf is marked, on the rank that has it."""
-    step = next(iter(adapt(bump(**HIDDEN), 0.3, degree=1, max_steps=1)))
-    marked = step.forest.corners[step.contact_error.refine > 0]
-    centre = np.concatenate(
-        WORLD.allgather(
-            step.forest.mesh.points[step.forest.mesh.corners].mean(axis=1)[
-                step.forest.cell[step.contact_error.refine > 0]
-            ]
-        )
-    )
-    assert step.record.unseen_contact == len(centre) >= 1 and len(marked) <= len(centre)
-    everywhere(np.abs(centre[:, :2]).max() < 0.2, "another leaf")
+    step = next(adapt(bump(**HIDDEN), 0.3, degree=1, max_steps=1))
+    centre = gathered(WORLD, step.forest.centres[step.contact_error.refine > 0])
+    assert step.record.unseen_contact == len(centre) >= 1
+    assert np.abs(centre[:, :2]).max() < 0.2, "another leaf"
 
 
 def test_facets_around_closed_ones_are_judged_by_their_force():
@@ -118,24 +110,17 @@ def beside_an_edge(swapped):
         height = ((x[:, 1] - y) ** 2 + (x[:, 2] - z) ** 2) / 2 / radius
         return x + np.outer((2 - x[:, 0]) * height * (name == "bump"), [1, 0, 0])
 
-    surfaces = {
-        "bottom": boxes.facets(DOWN, 0.0, "cube"),
-        "top": boxes.facets(UP, 2.0),
-        "far": boxes.facets(RIGHT, 2.0),
-    }
-    surfaces |= {"up": boxes.facets(UP, 1.0, "cube"), "down": boxes.facets(DOWN, 1.0, "block")}
+    surfaces = {"bottom": boxes.facets(DOWN, 0.0, "cube"), "top": boxes.facets(UP, 2.0)}
+    surfaces |= {"far": boxes.facets(RIGHT, 2.0), "up": boxes.facets(UP, 1.0, "cube")}
+    surfaces |= {"down": boxes.facets(DOWN, 1.0, "block")}
     surfaces |= {"side": boxes.facets(RIGHT, 1.0, "cube"), "nose": boxes.facets(LEFT, 1.0, "bump")}
-    side = (
-        ContactPair("nose", "side", direction=(-1, 0, 0))
-        if swapped
-        else ContactPair("side", "nose", direction=(1, 0, 0))
-    )
+    names, direction = (("nose", "side"), (-1, 0, 0)) if swapped else (("side", "nose"), (1, 0, 0))
     return Scene(
         "beside an edge",
         boxes.mesh(surfaces, place=place),
         {"cube": Material(1.0, 0.0), "block": Material(1e-4, 0.0), "bump": Material(1.0, 0.0)},
         (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.3), Dirichlet("far", -0.003, 0.0, 0.0)),
-        (ContactPair("up", "down", direction=(0, 0, 1)), side),
+        (ContactPair("up", "down", direction=(0, 0, 1)), ContactPair(*names, direction=direction)),
     )
 
 
@@ -154,20 +139,7 @@ def test_contact_around_the_edge_from_closed_pairs_of_others():
 
 def test_an_order_that_swings_between_its_nodes():
     """Polynomials of order 6 leave the range of their samples by many times that range."""
-    boxes = Boxes(6)
-    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (1, 1, 1))
-    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
-
-    def place(name, x):
-        height = (1 - x[:, 2]) * (0.0324 + 0.01 * np.cos(6 * np.pi * x[:, 0]))
-        return x + np.outer(height * (name == "wave"), [0, 0, 1])
-
-    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
-    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
-    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, -0.002)
-    materials = dict.fromkeys(("base", "wave"), Material(1.0, 0.3))
-    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
-    scene = Scene("swinging", boxes.mesh(surfaces, place=place), materials, held, (pair,))
+    scene = on_block("swinging", lambda x, _: 0.0324 - 0.01 * np.cos(3 * np.pi * x), 1, 6, 0.002)
     (step,) = adapt(scene, 0.4, MPI.COMM_SELF, max_steps=1)
     assert step.record.force == 0 and step.record.unseen_contact == 1
 
@@ -187,7 +159,7 @@ def test_a_leaf_with_two_contact_facets(facet, monkeypatch):
 @pytest.mark.parametrize("displacement", [0.0, -0.01])
 def test_bodies_that_come_close_are_not_in_contact(displacement):
     """Without an overlap nothing is marked, however close the pole is."""
-    step = next(iter(adapt(bump(5, displacement=displacement), 0.3, max_steps=1, allow=("no load",))))
+    step = next(adapt(bump(5, displacement=displacement), 0.3, max_steps=1, allow=("no load",)))
     assert step.record.unseen_contact == 0 and not step.contact_error.refine.any()
 
 
@@ -199,9 +171,10 @@ def test_restart(tmp_path):
     before = Checkpoint(folder, scene, WORLD)
     state = before.load()
     assert WORLD.allreduce(int((state.refine > 0).sum())) == through[0].record.unseen_contact > 0
-    found = leaf_code(state.forest.cell, state.forest.anchor)[state.refine > 0]
-    expected = leaf_code(through[0].forest.cell, through[0].forest.anchor)[through[0].contact_error.refine > 0]
-    found, expected = (np.sort(np.concatenate(WORLD.allgather(codes))) for codes in (found, expected))
+    found, expected = (
+        np.sort(gathered(WORLD, leaf_code(forest.cell, forest.anchor)[refine > 0]))
+        for forest, refine in ((state.forest, state.refine), (through[0].forest, through[0].contact_error.refine))
+    )
     assert np.array_equal(found, expected)
     (again,) = adapt(scene, 0.3, max_steps=2, restart=before)
     assert np.array_equal(leaves(again.forest), leaves(through[1].forest))
@@ -215,25 +188,6 @@ def test_ring(bodies):
     forces = np.array(step.record.pair_forces)
     assert len(forces) == bodies and forces.min() > 0
     assert np.ptp(forces) < 1e-6 * forces.mean()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_corner_of_a_contact_cut_out(method):
-    """At a vertex with a quarter of its area in one pair and the rest in another, both have the uniform pressure."""
-    materials = Material(1.0, 0.3), Material(3.0, 0.3)
-    scene = stack(materials, cells=(2, 2, 1))
-    (whole,), surfaces = scene.contact, dict(scene.mesh.surfaces)
-    for name in (whole.first, whole.second):
-        surfaces |= {f"{name} corner": surfaces[name][:1], f"{name} rest": surfaces[name][1:]}
-    pairs = tuple(
-        replace(whole, first=f"{whole.first} {part}", second=f"{whole.second} {part}") for part in ("corner", "rest")
-    )
-    cut = replace(scene, mesh=replace(scene.mesh, surfaces=surfaces), contact=pairs)
-    options = {"enforcement": Enforcement(method), "solver": Solver(tolerance=1e-10)}
-    one, two = (next(adapt(s, 0.1, max_steps=1, **options)) for s in (scene, cut))
-    pressure = one.record.force  # of a square metre
-    everywhere(np.abs(two.solution.force / two.pairs.area / pressure - 1).max(initial=0) < 1e-6, "not uniform")
-    assert np.abs(np.array(two.record.pair_forces) / pressure - [0.25, 0.75]).max() < 1e-6
 
 
 @pytest.mark.slow
@@ -257,23 +211,16 @@ def test_contact_cut_in_two(stiffness, enforcement):
     assert abs(sum(two.record.pair_forces) / two.record.force - 1) < 1e-12
 
 
-def wave(order=6, gap=0.012, height=0.03):
-    """Blocks of few cells of a high order, the upper one wavy below: the gap is the same at all quarters of a facet."""
-    boxes = Boxes(order)
-    boxes.add("base", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (2, 2, 2))
-    boxes.add("wave", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2))
+def wave(height=0.03):
+    """Blocks of few cells of order 6, the upper one wavy below: the gap is the same at all quarters of a facet."""
 
-    def place(name, x):
-        u = 2 * x[:, 0] % 1
-        wavy = u * (u - 0.25) * (u - 0.5) * (u - 0.75) * (u - 1) / 0.0035  # about 1 in its first extremum
-        return x + np.outer((1 - x[:, 2]) * (gap + height * wavy) * (name == "wave"), [0, 0, 1])
+    def above(x, _):
+        u = x % 1
+        return (
+            0.012 + height * u * (u - 0.25) * (u - 0.5) * (u - 0.75) * (u - 1) / 0.0035
+        )  # about 1 in its first extremum
 
-    surfaces = {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "wave")}
-    surfaces |= {"ground": boxes.facets(UP, 0.0, "base"), "foot": boxes.facets(DOWN, 0.0, "wave")}
-    held = Dirichlet("bottom", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=0.0, y=0.0, z=-0.01)
-    pair = ContactPair("ground", "foot", direction=(0.0, 0.0, 1.0))
-    material = Material(1.0, 0.3)
-    return Scene("wave", boxes.mesh(surfaces, place=place), {"base": material, "wave": material}, held, (pair,))
+    return on_block("wave", above, 2, 6, 0.01)
 
 
 @pytest.mark.slow
@@ -305,35 +252,21 @@ def test_simpson(count):
     assert abs(x**4 @ rule - 1 / 5) > 1e-6
 
 
-def facet(bulge, size):
-    """Two cells of order 2, the upper one bulging by so much: kind of rows, Forest, leaf and face of their contact."""
-    boxes = Boxes(2)
-    boxes.add("base", (0.0, 0.0, -1.0), (size, size, 0.0), (1, 1, 1))
-    boxes.add("bump", (0.0, 0.0, 0.0), (size, size, 1.0), (1, 1, 1))
-
-    def place(name, x):
-        height = 16 * (x[:, :2] / size * (1 - x[:, :2] / size)).prod(axis=1)
-        return x - np.outer((1 - x[:, 2]) * bulge * height * (name == "bump"), [0, 0, 1])
-
-    surfaces = {"up": boxes.facets(UP, 0.0, "base"), "down": boxes.facets(DOWN, 0.0, "bump")}
-    surfaces |= {"bottom": boxes.facets(DOWN, -1.0), "top": boxes.facets(UP, 1.0, "bump")}
-    held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, 0.0)
-    materials = dict.fromkeys(("base", "bump"), Material(1.0, 0.3))
-    pair = ContactPair("up", "down", direction=(0, 0, 1))
-    scene = Scene("bulge", boxes.mesh(surfaces, place=place), materials, held, (pair,))
+def facet(bulge=0.0):
+    """Kind, Forest, leaf and face of the contact of two cells 2 m wide, of which the upper one bulges."""
+    scene = on_block("bump", lambda x, y: -bulge * (1 - x**2) * (1 - y**2), 1, 2, 0.0)
     (kind,), forest = kinds_of(scene), roots(scene, MPI.COMM_SELF)
-    leaf, face = forest.contact_faces()
-    return kind, forest, leaf[:1], face[:1]
+    return kind, forest, *kind.facets(forest)
 
 
 def test_work_between_nodes():
     """Of a facet that bulges by b beyond its nodes, by Simpson's rule: A p b 4/9, whatever gap the nodes have."""
-    bulge, size, pressure = 0.01, 2.0, np.full((1, 4), 3.0)
-    kind, forest, *leaf_face = facet(bulge, size)
+    bulge, pressure = 0.01, np.full((1, 4), 3.0)
+    kind, forest, *leaf_face = facet(bulge)
     for gap in (0.0, 0.6 * bulge, -bulge):
         nodal = np.tile([0.0, 0.0, -gap, 0.0, 0.0, 1.0], (1, 4, 1))
         work = _Facets(kind, Space(forest, 1), *leaf_face, nodal).work(pressure)
-        assert abs(work[0] / (size**2 * 3.0 * bulge * 4 / 9) - 1) < 1e-6
+        assert abs(work[0] / (2.0**2 * 3.0 * bulge * 4 / 9) - 1) < 1e-6
 
 
 def test_facets_of_degree_2():
@@ -341,12 +274,11 @@ def test_facets_of_degree_2():
 
     Everywhere it is up to g/8 below the lines between the nodes, in the mean g/12; of 0, g/4, g half as much.
     """
-    gap, size, pressure = 0.01, 2.0, np.full((1, 9), 3.0)
-    kind, forest, *leaf_face = facet(0.0, size)
-    nodal = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (1, 9, 1))
-    nodal[0, 2::3, 2] = -gap
-    facets = _Facets(kind, Space(forest, 2), *leaf_face, nodal)
-    assert abs(facets.work(pressure)[0] / (size**2 * 3.0 * gap / 12) - 1) < 1e-5 and facets.penetrate()
-    nodal[0, 1::3, 2] = -gap / 4
-    facets = _Facets(kind, Space(forest, 2), *leaf_face, nodal)
-    assert abs(facets.work(pressure)[0] / (size**2 * 3.0 * gap / 24) - 1) < 1e-5 and not facets.penetrate()
+    gap, pressure = 0.01, np.full((1, 9), 3.0)
+    kind, forest, *leaf_face = facet()
+    for middle, mean, penetrates in ((0.0, gap / 12, True), (gap / 4, gap / 24, False)):
+        nodal = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (1, 9, 1))
+        nodal[0, 1::3, 2], nodal[0, 2::3, 2] = -middle, -gap
+        facets = _Facets(kind, Space(forest, 2), *leaf_face, nodal)
+        assert abs(facets.work(pressure)[0] / (2.0**2 * 3.0 * mean) - 1) < 1e-5
+        assert facets.penetrate().all() == penetrates

@@ -74,7 +74,7 @@ def test_a_goal_is_refined_for():
 
 def test_the_load_of_a_gap_is_its_derivative():
     """A displacement changes the mean gap of open pairs by its product with the load."""
-    step = next(iter(adapt(hertz(order=3, coarse=2), 0.3, max_steps=1)))
+    step = next(adapt(hertz(order=3, coarse=2), 0.3, max_steps=1))
     weight = np.where(step.solution.active, 0.0, step.pairs.area)
     change = 1e-3 * np.sin(np.arange(step.solution.displacement.size)).reshape(-1, 3)
     load = gap_functional(step, weight).load
@@ -98,9 +98,8 @@ def test_an_error_is_corrected_by_the_effectivity(theta, marked):
     state = SimpleNamespace(forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=leaf)))
     dual = SimpleNamespace(relative=0.1, child_error=1 / 32)
     found = SimpleNamespace(dual=dual, error=errors, total=WORLD.allreduce(errors.sum()))
-    goal = SimpleNamespace(
-        name="force", tolerance=0.1, functional=lambda *_: Functional(2.0, 2.0, penetration=np.ones(1))
-    )
+    functional = Functional(2.0, 2.0, penetration=np.ones(1))
+    goal = SimpleNamespace(name="force", tolerance=0.1, functional=lambda *_: functional)
     (judged,) = judge_goals((goal,), SimpleNamespace(of=lambda *_: found), state, None, theta, ErrorControl())
     record, times = judged.record, judged.refine
     assert (record.value, record.reached) == (2.0, marked == 0) and abs(record.error - 0.12 / theta) < 1e-12
@@ -132,9 +131,8 @@ def test_what_is_prescribed_has_no_error():
 def test_reaction_and_contact_force(monkeypatch):
     """They balance each other, and so do their adjoint solutions: the errors are the same."""
     monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)
-    force, top, aside = once(
-        hertz(order=2, coarse=2), (ContactForce(POLES, ANY), Reaction("top", ANY), Reaction("top", ANY, (3, 0, 4)))
-    ).goals
+    asked = ContactForce(POLES, ANY), Reaction("top", ANY), Reaction("top", ANY, (3, 0, 4))
+    force, top, aside = once(hertz(order=2, coarse=2), asked).goals
     assert force.value > 0 and abs(force.value + top.value) < 1e-9 * force.value
     assert abs(force.error / top.error - 1) < 1e-3  # the tolerance of the adjoint solutions is 1e-6
     assert abs(aside.value / top.value - 0.8) < 1e-9 and abs(aside.error / top.error - 0.8) < 1e-3
@@ -193,9 +191,8 @@ def test_products(degree):
     bound = one.estimate.error * other.estimate.error
     everywhere((np.abs(squares - one.estimate.error**2) <= 1e-9 * squares.max(initial=0.0)).all(), "another square")
     everywhere((np.abs(products) <= (1 + 1e-9) * bound).all(), "more than Cauchy and Schwarz allow")
-    everywhere(
-        np.allclose(products, estimator.products(other, one), rtol=1e-9, atol=1e-12 * bound.max()), "asymmetric"
-    )
+    turned = estimator.products(other, one)
+    everywhere(np.allclose(products, turned, rtol=1e-9, atol=1e-12 * bound.max()), "asymmetric")
     shares = _of_families(elasticity, squares)
     assert WORLD.allreduce(shares.sum()) == pytest.approx(one.estimate.error_global**2)
     assert (_of_families(elasticity, np.ones_like(products)) == 1).all() and (forest.level > 0).any()

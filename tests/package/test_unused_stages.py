@@ -57,7 +57,7 @@ def test_without_contact(calls):
         (fx_contact.contact.contact_solver, "ActiveSet"),
         (fx_contact.contact.contact_solver, "Jump"),
         (fx_contact.contact.contact_solver, "relax"),
-        (fx_contact.adaptive.step_solver, "RigidModes"),
+        (fx_contact.contact.contact_solver, "move_bodies"),
     ):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)

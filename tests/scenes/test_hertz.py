@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from fx_contact import Material, Solver, adapt
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact import contact_solver
-from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.linalg import ladder
@@ -177,7 +176,7 @@ def test_fallback(monkeypatch, name, most, solver):
     """
     monkeypatch.setattr(ladder, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0))
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
-    monkeypatch.setattr(RigidModes, "move", lambda self, matrix, base, jump, stiffness, u, supports: u)
+    monkeypatch.setattr(contact_solver, "move_bodies", lambda scene, matrix, load, jump, stiffness, u, supports: u)
     monkeypatch.setattr(LinearSolver, "is_slow", True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     solvers = Solver(), Solver(max_krylov=most, **solver)

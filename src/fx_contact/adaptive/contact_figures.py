@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.body_contact import force_components
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.parallel.arrays import FloatArray
@@ -55,7 +54,7 @@ def figures_of_contact(
     """Figures of the contact of the whole bodies; rows None: the scene has none.  Collective on comm."""
     sums, moments, mirrors = np.zeros((len(scene.contact), 10)), np.zeros(10), scene.mirrors
     if rows is not None:
-        force = force_components(scene, rows, solution.force)
+        force = rows.force_components(solution.force)
         columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
         np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
     comm.Allreduce(MPI.IN_PLACE, sums)

@@ -117,11 +117,11 @@ def _of_contact(state: SolvedState, centre: FloatArray) -> FloatArray:
     if rows is None:
         return np.zeros((2, 0, len(scene.mesh.bodies), 6))
     for index in range(len(scene.contact)):
-        blocks, ours = rows.blocks, rows.contact == index
-        push = -np.where(ours, state.solution.force, 0.0)[blocks.row, None] * blocks.values
+        entries, ours = rows.entries, rows.contact == index
+        push = -np.where(ours, state.solution.force, 0.0)[entries.row, None] * rows.values
         nodal = rows.prolongation.zeros(6)
-        columns = 3 * blocks.side[:, None] + np.arange(3)
-        np.add.at(nodal, (blocks.node[:, None], columns), push)
+        columns = 3 * entries.side[:, None] + np.arange(3)
+        np.add.at(nodal, (entries.node[:, None], columns), push)
         nodal = rows.prolongation.summed(nodal)
         for side in np.split(nodal, 2, axis=1):
             nodes = np.flatnonzero(side.any(axis=1))

@@ -15,7 +15,6 @@ from fx_contact.adaptive.validity import ModelWarning, check_model_warnings, mod
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
@@ -134,8 +133,6 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
-        rest = not forest.comm.allreduce(bool(start.displacement.any()), op=MPI.LOR)
-        motions = RigidModes(scene, forest, prolongation) if rest and scene.contact else None
     with stages("assemble"):
         mixed = elasticity.mixed and settings.solver.preconditioner != "cholesky"  # factors take all of K
         matrix = elasticity.stiffness(rows, not settings.multigrid, mixed, supports)
@@ -148,7 +145,6 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         energy_norm=elasticity.energy_norm,
         rows=rows,
         scene=scene,
-        motions=motions,
         coarse=coarse,
         volume=volume,
     )
@@ -242,13 +238,10 @@ def _errors_of_goals(
         forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
     goals, theta = (*forces.values(), *settings.goals), control.correction(history)
     judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
-    of_contact = ContactError.unknown(len(state.forest), len(contacts))
-    if holds_contact:
-        of_contact = contact_error(state, duals.between, dict(zip(forces, judged)))
-    if not settings.goals:
-        return of_contact, None
     of_user = judged[len(forces) :]
-    return of_contact.with_more(of_user, state.forest.comm), tuple(goal.record for goal in of_user)
+    between = duals.between if holds_contact else None
+    of_contact = contact_error(state, between, dict(zip(forces, judged)), of_user)
+    return of_contact, tuple(goal.record for goal in of_user) if settings.goals else None
 
 
 def _record(

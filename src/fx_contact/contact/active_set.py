@@ -1,16 +1,15 @@
 """The active set of closed rows: first guess and updates.
 
 All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
-SIAM J. Optim. 13(3), 2002).  That may cycle.  When a set comes back, single rows change, the lowest key first, until
-fewer rows are wrong than ever before.  Contact is a linear complementarity problem with a positive definite matrix, for
-which the single changes end (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal,
-J. J. Judice, L. N. Vicente, Math. Comput. 63, 1994).
+SIAM J. Optim. 13(3), 2002).  If a set comes back, single rows change, the lowest key first, until fewer rows are wrong
+than ever before.  Contact is a linear complementarity problem with a positive definite matrix, for which single changes
+end (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal, J. J. Judice, L. N. Vicente,
+Math. Comput. 63, 1994).
 """
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.body_contact import loose_bodies
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
@@ -18,25 +17,24 @@ from fx_contact.problem.scene import Scene
 
 
 class ActiveSet:
-    """The closed rows, at first those that are closed or closest to touching by a displacement.
+    """The closed rows, at first those that a displacement closes, or brings closest to touching.
 
     Collective on the prolongation's comm.
 
     Args:
-        scene: to find bodies that an active set leaves loose; None: not checked.
-        u: (owned, 3), first guess of the displacement [m].
-        most: largest number of updates.
+        scene: to support bodies that an active set leaves loose; None: not checked.
+        u: (owned, 3), displacement [m].
+        most: updates.
 
     Attributes:
         active: (n,), closed rows.
-        updates: number of active sets tried.
+        updates: number of active sets.
     """
 
-    #: Bands of rows closest to touching that are closed to support a loose body, relative to the range of the gaps:
-    #: from rounding to all of them, in factors of 4.
+    #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a loose body.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
-    #: Penetrations and gaps up to this part of the largest displacement are rounding: 1e4 times that of a double.  Rows
-    #: that were closed on the coarser mesh have no other: they begin closed.
+    #: Penetrations and gaps up to this part of the largest displacement are rounding, 1e4 times that of a double, as of
+    #: rows that were closed on the coarser mesh.
     _TOUCHING = 1e-12
 
     def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int) -> None:
@@ -55,15 +53,10 @@ class ActiveSet:
         self._penetrate_when_open = False
 
     def wanted(self, trial: FloatArray, noise: float) -> BoolArray:
-        """The status (n,) that each row should have.
+        """The status (n,) that each row should have, by trial forces (n,), k (B u - D) of open rows [N].
 
-        A row keeps its status if its trial force is below the error of the linear solver.  If all are, the bodies touch
-        without force, and all rows open, unless they have penetrated by more when all were open.  Where a body is left
-        loose, the rows closest to touching are closed; `check_supported` tells if they pull.
-
-        Args:
-            trial: (n,), force of closed rows, and k (B u - D) of open ones [N].
-            noise: error of the displacement in the energy norm [J^(1/2)].
+        A row keeps its status if its trial force is below the noise, the error of the linear solver in the energy norm
+        [J^(1/2)].  If all are, all rows open, unless they penetrated by more when all were open.
         """
         pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
         hardest = self._max(pressure)
@@ -73,11 +66,7 @@ class ActiveSet:
         return self._supporting(wanted, trial / self._rows.capped_stiffness)
 
     def check_supported(self) -> None:
-        """See that the rows that support the bodies press.  Local.
-
-        Raises:
-            SolveError: the last status wanted needs rows that pull, to support a body.
-        """
+        """Check that the rows that support the bodies press.  Local.  Raises SolveError: they pull."""
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
@@ -96,7 +85,7 @@ class ActiveSet:
         return bool(same.any())
 
     def update(self, wanted: BoolArray) -> None:
-        """Change all rows (n,) that are wrong, or one of them if all at once lead back to a set that was tried.
+        """Change all rows that are wrong, or one of them if all lead back to a set that was tried.
 
         Raises:
             SolveError: there were too many updates, or a body is supported by rows that pull alone.
@@ -122,7 +111,7 @@ class ActiveSet:
         self._tried.append(wanted)
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
-        """An active set, with the rows closest to touching that it needs to support all bodies."""
+        """An active set with the rows closest to touching that support loose bodies."""
         self._loose = self._loose_bodies(active)
         if self._loose:
             top, bottom = self._max(penetration), -self._max(-penetration)
@@ -133,7 +122,15 @@ class ActiveSet:
         return active
 
     def _loose_bodies(self, active: BoolArray) -> list[str]:
-        return [] if self._scene is None else loose_bodies(self._scene, self._rows, active)
+        """Names of the bodies that neither conditions nor the active rows support."""
+        rows = self._rows
+        if self._scene is None or not len(self._scene.rigid_motions.free):
+            return []
+        motions, position, normal = self._scene.rigid_motions, rows.position[active], rows.normal[active]
+        first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[active].T)
+        resistance = (first - second).T @ (first - second)
+        self._comm.Allreduce(MPI.IN_PLACE, resistance)
+        return list(motions.unresisted(resistance))
 
     def _max(self, values: FloatArray) -> float:
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)

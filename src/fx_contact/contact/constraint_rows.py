@@ -1,8 +1,7 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
-A row belongs to a node of the first contact surface, as a nodal multiplier does, and may have entries at any number of
-nodes of both surfaces, or of the first alone.  Each contact of a scene has a `RowKind` that makes its rows
-(`row_kinds`); everything else asks the rows.
+A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).
 """
 
 from abc import ABC, abstractmethod
@@ -14,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from fx_contact.contact.contact_facets import facets_of
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -24,33 +22,14 @@ from fx_contact.problem.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
-    """The nonzero blocks of B, 1 x 3, one for each row and node.
+class Entries:
+    """Weights of nodes in the jump [u] of each row, the sum of weight times u.
 
     Attributes:
         row: (b,), local number of the row, ascending.
         node: (b,), position in the prolongation's index map.
         side: (b,), 0 where the node is on the first surface, 1 on the second.
-        values: (b, 3) [-].
-    """
-
-    row: Int64Array
-    node: Int64Array
-    side: Int64Array
-    values: FloatArray
-
-    def sums(self, values: FloatArray, count: int) -> FloatArray:
-        """Sums of values (b,) over the blocks of each of `count` rows: (count,).  Local."""
-        return np.bincount(self.row, values, count).astype(float)
-
-
-@dataclass(frozen=True, eq=False)
-class Entries:
-    """Weights of nodes in the jump of the displacement of each row, [u] = sum of weight times u.
-
-    Attributes:
-        row, node, side: (b,), as in `Blocks`.
-        weight: (b,); the weights of a row add up to 1 on the first surface, and to -1 on the second, if any [-].
+        weight: (b,) [-]; those of a row add up to 1 on the first surface, and to -1 on the second, if any.
     """
 
     row: Int64Array
@@ -58,14 +37,16 @@ class Entries:
     side: Int64Array
     weight: FloatArray
 
+    def sums(self, values: FloatArray, count: int) -> FloatArray:
+        """Sums of values (b,) over the entries of each of `count` rows: (count,).  Local."""
+        return np.bincount(self.row, values, count).astype(float)  # without rows NumPy counts in integers
+
 
 @dataclass(frozen=True, eq=False)
 class RowColumns:
-    """Rows of one contact on this rank, as its kind makes them; each row on one rank.
+    """Rows of one contact, each on one rank; as in `ConstraintRows`.
 
     Attributes:
-        first, apart, area, stiffness, position, bodies: as in `ConstraintRows`.
-        entries: Entries.
         across: (n, 3), the sum of the surfaces' normals times areas, out of the first body [m^2].
     """
 
@@ -80,73 +61,58 @@ class RowColumns:
 
 
 class PressureCorrection(Protocol):
-    """A linear correction of force over area in the rows of one contact."""
+    """A linear correction of force over area in the rows of one contact, 0 in others."""
 
     def change(self) -> FloatArray:
-        """Correction of the pressures, 0 in rows of other contacts: (n,) [Pa].  Collective."""
+        """(n,) [Pa].  Collective."""
 
     def transposed(self, weight: FloatArray) -> FloatArray:
-        """Transpose of the correction as a map of pressures, of weights (n,): (n,).  Collective."""
+        """Its transpose times weights (n,): (n,).  Collective."""
 
 
 class RowKind(ABC):
-    """The rows of a contact of one type, and its geometry between their nodes.
-
-    Args:
-        scene: Scene.
-        index: of the contact in the scene.
-    """
+    """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
 
     def __init__(self, scene: Scene, index: int) -> None:
         self.scene, self.index, self.contact = scene, index, scene.contact[index]
 
     def facets(self, forest: Forest) -> tuple[Int64Array, Int64Array]:
         """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
-        return facets_of(self.index, forest)
+        leaf, face = forest.contact_faces()
+        cell, surfaces = forest.cell[leaf], forest.contact_surfaces
+        ours = (surfaces.side[cell, face] == 0) & (surfaces.contact[cell, face] == self.index)
+        return leaf[ours], face[ours]
 
     def needed(self, space: Space) -> Int64Array:
-        """Keys of nodes that rows made on this rank will need, beside those of its leaves: (k,).  Collective."""
+        """Keys of nodes that this rank's rows need beside those of its leaves: (k,).  Collective."""
         return np.empty(0, dtype=np.int64)
 
     @abstractmethod
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
-        """The rows, with the stiffness of the enforcement's springs.  Collective."""
+        """The rows.  Collective."""
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
-        """Vectors from points of the first surface to the second surface or the obstacle, undeformed.
+        """Vectors from points of the first surface to the second or the obstacle, undeformed: (n, m, 3) [m].
 
-        Local.  Along the normal they are the initial gap.
-
-        Args:
-            leaf, face: (n,) leaves and their local faces on the first surface.
-            points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
-
-        Returns:
-            (n, m, 3) [m].
+        Local.  By the lattice coordinates (n, m, 3) of the points on local faces (n,) of leaves (n,).
         """
 
     def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
-        """Correction of force over area; None: there is none.
-
-        Collective.
-
-        Args:
-            pressure: (n,), force over area, 0 in rows of other contacts [Pa].
-        """
+        """Correction of force over area (n,) [Pa], 0 in rows of other contacts; None: there is none.  Collective."""
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintRows:
-    """The rows of B that this rank holds, each row on one rank.
+    """The rows of B, each on one rank.
 
     Attributes:
         prolongation: B acts on its conforming unknowns.
         kinds: of each contact of the scene.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
-        entries: B u is their jump along the normal.
-        normal: (n, 3), unit direction from the first body to the second, the mean of both surfaces' normals.
+        entries: B u = n . [u].
+        normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
         apart: (n, 3), vector from the first side to the second with the weights of the row, undeformed [m].
         gap: (n,), D, initial distance along the normal on the true curved geometry [m].
         area: (n,), tributary area [m^2].
@@ -155,7 +121,7 @@ class ConstraintRows:
         modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
-        contact: (n,), the contact of the scene that each row belongs to.
+        contact: (n,), index of the contact in the scene.
         symmetry: number of copies of the modelled part in the bodies.
     """
 
@@ -179,11 +145,9 @@ class ConstraintRows:
         return len(self.first)
 
     @cached_property
-    def blocks(self) -> Blocks:
-        """Blocks of B: u = t on the first surface and 0 on the second gives B u = n . t.  Local."""
-        entries = self.entries
-        values = entries.weight[:, None] * self.normal[entries.row]
-        return Blocks(entries.row, entries.node, entries.side, values)
+    def values(self) -> FloatArray:
+        """The 1 x 3 blocks of B at the entries: (b, 3) [-].  Local."""
+        return self.entries.weight[:, None] * self.normal[self.entries.row]
 
     @property
     def key(self) -> Int64Array:
@@ -202,10 +166,7 @@ class ConstraintRows:
 
     @property
     def penalty_factor(self) -> FloatArray:
-        """(n,), c of k_N = c E* A^(1/2), A the node's area, 1/E* the sum of 1/modulus [-].  Local.
-
-        Rows of one node share its k_N by their areas, and have one c.
-        """
+        """(n,), c of k_N = c E* A^(1/2), A the area of the node, 1/E* the sum of 1/modulus [-].  Local."""
         compliance = np.asarray((1 / self.modulus).sum(axis=1))
         return self.stiffness * compliance * np.sqrt(self.node_area) / self.area
 
@@ -217,82 +178,56 @@ class ConstraintRows:
 
     def couplings(self) -> csr_matrix:
         """Pairs of conforming nodes in one row: (owned + ghosts, owned + ghosts) bool.  Local."""
-        imap, blocks = self.prolongation.index_map, self.blocks
-        shape = len(self), imap.size_local + imap.num_ghosts
-        touched = csr_matrix((np.ones(len(blocks.row), dtype=bool), (blocks.row, blocks.node)), shape=shape)
+        row, node = self.entries.row, self.entries.node
+        shape = len(self), len(self.prolongation.zeros(0))
+        touched = csr_matrix((np.ones(len(row), dtype=bool), (row, node)), shape=shape)
         return touched.T @ touched
 
-    def jump(self, u: FloatArray) -> FloatArray:
-        """B u, the approach of the bodies.
+    def closing(self, u: FloatArray) -> FloatArray:
+        """The jump [u], the displacement of the first side less that of the second: (n, 3) [m].
 
         Collective.  Displacements are relative to that of `first`: common motions make no rounding.
 
         Args:
             u: (owned, 3), conforming displacement [m].
-
-        Returns:
-            (n,) [m].
-        """
-        u, blocks, n = self.prolongation.ghosted(u), self.blocks, len(self)
-        common = u[self.first]
-        relative = np.einsum("bi,bi->b", blocks.values, u[blocks.node] - common[blocks.row])
-        of_common = np.stack([blocks.sums(column, n) for column in blocks.values.T], axis=1)
-        return blocks.sums(relative, n) + np.einsum("ni,ni->n", of_common, common)
-
-    def penetration(self, u: FloatArray) -> FloatArray:
-        """B u - D, positive where the bodies penetrate.  Collective; as `jump`."""
-        return self.jump(u) - self.gap
-
-    def transposed(self, force: FloatArray) -> FloatArray:
-        """B^T f of forces (n,), at the conforming nodes: (owned, 3) [N].  Collective."""
-        blocks, sums = self.blocks, self.prolongation.zeros(3)
-        np.add.at(sums, blocks.node, force[blocks.row][:, None] * blocks.values)
-        return self.prolongation.summed(sums)
-
-    def closing(self, u: FloatArray) -> FloatArray:
-        """[u], the displacement of the first side less that of the second.
-
-        Collective.  As in `jump`.
-
-        Args:
-            u: (owned, 3), conforming displacement [m].
-
-        Returns:
-            (n, 3) [m]; B u along the normal.
         """
         u, entries = self.prolongation.ghosted(u), self.entries
         common, result = u[self.first], np.zeros((len(self), 3))
         np.add.at(result, entries.row, entries.weight[:, None] * (u[entries.node] - common[entries.row]))
-        return result + np.bincount(entries.row, entries.weight, len(self))[:, None] * common
+        return result + entries.sums(entries.weight, len(self))[:, None] * common
+
+    def jump(self, u: FloatArray) -> FloatArray:
+        """B u, the approach of the bodies: (n,) [m].  Collective; as `closing`."""
+        return np.asarray(np.einsum("ni,ni->n", self.normal, self.closing(u)))
+
+    def penetration(self, u: FloatArray) -> FloatArray:
+        """B u - D, positive where the bodies penetrate: (n,) [m].  Collective; as `closing`."""
+        return self.jump(u) - self.gap
+
+    def transposed(self, force: FloatArray) -> FloatArray:
+        """B^T f of forces (n,), at the conforming nodes: (owned, 3) [N].  Collective."""
+        sums = self.prolongation.zeros(3)
+        np.add.at(sums, self.entries.node, force[self.entries.row][:, None] * self.values)
+        return self.prolongation.summed(sums)
 
     def separation(self, u: FloatArray) -> FloatArray:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
         return self.apart - self.closing(u)
 
+    def at_nodes(self, contact: int, values: FloatArray) -> FloatArray:
+        """Values (n, k) of the rows of one contact, by its index, at this rank's nodes: (m, k).  Collective."""
+        ours, nodal = self.contact == contact, self.prolongation.zeros(values.shape[1])
+        nodal[self.first[ours]] = values[ours]
+        return self.prolongation.prolong(self.prolongation.summed(nodal))
+
     def pressure(self, force: FloatArray) -> FloatArray:
-        """The contact pressure at the nodes of the rows: force over area, corrected as their kinds do.
-
-        Collective.
-
-        Args:
-            force: (n,), compression positive [N].
-
-        Returns:
-            (n,) [Pa].
-        """
+        """Contact pressure (n,) [Pa] of forces (n,) [N]: force over area, corrected by the kinds.  Collective."""
         return force / self.area + sum(correction.change() for correction in self._pressure_corrections(force))
 
     def pressure_weights(self, force: FloatArray, weight: FloatArray) -> FloatArray:
-        """The linear functional d of the forces that is a weighted sum of the pressures, w . p = d . f.
+        """The functional d (n,) of the forces f (n,) [N] with d . f = w . p, for weights w (n,) of the pressures p.
 
-        Collective.  Limited corrections keep the limits that they have at these forces.
-
-        Args:
-            force: (n,), f [N].
-            weight: (n,), w.
-
-        Returns:
-            (n,), d.
+        Collective.  Corrections are limited as at f.
         """
         corrections = self._pressure_corrections(force)
         return (weight + sum(correction.transposed(weight) for correction in corrections)) / self.area
@@ -303,29 +238,27 @@ class ConstraintRows:
         return [correction for correction in corrections if correction is not None]
 
     def force_and_approach(self, force: FloatArray, group: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """Total normal force F of groups of rows, and an estimate of the approach of the bodies.
+        """Normal force F of groups of rows, and the approach F / (E* A^(1/2)) of a flat punch of their pressed area A.
 
-        Collective.  F / (E* A^(1/2)), A the area under pressure, as of a flat punch on a half-space.
-
-        Args:
-            force: (n,), compression positive [N].
-            group: (n,), the group of each row, such as `contact`.
-            count: number of groups on all ranks.
+        Collective.  By forces (n,) [N] and group numbers (n,) below `count` of the rows.
 
         Returns:
-            two (count,): F of the modelled part [N], and the approach, by F and A of the bodies [m].
+            two (count,): F of the modelled part [N], and the approach of the bodies [m].
         """
         presses = force > 0
         columns = force, self.area, self.area * (1 / self.modulus).sum(axis=1)
-        # NumPy counts no rows in integers.
         sums = np.stack([np.bincount(group[presses], column[presses], count) for column in columns]).astype(float)
         self.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
         total, area, compliance = sums
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
-    def at_first(self, values: FloatArray) -> FloatArray:
-        """Sums of values (n, k) over all rows with the same `first`, of all contacts and ranks: (n, k).  Collective."""
-        sums = self.prolongation.zeros(values.shape[1])
-        np.add.at(sums, self.first, values)
-        return self.prolongation.ghosted(self.prolongation.summed(sums))[self.first]
+    def force_components(self, force: FloatArray) -> FloatArray:
+        """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""
+        result = force.copy()
+        for kind in self.kinds:
+            direction = kind.contact.unit_direction
+            if direction is not None:
+                ours = self.contact == kind.index
+                result[ours] *= self.normal[ours] @ direction
+        return result

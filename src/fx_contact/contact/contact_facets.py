@@ -12,52 +12,18 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.scene import Scene
 
 
-def facets_of(index: int, forest: Forest, side: int = 0) -> tuple[Int64Array, Int64Array]:
-    """This rank's leaf facets on the first (0) or the second (1) surface of a contact.
-
-    Local.
-
-    Args:
-        index: of the contact in the scene.
-
-    Returns:
-        (n,) leaves, (n,) their local faces.
-    """
-    leaf, face = forest.contact_faces()
-    cell, surfaces = forest.cell[leaf], forest.contact_surfaces
-    ours = (surfaces.side[cell, face] == side) & (surfaces.contact[cell, face] == index)
-    return leaf[ours], face[ours]
-
-
 def positions_across(
     forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions of points of paired facets, and of the opposite points, on the true curved geometry.
-
-    Local.
-
-    Args:
-        leaf, face: (n,) leaves and their local faces, all paired.
-        points: (n, m, 3) int32, lattice coordinates on those faces; float64 between lattice points.
-
-    Returns:
-        two (n, m, 3) [m].
-    """
+    """Positions of points of paired facets, as in `RowKind.apart`, and of those opposite: two (n, m, 3) [m].  Local."""
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
     return forest.evaluate(forest.cell[leaf], points), forest.evaluate(cell, opposite)
 
 
 def facet_shares(space: Space, nodes: FloatArray, face: Int64Array) -> tuple[FloatArray, FloatArray]:
-    """Integrals of the functions of facet nodes over the facets that these span, exact for a uniform pressure.
+    """Integrals of shape functions over facets by their nodes (n, (p+1)^2, 3) [m], exact for a uniform pressure.
 
-    Local.
-
-    Args:
-        nodes: (n, (p+1)^2, 3), positions of the facet nodes [m].
-        face: (n,) local faces.
-
-    Returns:
-        (n, (p+1)^2) areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
+    Local.  Returns (n, (p+1)^2) areas [m^2], and (n, (p+1)^2, 3) areas times the outward normals.
     """
     weights, value, along_u, along_v = space.facet_rule
     normal = np.cross(along_u @ nodes, along_v @ nodes) * hexahedron.FACE_ORIENTATION[face][:, None, None]
@@ -80,18 +46,13 @@ def spring_stiffness(enforcement: Enforcement, modulus: FloatArray, area: FloatA
 def nodal_sums(
     prolongation: Prolongation, leaf: Int64Array, face: Int64Array, values: FloatArray
 ) -> tuple[Int64Array, Int64Array, FloatArray]:
-    """Conforming nodes of facets, each on one rank, and sums over the facets of all ranks.
+    """Conforming nodes of facets, each on one rank, and sums of nodal values (n, (p+1)^2, k) over facets of all ranks.
 
     Collective.  Shares of hanging nodes go to their masters.  A node is on a rank that has a facet of it: its owner,
-    but where contacts meet.
-
-    Args:
-        leaf, face: (n,) leaves and their local faces.
-        values: (n, (p+1)^2, k), of the facet nodes.
+    unless contacts meet.
 
     Returns:
-        (m,) nodes, positions in the index map; (m,) an example of each, position in the raveled facet nodes; (m, k)
-        sums.
+        (m,) nodes, positions in the index map; (m,) an example of each in the raveled facet nodes; (m, k) sums.
     """
     space, forest = prolongation.space, prolongation.space.forest
     node, sums = space.on_faces(leaf, face), np.zeros((len(space), values.shape[2]))

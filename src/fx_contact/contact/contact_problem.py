@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.initial_guess import RigidModes
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.linear_solver import LinearSolver
@@ -22,14 +21,12 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
 
     Attributes:
-        matrix: K on the conforming unknowns without `volume`, made with the same supports, not yet assembled; the
-            solution changes and frees it.
+        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
         rows: B and D; None: no contact.
-        scene: to find bodies that an active set leaves loose; None: not checked.
-        motions: rigid modes, for a first guess without displacement; None: not used.
+        scene: to move its bodies into contact, and to find those that an active set leaves loose; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
     """
@@ -40,12 +37,11 @@ class ContactProblem:
     energy_norm: EnergyNorm
     rows: ConstraintRows | None = None
     scene: Scene | None = None
-    motions: RigidModes | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
-        """The linear solver of K, which owns the matrix from now on.  Collective on matrix.comm."""
+        """The linear solver of K, which owns the matrix.  Collective on matrix.comm."""
         return LinearSolver(self.matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 

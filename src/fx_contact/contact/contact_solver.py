@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from fx_contact.contact.active_set import ActiveSet
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.initial_guess import relax
+from fx_contact.contact.initial_guess import move_bodies, relax
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.fem.supports import Supports
@@ -23,15 +23,15 @@ from fx_contact.parallel.timing import Stages
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """Result of the contact loop, on this rank's nodes and rows.
+    """Result of the contact loop.
 
     Attributes:
         displacement: (owned, 3), conforming [m].
         active: (n,), closed rows.
-        force: (n,), contact force of each row, compression positive [N]; 0 where all its nodes are constrained.
-        pressure: (n,), from `ConstraintRows.pressure` [Pa].
+        force: (n,), compression positive [N]; 0 in rows whose nodes are all constrained.
+        pressure: (n,), `ConstraintRows.pressure` [Pa].
         penetration: (n,), B u - D, positive where the bodies penetrate [m].
-        contact_iterations: number of active sets tried.
+        contact_iterations: number of active sets.
         krylov_iterations: of each linear solve.
         preconditioner: of the last solve, as `LinearSolver.preconditioner`.
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
@@ -66,16 +66,14 @@ def solve_system(
     Collective on problem.matrix.comm.
 
     Args:
-        problem: its matrix belongs to the system from now on.
-        start: (owned, 3), first guess of the displacement, whose penetrations are the first active set [m].
-        objects: free the system.
+        start: (owned, 3), first guess, whose penetrations are the first active set [m].
+        objects: free the system, which owns the matrix.
 
     Returns:
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, there are too many active sets, a body is loose once the contact opens, or
-            prescribed displacements force nodes to penetrate.
+        SolveError: a linear solve fails, too many active sets, a loose body, or prescribed penetrations.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
@@ -120,12 +118,13 @@ def solve_system(
 def _first_guess(
     problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: Solver, carried: bool
 ) -> tuple[ActiveSet, FloatArray]:
-    """First active set, whose capped penalty term is added to the matrix, and a displacement close to its solution."""
+    """First active set, its capped penalty term added to the matrix, and a displacement close to its solution."""
     rows, matrix = jump.rows, problem.matrix.mat
     status = ActiveSet(rows, problem.scene, u, options.max_contact)
     capped = PenaltyTerm(jump, rows.capped_stiffness)
-    if problem.motions is not None:
-        u = problem.motions.move(matrix, load, jump, status.active * rows.capped_stiffness, u, problem.supports)
+    if problem.scene is not None and not carried:
+        stiffness = status.active * rows.capped_stiffness
+        u = move_bodies(problem.scene, matrix, load, jump, stiffness, u, problem.supports)
     capped.of(status.active).add_to(matrix)
     if carried and problem.volume is None:  # the matrix alone is too soft
         u = relax(matrix, load, capped, u, status)
@@ -155,10 +154,7 @@ def _find_active_set(
 
 
 def _impose(matrix: PETSc.Mat, load: FloatArray, supports: Supports) -> tuple[FloatArray, FloatArray]:
-    """Eliminate prescribed unknowns symmetrically, with identity rows scaled like the others.
-
-    Returns the right-hand side [N], and the roots of the diagonal, both (owned, 3).
-    """
+    """Eliminate prescribed unknowns: the right-hand side [N], and the roots of the diagonal, both (owned, 3)."""
     with PetscObjects() as objects:
         x, b = map(objects.add, matrix.createVecs())
         x.array[:], b.array[:] = supports.values.ravel(), supports.tangential(load).ravel()

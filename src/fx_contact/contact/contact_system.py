@@ -14,8 +14,8 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
-#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver (a hundred times
-#: its default tolerance), and up to this part of the largest displacement rounding (1e4 times that of a double).
+#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver (100 times its
+#: default tolerance), up to this part of the largest displacement rounding (1e4 times that of a double).
 _OF_APPROACH, _OF_DISPLACEMENT = 1e-6, 1e-12
 
 
@@ -47,17 +47,16 @@ class LinearSystem:
 class ContactSystem:
     """K u + B^T f = L of the closed rows: displacements, forces, and dual solutions.
 
-    In exact contact a projection constrains all closed rows, else those stiffer than the factor `CAP`.  The matrix of
-    the preconditioner holds the capped penalty term of an active set; the difference to the operator is applied
-    matrix-free.
+    In exact contact a projection constrains all closed rows, else those stiffer than the factor `CAP`.  The matrix has
+    the capped penalty term of an active set; the difference to the operator is applied matrix-free.
 
     Collective.
 
     Args:
-        problem: its matrix, with the capped penalty term of `active`, belongs to the system from now on.
+        problem: its matrix has the capped penalty term of `active`.
         load: (owned, 3), right-hand side without contact [N].
         active: (n,), closed rows.
-        objects: free the system.
+        objects: free the system, which owns the matrix.
 
     Attributes:
         solver: of K with the capped penalty term.
@@ -90,7 +89,7 @@ class ContactSystem:
         self._is_set_up = False
 
     def _projection_of(self, jump: Jump) -> Projection | None:
-        """Projection of the projected rows; None: there are none."""
+        """Projection of the projected rows, if any."""
         if self.exact:
             return Projection(jump)
         return Projection(jump, self._stiffness) if self._any(self._projected) else None
@@ -132,10 +131,7 @@ class ContactSystem:
         self._in_matrix, self._is_set_up = active, True
 
     def _disturbs(self, active: BoolArray) -> bool:
-        """True if the status of rows that are not projected differs from that in the preconditioner.
-
-        Each costs iterations, as an outlier of the spectrum, and hides the error of its penetration in the norm.
-        """
+        """Rows that are not projected have another status in the preconditioner: outliers of the spectrum."""
         return self._any((self._in_matrix != active) & ~(active & self._projected))
 
     def dual(
@@ -143,11 +139,9 @@ class ContactSystem:
     ) -> tuple[FloatArray, FloatArray]:
         """Dual solution z (owned, 3) [m] of K z + B^T f = l, B z = d on the closed rows, and their forces f (n,) [N].
 
-        With d (n,) [m] equal to 1 on the closed rows of a contact pair, it is the adjoint of their force; with
-        l = B^T g and forces g on open rows that of the gaps there.  Constrained components of l (owned, 3) [N] are
-        ignored.
-
         Args:
+            load: (owned, 3), l, without constrained components [N].
+            penetration: (n,), d [m].
             tolerance: of z, relative to its energy norm; not below that of the solver [-].
             z: first guess; None: 0.
         """
@@ -165,14 +159,14 @@ class ContactSystem:
         return self._supports.tangential(z), self._active * force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
-        """Forces (n,) [N] of projected rows beside the capped penalty, which balance the residual of the solution."""
+        """Forces (n,) [N] of projected rows beside the capped penalty, which balance the residual."""
         residual = self.solver.residual(self._equations(jump, load, self._capped, projection), u)
         return projection.apply_transpose(residual)
 
     def trial(self, u: FloatArray) -> FloatArray:
         """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Compression is positive [N].  Projected rows that other rows at their nodes keep from closing count as open.
+        Projected rows that other rows keep from closing count as open.
         """
         force = PenaltyTerm(self._jump, self._capped).forces(u)
         if self._projection is None:
@@ -183,13 +177,10 @@ class ContactSystem:
         return np.where(closed, projected, force)
 
     def check_apart(self, trial: FloatArray, u: FloatArray) -> None:
-        """See that prescribed displacements do not force closed rows to penetrate.
-
-        They do if the nearest displacement with B u = D leaves penetrations and no gaps: a row with a gap may open
-        later.  Forces are those of `trial` for the last solution u.
+        """Check that prescribed displacements do not force closed rows to penetrate, by `trial` forces of a solution u.
 
         Raises:
-            SolveError: they do, by more than rounding.
+            SolveError: the nearest displacement with B u = D leaves penetrations, and no gaps, of rows that may open.
         """
         rounding = self._rounding(trial, u)
         left = np.where(self._active, self._rows.penetration(self._nearest.onto_closed(u)), 0.0)

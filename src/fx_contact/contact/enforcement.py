@@ -8,15 +8,13 @@ from fx_contact.parallel.validation import check_name, check_number
 #: The methods, the default first.
 METHODS = ("exact", "penalty")
 
-#: Factor of the penalty if none is given: the penetration is 1/100 of the approach that the pressure, over a facet,
-#: makes of a half-space.
+#: Default factor: the penetration is 1/100 of the approach of a half-space by the pressure over a facet.
 FACTOR = 100.0
-#: Least and largest factor.  Softer penalties let bodies through each other; penetrations below 1e-12 of the approach
-#: are rounding.
+#: Least and largest factor: softer penalties let bodies pass, penetrations below 1e-12 of the approach are rounding.
 SOFTEST, STIFFEST = 1e-3, 1e12
-#: Factor of the penalty in the preconditioner matrix in exact contact, and its cap for a penalty: stiffer rows are
-#: constrained by a projection.  A softer one misses the coupling of the bodies, a stiffer one couples the directions of
-#: oblique normals, which BoomerAMG ignores.  Measured by studies/cost/contact_constants.py.
+#: Factor in the preconditioner matrix in exact contact, its cap for a penalty: a projection constrains stiffer rows.
+#: Smaller ones miss the coupling of the bodies, larger ones couple the directions of oblique normals, which BoomerAMG
+#: ignores (studies/cost/contact_constants.py).
 CAP = 10.0
 
 
@@ -25,14 +23,13 @@ class Enforcement:
     """Method and stiffness by which contact resists penetration.
 
     Attributes:
-        method: "exact": closed rows are eliminated, there is no penetration, the contact force is the residual;
-            "penalty": the force is k_N times the penetration (1).
+        method: "exact": no penetration, the contact force is the residual; "penalty": k_N times the penetration (1).
         factor: c of the surface stiffness c E*/h, h the size of the facet, consistent under refinement [-]; None: 100.
         node_stiffness: k_N [N/m] of every node pair as in (1), instead of a factor.
 
     Raises:
-        SceneError: an unknown method, a value that is not positive, a penalty in exact contact, both a factor and a
-            node_stiffness, a factor that is not between `SOFTEST` and `STIFFEST`.
+        SceneError: an unknown method, a penalty in exact contact, both a factor and a node_stiffness, values that are
+            not positive, a factor beyond `SOFTEST` and `STIFFEST`.
     """
 
     method: str = METHODS[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 from dolfinx.la import InsertMode, vector
@@ -11,26 +10,25 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from fx_contact.contact.constraint_rows import Blocks, ConstraintRows
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import distributed
 from fx_contact.parallel.arrays import FloatArray
 
 
 class Products:
-    """Products with a matrix of rows, given as blocks, and with its transpose.
+    """Products with a matrix that has values (b, 3) at the entries of rows, and with its transpose.
 
-    Collective on the prolongation's comm.  They touch the unknowns of the rows alone, and need no message where every
-    rank owns those of its rows.
+    Collective on the prolongation's comm.  They need no message where every rank owns the unknowns of its rows.
     """
 
-    def __init__(self, rows: ConstraintRows, blocks: Blocks) -> None:
+    def __init__(self, rows: ConstraintRows, values: FloatArray) -> None:
         self._prolongation = rows.prolongation
-        node, place = np.unique(blocks.node, return_inverse=True)
+        node, place = np.unique(rows.entries.node, return_inverse=True)
         self._dofs = (3 * node[:, None] + np.arange(3)).ravel()
-        columns, indptr = 3 * place[:, None] + np.arange(3), 3 * np.searchsorted(blocks.row, np.arange(len(rows) + 1))
-        entries = blocks.values.ravel(), columns.ravel(), indptr
-        self._matrix = csr_matrix(entries, shape=(len(rows), len(self._dofs)))
+        columns = 3 * place[:, None] + np.arange(3)
+        indptr = 3 * np.searchsorted(rows.entries.row, np.arange(len(rows) + 1))
+        self._matrix = csr_matrix((values.ravel(), columns.ravel(), indptr), shape=(len(rows), len(self._dofs)))
         self._transposed = self._matrix.T.tocsr()
         away = bool((node >= self._prolongation.owned).any())
         self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
@@ -43,16 +41,16 @@ class Products:
         return distributed(self._prolongation.comm, all_columns, imap)
 
     def times(self, u: FloatArray) -> FloatArray:
-        """Product (n,) [m] of this rank's rows with a displacement (owned, 3) [m]."""
+        """Product (n,) [m] with a displacement (owned, 3) [m]."""
         u = u if self._local else self._prolongation.ghosted(u)
         return self._matrix @ u.reshape(-1)[self._dofs]
 
     def add_transposed(self, values: FloatArray, y: FloatArray) -> None:
-        """y (owned, 3) += B^T f, for values f (n,) of this rank's rows [N]; y is contiguous."""
+        """y (owned, 3) += B^T f for f (n,) [N]; y is contiguous."""
         self._add(self._transposed @ values, y)
 
     def squares(self, weights: FloatArray) -> FloatArray:
-        """The diagonal of B^T k B, (owned, 3), for weights k of the rows, (n,)."""
+        """The diagonal (owned, 3) of B^T k B, for weights k (n,)."""
         result: FloatArray = np.zeros((self._prolongation.owned, 3))
         self._add(self._transposed.power(2) @ weights, result)
         return result
@@ -73,26 +71,25 @@ class Jump:
     Collective on the prolongation's comm.
 
     Attributes:
-        blocks: of B, 0 in constrained directions.
-        matrix: products with the blocks.
+        values: (b, 3), blocks of B at the entries of the rows, 0 in constrained directions.
+        matrix: products with B.
         gap: (n,), D less B u of the prescribed components [m].
         movable: (n,), rows whose jump is free.
     """
 
-    #: Entries up to this one are the rounding of unit normals along an axis.
+    #: Values up to this one are the rounding of unit normals along an axis.
     _ROUNDING = 1e-8
 
     def __init__(self, rows: ConstraintRows, supports: Supports) -> None:
-        self.rows, blocks = rows, rows.blocks
-        values = supports.ghosted(rows.prolongation).free_part(blocks.values, blocks.node)
-        values = np.where(np.abs(values) > self._ROUNDING, values, 0.0)
-        self.blocks = replace(blocks, values=values)
-        self.matrix = Products(rows, self.blocks)
-        self.movable = blocks.sums(values.any(axis=1).astype(float), len(rows)) > 0
+        self.rows = rows
+        values = supports.ghosted(rows.prolongation).free_part(rows.values, rows.entries.node)
+        self.values = np.where(np.abs(values) > self._ROUNDING, values, 0.0)
+        self.matrix = Products(rows, self.values)
+        self.movable = rows.entries.sums(self.values.any(axis=1).astype(float), len(rows)) > 0
         self.gap, self._full_gap = rows.gap - rows.jump(supports.values), rows.gap
 
     def penetration(self, u: FloatArray) -> FloatArray:
-        """B u - D with all components, (n,) [m], of a displacement (owned, 3) [m]."""
+        """B u - D (n,) [m] with all components of a displacement (owned, 3) [m]."""
         return self.rows.jump(u) - self._full_gap
 
     def with_gap(self, gap: FloatArray) -> Jump:

@@ -1,8 +1,7 @@
 """Node-to-node rows of B, assembled from pairs of facing leaf facets.
 
-The node pairs of two facing facets share their area as they would share a uniform pressure.  The shares of hanging
-nodes go to their masters, so that rows belong to conforming nodes and the area is kept.  A row is on the rank that owns
-both nodes: B^T B needs no message (section 3 of the paper).
+The pairs of two facing facets share their area as a uniform pressure; shares of hanging nodes go to their masters.  A
+row is on the rank that owns both nodes: B^T B needs no message (section 3 of the paper).
 """
 
 import numpy as np
@@ -31,8 +30,7 @@ class NodePairs(RowKind):
         keys, points = space.facing(leaf, face), space.points[leaf[:, None], space.face_nodes[face]]
         here, there = positions_across(forest, leaf, face, points)
         partner = forest.pairing.partner[forest.cell[leaf], face, 0]
-
-        (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))  # in one order
+        (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))
         bodies = np.stack([forest.mesh.body[cell] for cell in (forest.cell[leaf], partner)], axis=1)
         stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
         shares = np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2)
@@ -56,7 +54,7 @@ class NodePairs(RowKind):
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
-        """Vectors to the points of the same lattice coordinates, as `Pairing.opposite` turns them.  Local."""
+        """Vectors to the opposite points.  Local."""
         here, there = positions_across(forest, leaf, face, points)
         return there - here
 

@@ -22,7 +22,7 @@ class PenaltyTerm(Operator):
         self._jump, self._stiffness = jump, stiffness
 
     def of(self, rows: BoolArray | FloatArray) -> PenaltyTerm:
-        """The term of some rows, or with k times factors (n,).  Local."""
+        """The term with k times factors (n,).  Local."""
         return PenaltyTerm(self._jump, rows * self._stiffness)
 
     def add_product(self, u: FloatArray, y: FloatArray) -> None:
@@ -61,12 +61,12 @@ def reserve(mat: PETSc.Mat, jump: Jump) -> None:
 
 def _add(mat: PETSc.Mat, jump: Jump, some: BoolArray, stiffness: FloatArray) -> None:
     """Add B^T k B of some rows, zeros too."""
-    blocks = jump.blocks
-    which = some[blocks.row]
+    entries = jump.rows.entries
+    which = some[entries.row]
     if not which.any():
         return
-    row, values = (np.cumsum(some) - 1)[blocks.row[which]], blocks.values[which][:, None]
-    node, column = np.unique(blocks.node[which], return_inverse=True)
+    row, values = (np.cumsum(some) - 1)[entries.row[which]], jump.values[which][:, None]
+    node, column = np.unique(entries.node[which], return_inverse=True)
     indptr, shape = np.searchsorted(row, np.arange(some.sum() + 1)), (some.sum(), 3 * len(node))
     scaled = bsr_matrix((stiffness[some][row][:, None, None] * values, column, indptr), shape=shape)
     product = scaled.T @ bsr_matrix((values, column, indptr), shape=shape)

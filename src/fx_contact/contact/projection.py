@@ -1,7 +1,5 @@
 """The constraint projector: B P = 0 for closed rows."""
 
-from dataclasses import replace
-
 import numpy as np
 from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
@@ -14,9 +12,8 @@ from fx_contact.parallel.errors import SolveError
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    W weighs each body by its modulus: of two bodies the softer one follows the stiffer one, which keeps P^T K P as well
-    conditioned as K.  The Gram matrix B W^-1 B^T is diagonal where no node is in two rows.  Equal rows, where contact
-    pairs meet, share their force by area.
+    W weighs each body by its modulus: the softer body follows the stiffer one, which keeps P^T K P as well conditioned
+    as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
 
     Collective on the prolongation's comm.
 
@@ -28,23 +25,22 @@ class Projection:
         rigid: closed rows have no penalty.
     """
 
-    #: Most iterations and relative residual of the Gram system.  Node pairs that share nodes are small separate blocks
-    #: with few distinct eigenvalues: they take as many iterations as a node has pairs.  Rows over all nodes of the
-    #: facets around one take 6 to 26 (`test_row_kinds`).
+    #: Most iterations and relative residual of the Gram system.  Node pairs take as many iterations as a node has
+    #: pairs, rows over all nodes of the facets around one 6 to 26 (`test_row_kinds`).
     _ITERATIONS, _RESIDUAL = 200, 1e-15
     #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
 
     def __init__(self, jump: Jump, stiffness: FloatArray | None = None) -> None:
-        rows, blocks = jump.rows, jump.blocks
+        rows, entries = jump.rows, jump.rows.entries
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
         self.rigid = stiffness is None
-        weighted = blocks.values / rows.modulus[blocks.row, blocks.side][:, None]
-        self._weighted = Products(rows, replace(blocks, values=weighted))
-        self._diagonal = blocks.sums((blocks.values * weighted).sum(axis=1), len(rows))
+        weighted = jump.values / rows.modulus[entries.row, entries.side][:, None]
+        self._weighted = Products(rows, weighted)
+        self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = vector(rows.prolongation.index_map, 1)
-        np.add.at(count.array, blocks.node, 1.0)
+        np.add.at(count.array, entries.node, 1.0)
         count.scatter_reverse(InsertMode.add)
         most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
@@ -58,10 +54,7 @@ class Projection:
         self._scale = self._inverse * self._share
 
     def onto_closed(self, u: FloatArray) -> FloatArray:
-        """The displacement nearest to u, in the norm of W, with B u = D on the closed rows, both (owned, 3) [m].
-
-        Where rows contradict each other, abs(B u - D) is least.
-        """
+        """The displacement (owned, 3) [m] nearest to u in the norm of W with B u = D, or least |B u - D|, if closed."""
         u = u.copy()
         self._weighted.add_transposed(self._solve_gram(self._jump.gap - self._jump.matrix.times(u)), u)
         return u
@@ -71,26 +64,18 @@ class Projection:
         self._weighted.add_transposed(-self._solve_gram(self._jump.matrix.times(u)), u)
 
     def apply_transpose(self, f: FloatArray) -> FloatArray:
-        """f := P^T f, (owned, 3) [N], contiguous.
-
-        Returns:
-            (n,), forces of the closed rows that balance the rest of f, compression positive [N].
-        """
+        """f := P^T f, (owned, 3) [N], contiguous; returns the forces (n,) [N] of closed rows that balance the rest."""
         forces = self._solve_gram(self._weighted.times(f))
         self._jump.matrix.add_transposed(-forces, f)
         return forces
 
     def add_yielding(self, forces: FloatArray, u: FloatArray) -> None:
-        """Add the displacement with B u = f / k on the closed rows, if they have a penalty, to u (owned, 3) [m]."""
+        """u (owned, 3) [m] += the displacement with B u = f / k on closed rows with a penalty."""
         if self._compliance is not None:
             self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)
 
     def _solve_gram(self, values: FloatArray) -> FloatArray:
-        """(B W^-1 B^T)^-1 values on the closed rows, by conjugate residuals where it is not diagonal.
-
-        Raises:
-            SolveError: they do not converge; on all ranks.
-        """
+        """(B W^-1 B^T)^-1 values on the closed rows, by conjugate residuals if not diagonal.  Raises SolveError."""
         if not self._shared:
             return self._inverse * values
         solution, residual = np.zeros(len(values)), np.where(self.closed, values, 0.0)
@@ -101,7 +86,7 @@ class Projection:
             product = self._gram_times(scaled)
             size, curvature = self._dots((residual, scaled), (scaled, product))
             first = size if first < 0 else first
-            # Converged; or the residual belongs to equal or contradicting rows.
+            # Converged, or the residual is that of equal or contradicting rows.
             if size <= self._RESIDUAL**2 * first or curvature <= self._SINGULAR * size:
                 break
             direction, image = scaled + curvature / past * direction, product + curvature / past * image

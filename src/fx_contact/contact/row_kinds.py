@@ -23,19 +23,13 @@ from fx_contact.problem.scene import Scene
 #: The kind of rows of each type of contact; of a type that is not named, that of the nearest base class.
 KINDS: dict[type[Contact], type[RowKind]] = {ContactPair: NodePairs}
 
-#: Cosine of the angle to their mean up to which the normals of rows at one node are those of a smooth surface: 15
-#: degrees, as between the facets of a circle of twelve cells and their mean normal.
+#: Cosine of the angle to their mean up to which normals at one node are those of a smooth surface: 15 degrees, as of
+#: the facets of a circle of twelve cells.
 _SMOOTH = 0.966
 
 
 def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
-    """Kinds of the contacts of a scene.
-
-    Local.
-
-    Raises:
-        SceneError: there is no kind for the type of a contact.
-    """
+    """Kinds of the contacts of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
     for index, contact in enumerate(scene.contact):
         kind = next((KINDS[base] for base in type(contact).__mro__ if base in KINDS), None)
@@ -54,16 +48,10 @@ def needed_keys(scene: Scene, space: Space) -> Int64Array:
 def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
     """The rows of all contacts of a scene.
 
-    Collective on prolongation.comm.
-
-    Args:
-        scene: with one contact or more.
-        prolongation: made with the `needed_keys`.
-        enforcement: for the stiffness.
+    Collective on prolongation.comm, with the `needed_keys`.
 
     Raises:
-        SceneError: a node_stiffness whose factor is not between `SOFTEST` and `STIFFEST`, or a Prolongation that lacks
-            nodes.
+        SceneError: a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a Prolongation that lacks nodes.
     """
     kinds = kinds_of(scene)
     parts = [kind.columns(prolongation, enforcement) for kind in kinds]
@@ -103,22 +91,18 @@ _COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name != "entries
 
 
 def _joined(parts: list[Entries], counts: list[int]) -> Entries:
-    """Entries of several contacts, of so many rows each."""
+    """Entries of several contacts."""
     start = np.concatenate([[0], np.cumsum(counts)])
     rows = np.concatenate([part.row + first for part, first in zip(parts, start)])
     return Entries(rows, *(np.concatenate([getattr(p, name) for p in parts]) for name in ("node", "side", "weight")))
 
 
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
-    """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth.
-
-    Args:
-        rows: of several contacts.
-        across: (n, 3), normals times areas, as in `RowColumns` [m^2].
-        node_stiffness: of the rows of a node together, if it is given [N/m].
-    """
-    own = np.column_stack([rows.stiffness, rows.area, across])
-    stiffness, area, *mean = rows.at_first(own).T
+    """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth."""
+    prolongation = rows.prolongation
+    sums = prolongation.zeros(5)
+    np.add.at(sums, rows.first, np.column_stack([rows.stiffness, rows.area, across]))
+    stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
     normal = np.where(smooth[:, None], mean, rows.normal)

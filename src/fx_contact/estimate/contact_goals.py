@@ -1,10 +1,9 @@
 """Error contributions of contact: its forces, the gap between its nodes, and a penalty."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact.estimate.dual_weighted import Goal
 from fx_contact.estimate.goal_errors import JudgedGoal
@@ -16,14 +15,14 @@ from fx_contact.parallel.arrays import Int8Array
 
 @dataclass(frozen=True, eq=False)
 class ContactError:
-    """Error contributions of the contact discretisation in a step.
+    """Errors of contact in a step, and the leaves to refine for contact and goals.
 
     Attributes:
-        refine: (n,), number of refinements of each leaf of this rank for contact and goals.
-        leaves: number of these leaves on all ranks.
-        between_nodes: number of those on all ranks that are penetrated between nodes; None: not computed.
-        of_pairs: for each contact pair the estimated error of its force, relative to it; None: not computed, before
-            (6) is met, or no force [-].
+        refine: (n,), number of refinements of each leaf.
+        leaves: number of leaves to refine on all ranks.
+        between_nodes: number of leaves on all ranks that are penetrated between nodes; None: not computed.
+        of_pairs: estimated error of the force of each contact pair, relative to it; None: not computed, before (6) is
+            met, or no force [-].
         leaves_of_pairs: number of leaves on all ranks that the force of each pair needs.
         penalty_share: `penalty_share`, the largest of all contact pairs; None: not computed [-].
     """
@@ -35,67 +34,50 @@ class ContactError:
     leaves_of_pairs: list[int]
     penalty_share: float | None
 
-    @classmethod
-    def unknown(cls, leaves: int, pairs: int) -> "ContactError":
-        """No error, of a step of so many leaves on this rank and so many contact pairs.  Local."""
-        between_nodes, share = (None, None) if pairs else (0, 0.0)
-        return cls(np.zeros(leaves, dtype=np.int8), 0, between_nodes, [None] * pairs, [0] * pairs, share)
-
-    def with_more(self, goals: Sequence[JudgedGoal], comm: MPI.Intracomm) -> "ContactError":
-        """Contact error with the leaves to refine for goals of the user added.  Collective on comm."""
-        refine = np.max([self.refine, *(goal.refine for goal in goals)], axis=0)
-        return replace(self, refine=refine, leaves=comm.allreduce(int((refine > 0).sum())))
-
 
 def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float) -> dict[int, ContactForce]:
-    """Goals for the positive forces of contact pairs, by the position of the pair.
+    """Goals for the positive forces of contact pairs, by the index of the pair.
 
-    Local.  The error may be e times the exact force, or e^2 times the largest force, but less than the exact force.
-
-    Args:
-        names: of the contact pairs.
-        forces: `pair_forces` of the record [N].
-        tolerance: prescribed accuracy e [-].
+    Local.  With a tolerance e the error may be e times the exact force, or e^2 times the largest force, but less than
+    the exact force.
     """
     largest = max(map(abs, forces), default=0.0)
     allowed = {i: max(tolerance, tolerance**2 * largest / force) for i, force in enumerate(forces) if force > 0}
     return {i: ContactForce(names[i], 1 / (1 + 1 / share)) for i, share in allowed.items()}
 
 
-def contact_error(state: SolvedState, between: GapBetweenNodes, forces: dict[int, JudgedGoal]) -> ContactError:
-    """The errors of contact in a step, and the leaves to refine for them.
+def contact_error(
+    state: SolvedState,
+    between: GapBetweenNodes | None,
+    forces: dict[int, JudgedGoal],
+    of_user: Sequence[JudgedGoal] = (),
+) -> ContactError:
+    """The errors of contact in a step, and the leaves to refine for contact and goals.
 
-    Collective on state.forest.comm.  Penetration between nodes is checked in each step, forces once (6) is met.
-
-    Args:
-        between: of the state.
-        forces: the judged `force_goals`.
+    Collective on state.forest.comm.  By the judged `force_goals` and those of the user.  Without `between` errors of
+    contact are not controlled.
     """
     comm, pairs = state.forest.comm, range(len(state.scene.contact))
-    missed = between.penetrated()
-    refine = np.max([missed.astype(np.int8), *(judged.refine for judged in forces.values())], axis=0)
-    between_nodes, total = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
-    goals = {i: judged.goal for i, judged in forces.items() if judged.goal is not None}
-    errors = {
-        i: judged.record.error / judged.record.value
-        for i, judged in forces.items()
-        if judged.record.error is not None
-    }
+    missed = np.zeros(len(state.forest), dtype=bool) if between is None else between.penetrated()
+    refine = np.max([missed.astype(np.int8), *(goal.refine for goal in (*forces.values(), *of_user))], axis=0)
+    between_nodes, leaves = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
+    known = ((i, judged.record.error, judged.record.value) for i, judged in forces.items())
+    errors = {i: error / force for i, error, force in known if error is not None}
+    shares = [penalty_share(state, judged.goal) for judged in forces.values() if judged.goal is not None]
     return ContactError(
         refine=refine,
-        leaves=total,
-        between_nodes=between_nodes,
+        leaves=leaves,
+        between_nodes=None if between is None and pairs else between_nodes,
         of_pairs=[errors.get(i) for i in pairs],
         leaves_of_pairs=[forces[i].leaves if i in forces else 0 for i in pairs],
-        penalty_share=max((penalty_share(state, goal) for goal in goals.values()), default=None),
+        penalty_share=max(shares, default=None if pairs else 0.0),
     )
 
 
 def penalty_share(state: SolvedState, force: Goal) -> float:
-    """Relative loss of a contact pair's force by the penetration of a penalty [-].
+    """Relative loss of a force F by the penetration of a penalty: int p_z max(-g, 0) dA / F, about 1 - F / F_exact [-].
 
-    Collective on state.forest.comm.  By the adjoint solution of the force F it is int p_z max(-g, 0) dA / F, about
-    1 - F / F_e with the force F_e of exact contact.
+    Collective on state.forest.comm.
     """
     assert state.pairs is not None
     work = float((force.pressure * state.pairs.area) @ state.solution.penetration)

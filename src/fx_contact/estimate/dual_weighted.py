@@ -42,14 +42,14 @@ _LOOSE, _TIGHT = 0.2, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Functional:
-    """A quantity of interest J, by its value at a solution and by the data of its dual problem.
+    """A quantity of interest J at a solution, and the data of its dual problem; None: 0.
 
     Attributes:
-        value: J(u_h), in the unit of the quantity.
+        value: J(u_h).
         size: reference of relative errors: |J(u_h)|, or the length of the vector of which J is a component.
-        load: (owned, 3), l; None: 0.
-        penetration: (n,), d of this rank's rows; None: 0.
-        prescribed: (owned, 3), w, 0 where no condition prescribes the component; None: 0.
+        load: (owned, 3), l.
+        penetration: (n,), d.
+        prescribed: (owned, 3), w, 0 in components that are not prescribed.
     """
 
     value: float
@@ -59,7 +59,7 @@ class Functional:
     prescribed: FloatArray | None = None
 
     def depends(self, comm: MPI.Intracomm) -> bool:
-        """The dual problem has data other than 0, on any rank.  Collective."""
+        """The dual problem has data on any rank.  Collective."""
         data = self.load, self.penetration, self.prescribed
         return bool(comm.allreduce(any(array is not None and bool(array.any()) for array in data), op=MPI.LOR))
 
@@ -69,12 +69,11 @@ class Goal:
     """Value and estimated error of a quantity of interest.
 
     Attributes:
-        value: of the quantity.
-        error: (ncells,), contributions of this rank's cells, not negative, in the unit of the value.
-        total: sum of these on all ranks.
-        dual: of the dual solution.
+        error: (ncells,), contributions of the cells, not negative, in the unit of the value.
+        total: their sum on all ranks.
+        dual: estimate of the dual solution.
         adjoint: (owned, 3), the dual solution z.
-        pressure: (n,), contact pressure of the dual solution in this rank's rows.
+        pressure: (n,), contact pressure of z.
     """
 
     value: float
@@ -86,15 +85,7 @@ class Goal:
 
 
 class Goals:
-    """Errors of the quantities of interest of a step, each by one adjoint solution.
-
-    Local.
-
-    Args:
-        error: of the displacement.
-        system: of the solution.
-        stages: for the times.
-    """
+    """Errors of the quantities of interest of a step, each by one adjoint solution.  Local."""
 
     def __init__(
         self,

@@ -1,8 +1,8 @@
 """The element residual: the error that equilibrium shows, by small problems in each cell.
 
-At even degree the stress errors of a smooth solution are continuous from cell to cell, like (xi^3 - xi)' at degree 2:
-means over cells hardly change them.  The functions xi^3 - xi along each axis, which the space lacks, show them (R. E.
-Bank, A. Weiser, Math. Comp. 44, 1985; on the choice of functions M. Ainsworth, Numer. Math. 73, 1996).
+At even degree stress errors of a smooth solution are continuous from cell to cell, like (xi^3 - xi)' at degree 2, and
+means over cells hardly change them.  Functions such as xi^3 - xi along each axis show them (R. E. Bank, A. Weiser,
+Math. Comp. 44, 1985; M. Ainsworth, Numer. Math. 73, 1996).
 """
 
 import basix.ufl
@@ -29,14 +29,11 @@ class ElementResidual:
         e_T in span{b(xi), b(eta), b(zeta)}^3,    xi_T^2 = a_T(e_T, e_T),
         a_T(e_T, v) = int_T (f + div sigma_h) . v.
 
-    There are no tractions on facets: what jumps there is that of (3).  On cells h wide and H high an error of theirs
-    would count (H / h)^2 times, for b(zeta) along H moves the cross-sections almost freely: beside hanging nodes
-    xi_T was up to four times the error at 1:40 (`between-nodes/all-held-4-x-4-height/5` of studies/stability).
+    Jumps of tractions on facets are left to (3): on cells of aspect 1:40 beside hanging nodes they made xi_T up to four
+    times the error (`between-nodes/all-held-4-x-4-height/5` of studies/stability).
 
     Args:
-        elasticity: Elasticity.
-        body_force: f, a UFL vector [N/m^3]; None: there is none.
-        stages: Stages, for the times.
+        body_force: f, a UFL vector [N/m^3]; None: 0.
     """
 
     def __init__(self, elasticity: Elasticity, body_force: ufl.core.expr.Expr | None, stages: Stages) -> None:
@@ -53,24 +50,17 @@ class ElementResidual:
         self._stiffness = fem.assemble_matrix(stiffness).data.reshape(-1, 9, 9)
 
     def of(self, field: DisplacementField, loaded: bool = True) -> FloatArray:
-        """The right-hand side r of each cell: (ncells, 9) [J/m].
-
-        Local.
-
-        Args:
-            field: u_h.
-            loaded: whether the body force acts.
-        """
+        """The right-hand side r of each cell, with the body force if it is loaded: (ncells, 9) [J/m].  Local."""
         self._loaded.value = float(loaded)
         return self._residual.vector(field).reshape(-1, 9)
 
     def solved(self, residual: FloatArray) -> FloatArray:
-        """The weights of e_T, (ncells, 9) [m]; r . e_T is xi_T^2 [J].  Local."""
+        """The coefficients (ncells, 9) [m] of e_T; r . e_T is xi_T^2 [J].  Local."""
         return np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
 
 
 def _bubbles(mesh: Mesh, degree: int) -> fem.Function:
-    """b along each axis of each cell: a Function of three components, discontinuous."""
+    """b along each axis of each cell: three components, discontinuous."""
     order = degree + 1
     element = basix.ufl.element(
         "Lagrange", "hexahedron", order, lagrange_variant=LagrangeVariant.equispaced, discontinuous=True, shape=(3,)

@@ -23,7 +23,7 @@ class ErrorControl:
     """Error control of a run.
 
     The mode "energy" is that of the paper: cells of criterion (2) are refined once, with their partners (5), until
-    xi / (e omega) <= 1 (6), on the first mesh too.  It has none of the parameters below, and no check of a penalty.
+    xi / (e omega) <= 1 (6).  It uses none of the parameters below, and controls no errors of contact.
 
     The mode "contact" uses the measured effectivity theta of the estimator, and refines cells once or twice by the
     threshold that the tolerance needs.  The tolerance is also that of the forces of contact pairs, of the penetration
@@ -32,10 +32,10 @@ class ErrorControl:
     Attributes:
         mode: "contact" or "energy".
         target: the share of a tolerance that refinement aims at (studies/parameters) [-].
-        trusted_effectivity: with a theta of this or more xi is the error in (6), with less it is xi / theta [-].
-            With 1 runs take 1.6 to 1.7 times the unknowns where theta is 0.8 to 0.9 (studies/parameters).
-        least_effectivity: lower bound of theta, and theta before it is measured: 0.43 was measured in thin
-            plates (studies/effectivity), and refinement that changes nothing would show ever less [-].
+        trusted_effectivity: the error in (6) is xi with a theta of this or more, else xi / theta [-].  With 1 runs take
+            1.6 to 1.7 times the unknowns if theta is 0.8 to 0.9 (studies/parameters).
+        least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates
+            (studies/effectivity) [-].
 
     Raises:
         SceneError: an unknown mode, or a number that is not positive or above 1.
@@ -71,23 +71,18 @@ class ErrorControl:
         return RefinementHistory(self.least_effectivity)
 
     def effectivity(self, history: RefinementHistory) -> float:
-        """The assumed effectivity of the estimate: the measured one, 1 in the mode "energy".  Local."""
+        """The measured effectivity of the estimate, 1 in the mode "energy".  Local."""
         return history.effectivity if self.of_contact else 1.0
 
     def correction(self, history: RefinementHistory) -> float:
-        """Factor of the tolerance of xi / omega: theta, or 1 where the estimate is trusted.  Local."""
+        """Factor of the tolerance of xi / omega: theta, or 1 if it is trusted.  Local."""
         theta = self.effectivity(history)
         return 1.0 if theta >= self.trusted_effectivity else theta
 
     def sought(self, estimate: Estimate, tolerance: float, history: RefinementHistory) -> float | None:
-        """The tolerance to refine for [-]; None: xi / omega is small enough (6).
+        """The tolerance to refine for, by the prescribed one e [-]; None: xi / omega is small enough (6).
 
-        Local.  "contact" needs two meshes at least: on a first mesh the estimate may be zero and wrong, as where all
-        vertices are constrained.
-
-        Args:
-            estimate: on the present mesh.
-            tolerance: prescribed accuracy e [-].
+        Local.  "contact" needs two meshes at least: if all vertices are constrained, the first estimate is 0.
         """
         if estimate.relative > tolerance:
             return tolerance
@@ -100,16 +95,9 @@ class ErrorControl:
     def marked(
         self, estimate: Estimate, tolerance: float, history: RefinementHistory, comm: MPI.Intracomm
     ) -> tuple[Int8Array, RefinementHistory]:
-        """Cells of the present mesh to refine: in "contact" all of a first mesh that meets the tolerance.
+        """Number of refinements of each cell (ncells,) for a tolerance e [-], and history of the refined mesh.
 
-        Collective on comm.
-
-        Args:
-            estimate: on the present mesh.
-            tolerance: prescribed accuracy e [-].
-
-        Returns:
-            (ncells,), number of refinements of each cell, and the history of the refined mesh.
+        Collective on comm.  In "contact" all cells of a first mesh that meets the tolerance are refined.
         """
         if not self.of_contact:
             return by_criterion(estimate, tolerance).astype(np.int8), history

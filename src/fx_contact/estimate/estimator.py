@@ -1,8 +1,7 @@
 """Error estimate of O. C. Zienkiewicz, J. Z. Zhu (1987): indicator (3), energies (4), and products of two errors.
 
-At degree 2 the larger of (3) and of the element residual counts in each cell.  (3) shows what jumps from cell to cell,
-as beside contact edges, but little of a smooth error, which the element residual shows.  Effectivities:
-`studies/effectivity`.
+At degree 2 the larger of (3) and of the element residual counts in each cell: (3) shows jumps from cell to cell, as
+beside contact edges, the element residual smooth errors.  Effectivities: `studies/effectivity`.
 """
 
 from collections.abc import Sequence
@@ -29,12 +28,12 @@ class Estimate:
     """Estimated error and energy of a displacement field.
 
     Attributes:
-        error: (ncells,), xi_T of this rank's cells (3) [J^(1/2)].
-        energy: (ncells,), strain energy of this rank's cells, twice [J]; None: not kept.
+        error: (ncells,), xi_T (3) [J^(1/2)].
+        energy: (ncells,), twice the strain energy [J]; None: not kept.
         error_global: xi of all cells (6) [J^(1/2)].
         energy_norm: omega (4) [J^(1/2)].
         cells: number of cells on all ranks.
-        child_error: xi_T^2 of a child over that of its parent if the solution is smooth, `fem.space.child_error` [-].
+        child_error: `fem.space.child_error`, xi_T^2 of a child over that of its parent if the solution is smooth [-].
     """
 
     error: FloatArray
@@ -55,7 +54,6 @@ class DisplacementError:
     """Estimated error e of a displacement field.
 
     Attributes:
-        field: the displacement.
         stress: sigma*, six components a node [Pa].
         squares: (k, ncells), xi_T^2 by (3), at degree 2 and by the element residual [J].
         residual: (ncells, 9), element residual [J/m]; None at degree 1.
@@ -76,8 +74,7 @@ class Estimator:
     Collective.
 
     Args:
-        stages: for the times.
-        body_force: UFL vector on the mesh [N/m^3]; None: there is none.
+        body_force: UFL vector on the mesh [N/m^3]; None: 0.
     """
 
     def __init__(
@@ -103,7 +100,6 @@ class Estimator:
         Collective.
 
         Args:
-            field: of the elasticity.
             noise: energy norm up to which the displacement is a rigid motion, without error [J^(1/2)].
             loaded: the body force acts; not on an adjoint solution.
 
@@ -137,9 +133,8 @@ class Estimator:
     def products(self, one: DisplacementError, other: DisplacementError) -> FloatArray:
         """Products (e_u, e_z)_T of the errors of two displacements: (ncells,) [J].
 
-        Collective.  By (3) int_T (sigma*_u - sigma_u) : C^-1 (sigma*_z - sigma_z), by the element residual
-        r_u K^-1 r_z.  At degree 2 that of the two counts in a cell which has the larger product of norms.  So
-        (e_u, e_u)_T = xi_T^2, and |(e_u, e_z)_T| <= xi_T(u) xi_T(z).
+        Collective.  int_T (sigma*_u - sigma_u) : C^-1 (sigma*_z - sigma_z) by (3), r_u K^-1 r_z by the residual; at
+        degree 2 that with the larger product of norms.  (e_u, e_u)_T = xi_T^2, |(e_u, e_z)_T| <= xi_T(u) xi_T(z).
         """
         if self._product is None:
             more = self._elasticity.blank(), fem.Function(self._elasticity.nodal_space(6))

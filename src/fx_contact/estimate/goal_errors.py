@@ -19,12 +19,11 @@ class GoalRecord:
     """Value and estimated error of a goal in a step.
 
     Attributes:
-        name: of the goal.
-        value: of the bodies with their mirror images, in the unit of the quantity: [N], [m] or [Pa].
+        value: of the bodies with their mirror images, [N], [m] or [Pa].
         error: estimated error, in that unit; None: not estimated, before the energy error meets its tolerance, or for
             the force and pressure of an open pair, and a gap that is closed.
-        allowed: the error that the tolerance allows, in that unit.
-        tolerance: of the goal, relative [-].
+        allowed: error that the tolerance allows, in that unit.
+        tolerance: relative [-].
         reached: the error is estimated and within the tolerance, or is none: that of the force of an open pair.
     """
 
@@ -47,8 +46,8 @@ class JudgedGoal:
     """A goal, its error, and the leaves to refine for it.
 
     Attributes:
-        refine: (n,), number of refinements of each leaf of this rank.
-        leaves: number of these leaves on all ranks.
+        refine: (n,), number of refinements of each leaf.
+        leaves: number of leaves to refine on all ranks.
         goal: None: not estimated.
     """
 

@@ -1,38 +1,30 @@
-"""Gap and penetration between the nodes of contact facets.
-
-Node-to-node contact resists penetration at nodes alone.  A round body may pass between open nodes; between closed ones
-unlike surfaces penetrate or gape, as a sphere on coarse facets.  The estimate xi is of strains, and shows none of it.
-"""
-
-from copy import copy
+"""Gap and penetration between the nodes of contact facets, which node-to-node contact does not resist, nor xi show."""
 
 import numpy as np
 from scipy.integrate import simpson
 
-from fx_contact.contact.constraint_rows import ConstraintRows, RowKind
+from fx_contact.contact.constraint_rows import RowKind
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.problem import hexahedron
 
-#: Penetrations up to this part of the variation of the gap on a facet are errors of the linear solver: its tolerance,
+#: Penetrations up to this part of the variation of the gap on a facet are errors of the linear solver (its tolerance),
 _VARIATION = 1e-8
-#: or up to this part of the facet's size, the root of its area, rounding: of a facet in 1e6 along a body.
+#: up to this part of the root of the facet's area rounding (of a facet in 1e6 along a body).
 _ROUNDING = 1e-9
-#: Parts of each side of a facet in the sampling of the least gap.  Of a round gap it misses penetrations up to 1/4096
-#: of the variation of the gap on the facet.
+#: Parts of each side of a facet in the sampling of the least gap, which misses 1/4096 of the variation of a round gap.
 _PARTS = 64
-#: Facets that are sampled together: a bound of memory.
+#: Facets that are sampled together, for memory.
 _CHUNK = 64
 
 
 class GapBetweenNodes:
-    """The gap g between the nodes of contact facets, beside g_I, bilinear between neighbouring nodes.
+    """The gap g between the nodes of contact facets, beside g_I, bilinear between neighbouring nodes at either degree.
 
-    Collective on state.forest.comm.  Away from closed rows any penetration counts.  On closed facets, and those next
-    to them, g differs from g_I on any mesh of a round body.  Quadratic displacements follow a round gap, but not a
-    pressure that ends within a facet: g_I of their own degree would see no error in a contact of one node.
+    Collective on state.forest.comm.  Any penetration counts away from closed rows; on closed facets, and those next to
+    them, g - g_I times a pressure.
 
     Args:
         state: with rows.
@@ -42,51 +34,50 @@ class GapBetweenNodes:
         forest, pairs, solution = state.forest, state.pairs, state.solution
         assert pairs is not None
         self._forest, self._rows, self._leaf = forest, pairs, state.elasticity.leaf_mesh.leaf
-        self._parts: list[tuple[Int64Array, IntArray, BoolArray, BoolArray, _Facets]] = []
+        self._open: list[tuple[Int64Array, _Facets]] = []
+        self._closed: list[tuple[int, Int64Array, IntArray, _Facets]] = []
         prolongation, space = pairs.prolongation, pairs.prolongation.space
+        known = np.column_stack([pairs.closing(solution.displacement), pairs.normal])
         for kind in pairs.kinds:
             leaf, face = kind.facets(forest)
-            cells, ours = space.on_faces(leaf, face), pairs.contact == kind.index
-            near = _touched(prolongation, cells, pairs.first[ours & solution.active])
-            facets = _Facets(kind, space, leaf, face, _known(pairs, solution.displacement, ours)[cells])
-            self._parts.append((leaf, cells, ours, near, facets))
+            cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
+            near = _touched(prolongation, cells, pairs.first[closed])
+            nodal = pairs.at_nodes(kind.index, known)[cells]
+            away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (~near, near))
+            self._open.append((leaf[~near], away))
+            self._closed.append((kind.index, leaf[near], cells[near], close))
 
     def penetrated(self) -> BoolArray:
         """Leaves with a facet that is penetrated between open nodes: (n,).  Local."""
         refine = np.zeros(len(self._forest), dtype=bool)
-        for leaf, _, _, near, facets in self._parts:
-            refine[leaf[~near][facets.where(~near).penetrate()]] = True
+        for leaf, facets in self._open:
+            refine[leaf[facets.penetrate()]] = True
         return refine
 
     def on_cells(self, pressure: FloatArray) -> FloatArray:
         """int |p| |g - g_I| dA over the closed facets of each cell: (ncells,), by p in the rows (n,).  Collective."""
         of_leaf = np.zeros(len(self._forest))
-        for leaf, cells, ours, near, facets in self._parts:
-            nodal = _at_nodes(self._rows, ours, np.abs(pressure)[:, None])[cells][near, :, 0]
-            np.add.at(of_leaf, leaf[near], facets.where(near).work(nodal))
+        for contact, leaf, cells, facets in self._closed:
+            nodal = self._rows.at_nodes(contact, np.abs(pressure)[:, None])[cells, 0]
+            np.add.at(of_leaf, leaf, facets.work(nodal))
         return of_leaf[self._leaf]
 
 
 class _Facets:
-    """Gap vectors and normals of facets at points enough for the order of the root mesh and the degree.
+    """Gap vectors and normals of facets (n,) at points enough for the order of the root mesh and the degree.
 
-    Local.
-
-    Args:
-        kind: of their contact.
-        leaf, face: (n,), leaves and their local faces on the first surface.
-        nodal: (n, (p+1)^2, 6), the jump of the displacement at their nodes [m], and normals.
+    By the jumps of the displacement [m] and normals at their nodes (n, (p+1)^2, 6).
     """
 
     def __init__(self, kind: RowKind, space: Space, leaf: Int64Array, face: Int64Array, nodal: FloatArray) -> None:
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
         line = np.linspace(0, 1, parts + 1, dtype=np.float64)
-        bilinear, self._shape = (_tensor(order, line) for order in (1, degree))
-        hats = np.stack([np.interp(line, np.linspace(0, 1, degree + 1), row) for row in np.eye(degree + 1)], axis=1)
-        self._linear = np.kron(hats, hats)  # between neighbouring nodes
+        bilinear, self._shape = (_tensor(hexahedron.lagrange(order, line)) for order in (1, degree))
+        ends = np.linspace(0, 1, degree + 1)
+        self._linear = _tensor(np.stack([np.interp(line, ends, row) for row in np.eye(degree + 1)], axis=1))
         nodes = np.arange(degree + 1) * parts // degree
-        self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # positions of the nodes among the points
+        self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # among the points
         self._simpson = _simpson(parts + 1)
         # A function leaves the range of its samples by less than Lebesgue's constant times this range.
         self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
@@ -99,18 +90,12 @@ class _Facets:
         jump, self._normal = np.split(self._sampled(nodal), 2, axis=2)
         self._apart = apart - jump  # small, however far the bodies come
 
-    def where(self, which: BoolArray) -> "_Facets":
-        """Some of the facets, by a mask (n,)."""
-        some = copy(self)
-        some._area, some._apart, some._normal = self._area[which], self._apart[which], self._normal[which]
-        return some
-
     def _sampled(self, nodal: FloatArray) -> FloatArray:
-        """Interpolation of nodal values (n, (p+1)^2, ...): (n, points, ...)."""
+        """Nodal values (n, (p+1)^2, ...) at the points: (n, points, ...)."""
         return np.einsum("pv,nv...->np...", self._shape, nodal)
 
     def penetrate(self) -> BoolArray:
-        """Facets with more penetration than at their nodes, and than rounding: (n,)."""
+        """Facets that penetrate more than at their nodes and than rounding: (n,)."""
         gap = _normal_part(self._apart, self._normal)
         limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
         limit -= _VARIATION * np.ptp(gap, axis=1)
@@ -122,22 +107,18 @@ class _Facets:
         """int max(p, 0) |g - g_I| dA by nodal p (n, (p+1)^2): (n,)."""
         gap = _normal_part(self._apart, self._normal)
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
-        work: FloatArray = self._area * (
-            (np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)) @ self._simpson
-        )
-        return work
+        density = np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)
+        return self._area * (density @ self._simpson)
 
 
-def _tensor(order: int, x: FloatArray) -> FloatArray:
-    """Lagrange functions of a facet's nodes at a grid of points: (k^2, (p+1)^2), first coordinate fastest."""
-    line = hexahedron.lagrange(order, x)
+def _tensor(line: FloatArray) -> FloatArray:
+    """Functions on a facet, first coordinate fastest, as products of functions (points, nodes) on a line."""
     return np.asarray(np.kron(line, line), np.float64)
 
 
 def _simpson(count: int) -> FloatArray:
     """Simpson's rule on a facet of area 1, for so many points a side: (count^2,)."""
-    line = simpson(np.eye(count), dx=1 / (count - 1))
-    return np.asarray(np.outer(line, line).ravel())
+    return _tensor(simpson(np.eye(count), dx=1 / (count - 1)))
 
 
 def _touched(prolongation: Prolongation, cells: IntArray, closed: IntArray) -> BoolArray:
@@ -152,31 +133,13 @@ def _touched(prolongation: Prolongation, cells: IntArray, closed: IntArray) -> B
     return facets
 
 
-def _known(rows: ConstraintRows, u: FloatArray, ours: BoolArray) -> FloatArray:
-    """Jumps of the displacement and normals of some rows, at this rank's nodes: (m, 6).  Collective."""
-    return _at_nodes(rows, ours, np.column_stack([rows.closing(u), rows.normal]))
-
-
-def _at_nodes(rows: ConstraintRows, ours: BoolArray, values: FloatArray) -> FloatArray:
-    """Values (n, k) of some rows at this rank's nodes of the first surface: (m, k).  Collective."""
-    prolongation = rows.prolongation
-    nodal = prolongation.zeros(values.shape[1])
-    nodal[rows.first[ours]] = values[ours]
-    return prolongation.prolong(prolongation.summed(nodal))
-
-
 def _least(apart: FloatArray, normal: FloatArray) -> FloatArray:
-    """The least gap on each facet, at a grid of points: (n,) [m].
-
-    Args:
-        apart: (n, m^2, 3), at m x m points of each facet, first coordinate fastest, to the point across [m].
-        normal: (n, m^2, 3), of any length, likewise.
-    """
+    """The least gap (n,) [m] on a grid of each facet, by gap vectors and normals at its points (n, points, 3)."""
     side = int(np.sqrt(apart.shape[1]))
     finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, _PARTS + 1))
 
     def at(values: FloatArray) -> FloatArray:
-        """At the points of the grid."""
+        """Values on the grid."""
         grid = values.reshape(-1, side, side, 3)
         return np.einsum("qy,pynj->qpnj", finer, np.einsum("px,nyxj->pynj", finer, grid))
 
@@ -188,5 +151,5 @@ def _least(apart: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def _normal_part(apart: FloatArray, normal: FloatArray) -> FloatArray:
-    """The component of vectors along normals of any length: (..., 3) to (...)."""
+    """The component (...) of vectors (..., 3) along normals of any length."""
     return np.asarray(np.einsum("...i,...i->...", apart, normal) / np.linalg.norm(normal, axis=-1))

@@ -1,4 +1,4 @@
-"""Threshold marking: cells are refined, the largest errors first, until the error is expected to be what is allowed."""
+"""Threshold marking: the largest errors are refined until the error is expected to be what is allowed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array
 if TYPE_CHECKING:
     from fx_contact.estimate.error_control import ErrorControl
 
-#: Number of thresholds that are tried: each is 0.97 of the one before or more.
+#: Number of thresholds: each is 0.97 of the one before or more.
 _THRESHOLDS = 1024
-#: The lowest one for goals, relative to the largest error: a billion cells below it add up to 0.001 of that.
+#: The lowest one for goals over the largest error: a billion cells below it add up to 0.001 of that.
 _LOWEST_FOR_GOALS = 1e-12
 
 
@@ -29,14 +29,13 @@ def by_criterion(estimate: Estimate, tolerance: float) -> BoolArray:
 def for_tolerance(
     estimate: Estimate, tolerance: float, loss_rate: float | None, control: ErrorControl, comm: MPI.Intracomm
 ) -> tuple[Int8Array, float]:
-    """Cells to refine for xi <= e omega.
+    """Cells to refine for xi <= e omega, by the highest threshold that is expected to suffice.
 
-    Collective on comm.  The threshold is the highest with which xi is expected to be `control.target` times e omega,
-    at degree 2 a quarter of the present xi at least, as by refining all cells of a smooth solution.  If not even that
-    of criterion (2) is low enough, it is `_equidistributing`.
+    Collective on comm.  It aims at `control.target` times e omega, at degree 2 at a quarter of the present xi at least,
+    as by refining all cells of a smooth solution.  If that of criterion (2) is too high, it is `_equidistributing`.
 
     Args:
-        tolerance: prescribed accuracy e [-].
+        tolerance: e [-].
         loss_rate: loss of xi^2 by refinement, over that of a smooth solution; None: unknown [-].
 
     Returns:
@@ -46,7 +45,7 @@ def for_tolerance(
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
         return np.zeros(len(estimate.error), dtype=np.int8), 0.0
-    loss, child = _smooth_loss(estimate.child_error), estimate.child_error
+    loss, child = 1 - 8 * estimate.child_error, estimate.child_error  # of xi_T^2, by eight children
     thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
     later = _equidistributing(child) * criterion
     of_later = int(np.argmax(thresholds <= later)) if later < largest else len(thresholds) - 1
@@ -64,25 +63,15 @@ def for_tolerance(
     return times, float(_lost(once, twice, loss))
 
 
-def _smooth_loss(child_error: float) -> float:
-    """Relative loss of xi_T^2 by refining a cell into eight children, if the solution is smooth."""
-    return 1 - 8 * child_error
-
-
 def for_goal(
     error: FloatArray, allowed: float, child_error: float, control: ErrorControl, comm: MPI.Intracomm
 ) -> Int8Array:
-    """The fewest cells to refine for a sum of errors below what is allowed.
+    """Number of refinements (ncells,), 0 to 2, of the fewest cells for a sum of errors (ncells,) that is allowed.
 
-    Collective on comm.  Where refining twice does not suffice, the cells that are not refined keep the allowed sum.
+    Collective on comm.  If refining twice does not suffice, the cells that are not refined keep the allowed sum.
 
     Args:
-        error: (ncells,), xi_T(u) xi_T(z) of this rank's cells, or other non-negative errors that add up.
-        allowed: largest sum on all ranks.
-        child_error: error of a child over that of its parent where the solutions are smooth [-].
-
-    Returns:
-        (ncells,), number of refinements of each cell, 0 to 2.
+        child_error: error of a child over that of its parent, of smooth solutions [-].
     """
     largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
     thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, _THRESHOLDS) * largest
@@ -90,7 +79,7 @@ def for_goal(
     def choose(once: FloatArray, twice: FloatArray) -> int:
         """The highest threshold that suffices, as in `_mark`."""
         kept = once[-1] - once
-        left = kept + once - _lost(once, twice, _smooth_loss(child_error))
+        left = kept + once - _lost(once, twice, 1 - 8 * child_error)
         aim = control.target * allowed
         return int(np.argmax((left <= aim) | (kept <= aim)))
 
@@ -105,15 +94,14 @@ def _criterion(estimate: Estimate, tolerance: float) -> float:
 def _equidistributing(child_error: float) -> float:
     """The threshold tau of a mesh of N cells that meets the tolerance e, over e omega / sqrt(N).
 
-    If all its cells come from refining above tau, xi_T^2 is between c tau^2 and tau^2, c = `child_error`.  With ln xi_T
-    uniform there, its mean is tau^2 (1 - c) / ln(1 / c), and is to be (e omega)^2 / N.  N is taken of the present mesh.
-    Where the last one has less than 4.9 times as many (3.6 at degree 1), (2) would make cells smaller than needed.
+    Refining above tau leaves xi_T^2 between c tau^2 and tau^2, c = `child_error`.  With ln xi_T uniform there, its mean
+    is tau^2 (1 - c) / ln(1 / c) = (e omega)^2 / N, N that of the present mesh.
     """
     return float(np.sqrt(-np.log(child_error) / (1 - child_error)))
 
 
 def _lost(once: FloatArray, twice: FloatArray, loss: float) -> FloatArray:
-    """Loss of all errors by refinement, by the sums of those refined once or more, and twice, and a relative loss."""
+    """Loss of errors by a relative loss and the sums of those refined once or more, and twice."""
     return loss * (once + (1 - loss) * twice)
 
 
@@ -124,19 +112,10 @@ def _mark(
     choose: Callable[[FloatArray, FloatArray], int],
     comm: MPI.Intracomm,
 ) -> tuple[Int8Array, FloatArray, FloatArray]:
-    """Refine cells whose error is above a threshold, twice where a child's would be.
+    """Number of refinements (ncells,) of cells above a threshold, 2 if a child's error would be; and their sums.
 
-    Collective on comm.
-
-    Args:
-        error: (ncells,), of this rank's cells.
-        child_error: error of a child over that of its parent [-].
-        thresholds: (m,), descending.
-        choose: position of a threshold, by two (m + 1,), the errors on all ranks of the cells refined, and of those
-            refined twice, by each threshold, the last of which is below all errors.
-
-    Returns:
-        (ncells,), number of refinements, and the two sums at the threshold chosen.
+    `choose` gives the position of a threshold, of descending ones (m,) and one below all errors, by two (m + 1,): the
+    sums on all ranks of the errors of cells refined, and refined twice.
     """
     first = [np.searchsorted(-thresholds, -share * error, side="right") for share in (1.0, child_error)]
     sums = np.stack([np.bincount(place, error, len(thresholds) + 1) for place in first]).astype(float)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.body_contact import force_components
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
 from fx_contact.estimate.solved_state import SolvedState
@@ -20,13 +19,12 @@ from fx_contact.problem.point_location import root_cells_at
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 
-#: Relative differences of distances to a point, and of pressures, that depend on ranks: rounding, and the error of the
-#: linear solver.
+#: Relative differences of equal distances and pressures: rounding, and the error of the linear solver.
 _SAME = 1e-6
 
 
 class Quantity(ABC):
-    """A quantity of interest; each kind is a frozen dataclass with a `tolerance`.
+    """A quantity of interest; each kind is a frozen dataclass with a relative `tolerance` [-].
 
     Raises:
         SceneError: the tolerance is no positive number.
@@ -48,26 +46,20 @@ class Quantity(ABC):
 
     @abstractmethod
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """The quantity at a solution, linear as long as the closed node pairs stay closed.
-
-        Collective on state.forest.comm.
-
-        Args:
-            residual: (owned, 3), `nodal_residual` of the state [N].
-        """
+        """The quantity at a solution, by the `nodal_residual` (owned, 3) [N].  Collective on state.forest.comm."""
 
 
 class OfPair(Quantity):
-    """A quantity of a contact pair, by its name `pair`, "first on second" (`ContactPair.name`)."""
+    """A quantity of a contact pair."""
 
     pair: str
 
     def check(self, scene: Scene) -> None:
-        """As `Quantity.check`.  Local.  Raises SceneError: there is no such contact pair."""
+        """As `Quantity.check`.  Local.  Raises SceneError: no such contact pair."""
         check_name("contact pair", self.pair, [pair.name for pair in scene.contact])
 
     def rows(self, state: SolvedState) -> tuple[ConstraintRows, BoolArray]:
-        """All rows, and those of the contact pair (n,).  Local."""
+        """All rows, and those of the contact pair as a mask (n,).  Local."""
         assert state.pairs is not None
         index = [pair.name for pair in state.scene.contact].index(self.pair)
         return state.pairs, np.asarray(state.pairs.contact == index)
@@ -78,11 +70,8 @@ class ContactForce(OfPair):
     """The force of a contact pair, as in `StepRecord.pair_forces`.
 
     Attributes:
-        pair: name of the contact pair, "first on second" (`ContactPair.name`).
+        pair: `ContactPair.name`, "first on second".
         tolerance: allowed error relative to the force [-].
-
-    Raises:
-        SceneError: the tolerance is no positive number.
     """
 
     pair: str
@@ -94,10 +83,10 @@ class ContactForce(OfPair):
         return f"force of {self.pair}"
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """As `Quantity.functional`; d is the share of each closed node pair."""
+        """As `Quantity.functional`."""
         scene, (rows, ours) = state.scene, self.rows(state)
         closed = ours & state.solution.active
-        share = scene.symmetry * np.where(closed, force_components(scene, rows, np.ones(len(closed))), 0.0)
+        share = scene.symmetry * np.where(closed, rows.force_components(np.ones(len(closed))), 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
         return Functional(value, abs(value), penetration=share)
 
@@ -107,8 +96,8 @@ class Gap(OfPair):
     """The gap left at a node pair, along the normal; 0 where it is closed.
 
     Attributes:
-        pair: name of the contact pair, "first on second" (`ContactPair.name`).
-        point: three numbers, near which the node pair is: the nearest undeformed one on the first surface [m].
+        pair: `ContactPair.name`, "first on second".
+        point: (3,), near the node pair, undeformed, on the first surface [m].
         tolerance: allowed error relative to the gap [-].
 
     Raises:
@@ -141,11 +130,8 @@ class MaxPressure(OfPair):
     """The largest nodal contact pressure of a contact pair.
 
     Attributes:
-        pair: name of the contact pair, "first on second" (`ContactPair.name`).
+        pair: `ContactPair.name`, "first on second".
         tolerance: allowed error relative to the pressure [-].
-
-    Raises:
-        SceneError: the tolerance is no positive number.
     """
 
     pair: str
@@ -157,7 +143,7 @@ class MaxPressure(OfPair):
         return f"largest pressure of {self.pair}"
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """As `Quantity.functional`, of the pressure at the node that has the largest."""
+        """As `Quantity.functional`."""
         solution, (rows, ours) = state.solution, self.rows(state)
         value = state.forest.comm.allreduce(float(solution.pressure[ours].max(initial=0.0)), op=MPI.MAX)
         weight = _one(state.forest.comm, rows, ours & solution.active, solution.pressure)
@@ -170,10 +156,10 @@ class Displacement(Quantity):
     """The displacement of a point in a direction.
 
     Attributes:
-        point: three numbers, undeformed, in a body or on its surface [m]; of a part it is in the modelled one.
-        direction: three numbers, of any length.
-        tolerance: allowed error relative to the length of the point's displacement [-].
-        body: name of the body, where several have the point; None: only one has it.
+        point: (3,), undeformed, in a body or on its surface, in the modelled part [m].
+        direction: (3,), of any length.
+        tolerance: allowed error relative to the length of the displacement [-].
+        body: name, if several bodies have the point.
 
     Raises:
         SceneError: the tolerance is no positive number, point or direction not three numbers, or the direction zero.
@@ -187,11 +173,7 @@ class Displacement(Quantity):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_vector("the point of a Displacement", self.point)
-        _ = self._unit_direction  # as it must be
-
-    @property
-    def _unit_direction(self) -> FloatArray:
-        return check_direction("the direction of a Displacement", self.direction)
+        check_direction("the direction of a Displacement", self.direction)
 
     @property
     def name(self) -> str:
@@ -204,11 +186,7 @@ class Displacement(Quantity):
         self._place(scene.mesh)
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """As `Quantity.functional`; l is the direction times the shape functions at the point.
-
-        Raises:
-            SceneError: as `check`, of a scene that was not checked.
-        """
+        """As `Quantity.functional`.  Raises SceneError: as `check`, of a scene that was not checked."""
         comm, prolongation = state.forest.comm, state.elasticity.prolongation
         nodes, values = prolongation.space.functions_at(*self._place(state.scene.mesh))
         sums = np.zeros((len(prolongation.space), 1))
@@ -226,15 +204,11 @@ class Displacement(Quantity):
         bodies = [mesh.bodies[body] for body in mesh.body[cells]]
         found = sorted({*bodies} if self.body is None else {*bodies} & {self.body})
         if not found:
-            raise SceneError(
-                f"the point of {self!r} is in no body"
-                if self.body is None
-                else f"the point of {self!r} is not in {self.body!r}"
-            )
+            missed = "in no body" if self.body is None else f"not in {self.body!r}"
+            raise SceneError(f"the point of {self!r} is {missed}")
         if len(found) > 1:
-            raise SceneError(
-                f"the point of {self!r} is in {' and '.join(map(repr, found))}: name one of them as `body`"
-            )
+            both = " and ".join(map(repr, found))
+            raise SceneError(f"the point of {self!r} is in {both}: name one of them as `body`")
         first = bodies.index(found[0])
         return int(cells[first]), coordinates[first]
 
@@ -244,9 +218,9 @@ class Reaction(Quantity):
     """The reaction of a condition on the bodies, in a direction, as in `StepRecord.resultants`.
 
     Attributes:
-        where: name of the place of the condition (`Dirichlet.where`).
-        tolerance: allowed error relative to the length of the reaction's vector [-].
-        direction: three numbers, of any length; None: that of the only component that is prescribed there.
+        where: `Dirichlet.where` of the condition.
+        tolerance: allowed error relative to the length of the reaction [-].
+        direction: (3,), of any length; None: that of the only prescribed component.
 
     Raises:
         SceneError: the tolerance is no positive number, or the direction not three numbers or zero.
@@ -284,7 +258,7 @@ class Reaction(Quantity):
         return direction
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """As `Quantity.functional`; w shares the direction among the conditions of a node, as the resultants do."""
+        """As `Quantity.functional`; conditions of one node share its reaction."""
         scene, direction = state.scene, self._unit_direction(state.scene)
         held = held_nodes(scene, state.elasticity.prolongation)
         shared, w = shared_forces(scene.conditions, held, residual), np.zeros(residual.shape)
@@ -303,13 +277,7 @@ KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
 
 
 def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]:
-    """Goals as a tuple.
-
-    Local.
-
-    Raises:
-        SceneError: one is of another type, or of a place that the scene does not have.
-    """
+    """Goals as a tuple.  Local.  Raises SceneError: one is of another type, or of a place that the scene lacks."""
     kinds = ", ".join(kind.__name__ for kind in KINDS)
     if not isinstance(goals, (tuple, list)):
         raise SceneError(f"goals must be a tuple of {kinds}, got {shown(goals)}")
@@ -326,10 +294,7 @@ def _listed(point: Sequence[float]) -> str:
 
 
 def _one(comm: MPI.Intracomm, rows: ConstraintRows, some: BoolArray, value: FloatArray) -> FloatArray:
-    """Weights (n,): 1 for the row with the largest value among some, if any, 0 for the others.
-
-    Collective on comm.  Of equal ones the first by position is taken, on any number of ranks.
-    """
+    """Weights (n,): 1 for the row with the largest value among some, if any; of equal ones the first by position."""
     weight, ours = np.zeros(len(rows)), np.flatnonzero(some)
     largest = comm.allreduce(float(value[ours].max(initial=-np.inf)), op=MPI.MAX)
     if not np.isfinite(largest):

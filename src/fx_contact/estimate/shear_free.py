@@ -12,7 +12,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 from fx_contact.problem.boundary_conditions import ObliquePlane
 from fx_contact.problem.scene import Scene
 
-#: Rows and columns of the six components of a symmetric stress in recovered fields.
+#: Rows and columns of the six components of a symmetric stress.
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 #: Weights that make the scalar product of two stresses that of their six components.
 _WEIGHT = np.sqrt([1, 1, 1, 2, 2, 2])
@@ -28,15 +28,14 @@ class ShearFree:
 
     Attributes:
         across: (owned, 3), the node lies on such a plane normal to the axis, and on no oblique one.
-        oblique: (k,) nodes on oblique planes, and (k, 6, 6), orthogonal projectors on stresses without shear on all
-            planes of the node; None: there are none.
+        oblique: (k,) nodes on oblique planes, and (k, 6, 6), projectors on stresses without shear on their planes.
     """
 
     across: BoolArray
     oblique: tuple[IntArray, FloatArray] | None = None
 
     def remove_shear(self, stress: FloatArray) -> None:
-        """Remove the shear of stresses (owned, 6 or more), the first six as `VOIGT`, in place."""
+        """Remove the shear of stresses (owned, 6 or more) in place, the first six as `VOIGT`."""
         for component, (i, j) in enumerate(VOIGT):
             if i != j:
                 stress[self.across[:, i] | self.across[:, j], component] = 0
@@ -46,7 +45,7 @@ class ShearFree:
 
 
 def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:
-    """Nodes of plane facets without traction on which all conditions together prescribe the normal displacement only.
+    """Nodes of plane facets without traction of which only the normal displacement is prescribed.
 
     Collective on forest.comm.
     """

@@ -1,4 +1,4 @@
-"""The solution of a step, as the estimates of its error take it."""
+"""The solution of a step, for estimates of its error."""
 
 from dataclasses import dataclass
 

@@ -1,13 +1,12 @@
 """Continuous stress for results: the L2 projection of sigma_h on the nodes of each body.
 
-The recovered stress is made for the estimate; this one is nearer to the true stress.  Errors in the energy norm against
-known stresses (`studies.effectivity.stress`) of the cells' stress, the recovered one, their nodal mean weighted by
-volume (not kept in the study), and the projection:
+It is nearer to the true stress than the recovered one.  Errors in the energy norm (`studies.effectivity.stress`) of the
+stress of cells, the recovered stress, and the projection:
 
-    HERTZ-A, degree 2, 106,422 unknowns         0.759   0.918   0.730   0.679 %
-    HERTZ-A, degree 1,   7,326 unknowns         11.6    7.91    6.55    4.12 %
-    manufactured, degree 2, 118,821 unknowns    0.397   0.500   0.395   0.375 %
-    manufactured, degree 1,   1,968 unknowns    16.0    15.8    13.6    7.50 %
+    HERTZ-A, degree 2, 106,422 unknowns         0.759   0.918   0.679 %
+    HERTZ-A, degree 1,   7,326 unknowns         11.6    7.91    4.12 %
+    manufactured, degree 2, 118,821 unknowns    0.397   0.500   0.375 %
+    manufactured, degree 1,   1,968 unknowns    16.0    15.8    7.50 %
 """
 
 from collections.abc import Callable
@@ -25,19 +24,16 @@ from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
 
-#: Relative residual of the projection, and the most iterations: 20 to 40 are taken.
+#: Relative residual of the projection, and most iterations; 20 to 40 are taken.
 _TOLERANCE, _MOST = 1e-8, 200
 
 
 def projected_stress(
     elasticity: Elasticity, field: DisplacementField, shear_free: ShearFree, stages: Stages
 ) -> fem.Function:
-    """L2 projection of sigma_h on continuous functions of the displacement's degree, inside each body.
+    """L2 projection of sigma_h on continuous functions of the displacement's degree, six components (`VOIGT`) [Pa].
 
     Collective.
-
-    Returns:
-        six components a node (`VOIGT`) [Pa].
     """
     prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
@@ -49,7 +45,7 @@ def projected_stress(
         )
 
     def mass(nodal: FloatArray) -> FloatArray:
-        """Moments of values at the conforming nodes (owned, 6).  Collective."""
+        """Moments of conforming values (owned, 6)."""
         result.x.array[:] = elasticity.at_blocks(prolongation.prolong(nodal))
         return prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(products).array))
 
@@ -61,11 +57,11 @@ def projected_stress(
 
 
 def _solved(comm: MPI.Intracomm, mass: Callable[[FloatArray], FloatArray], load: FloatArray) -> FloatArray:
-    """The values (owned, 6) whose moments are given, by conjugate gradients scaled by row sums.  Collective."""
+    """Values (owned, 6) by their moments: conjugate gradients scaled by row sums."""
     scale = 1 / mass(np.ones_like(load))
 
     def dot(one: FloatArray, other: FloatArray) -> FloatArray:
-        """Scalar products of the columns on all ranks: (6,)."""
+        """Scalar products of the columns on all ranks."""
         return np.asarray(comm.allreduce((one * other).sum(axis=0), op=MPI.SUM))
 
     x, residual = np.zeros_like(load), load.copy()

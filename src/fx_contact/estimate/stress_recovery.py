@@ -30,12 +30,8 @@ def six(tensor: ufl.core.expr.Expr) -> list[ufl.core.expr.Expr]:
 class StressRecovery:
     """The recovered stress sigma* of displacements on a mesh.
 
-    Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming nodes, integrated with 2 x 2 x 2 Gauss
-    points.  At degree 2 that is the mean, weighted by volume, of stresses extrapolated from these superconvergent
-    points to each node.  Bodies share no node, so that each is recovered by itself.
-
-    Args:
-        stages: for the times.
+    Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming nodes with 2 x 2 x 2 Gauss points: at
+    degree 2 the mean, weighted by volume, of stresses extrapolated from superconvergent points.  Bodies share no node.
     """
 
     def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:

@@ -79,9 +79,8 @@ def nodal_values(step: Step) -> FloatArray:
     assert pairs is not None, "checked by check_step"
     rows = pairs.area[:, None] * np.column_stack([contact.pressure, contact.active, contact.gap, np.ones(len(pairs))])
     sums = prolongation.zeros(4)
-    blocks = pairs.blocks
-    weight = np.linalg.norm(blocks.values, axis=1)[:, None]
-    np.add.at(sums, blocks.node, weight * rows[blocks.row])
+    entries = pairs.entries
+    np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * rows[entries.row])
     sums = prolongation.summed(sums)
     means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
     return prolongation.prolong(np.concatenate([step.solution.displacement, means], axis=1))
