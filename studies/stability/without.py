@@ -22,7 +22,6 @@ from unittest import mock
 import numpy as np
 
 from fx_contact.adaptive import step_solver
-from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
@@ -64,7 +63,7 @@ def switched_off(rules):
 def scored(name, rules):
     """The score of a scene that is solved with some rules switched off; its twin has them all."""
     try:
-        return score(cases(METHODS)[name], switched_off(rules))
+        return score(cases()[name], switched_off(rules))
     except Exception as error:
         return {"name": name, "score": "crash", "message": repr(error), "cpu_seconds": 0.0}
 
@@ -91,7 +90,7 @@ def chosen(axes):
     """Names of the scenes of some axes of the matrix, None: of all."""
     _, kept = read(SCORES)
     short = {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
-    named = {name: case for name, case in cases(METHODS).items() if not axes or case.axis in axes}
+    named = {name: case for name, case in cases().items() if not axes or case.axis in axes}
     return [name for name, case in named.items() if name in short and not getattr(case.reference, "same_mesh", False)]
 
 
