@@ -280,13 +280,7 @@ TABLES = {name: partial(markdown, columns=columns) for name, columns in COLUMNS.
 
 
 def write(path, rows, command=None):
-    """Write rows to a CSV file, above them the command that made them and the machine.
-
-    Args:
-        path: Path of the file; its folder is made.
-        rows: dicts, each with the columns that it has.
-        command: str, without the launcher; None: that of this program.
-    """
+    """Write rows, dicts, to a CSV file, above them a command, None: of this program, and the machine."""
     command = command or shlex.join(["python3", *sys.orig_argv[1:]])
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:

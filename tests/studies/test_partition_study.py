@@ -10,14 +10,15 @@ from mpi4py import MPI
 
 from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz
+from studies.partition import run as partition_study
+from studies.partition.scaling_kernels import TIMES, counted, measure
+from studies.partition.scaling_model import STAGES
 from studies.tables import read
 
 
 @pytest.fixture
 def study(monkeypatch):
     """The module of the demo, with one small benchmark."""
-    from studies.partition import run as partition_study
-
     small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.3, 0.3), 2: (0.3, 0.3)}, 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
     monkeypatch.setattr(partition_study, "TOLERANCES", {1: (0.3, 0.3)})
@@ -27,8 +28,6 @@ def study(monkeypatch):
 @pytest.fixture(scope="module")
 def kernels():
     """The kernels as measured here, once."""
-    from studies.partition.scaling_kernels import counted, measure
-
     return counted(WORLD, 0.3) | measure(0.3)
 
 
@@ -50,8 +49,6 @@ def test_study(study, kernels, monkeypatch, tmp_path):
         assert row["reductions"] <= row["summed"] <= row["reductions"] * row["parts"], row
     _, rows = read(folder / "model.csv")
     assert [row["parts"] for row in rows] == [32]
-    from studies.partition.scaling_model import STAGES
-
     for row in rows:
         stages = [row[name] for name in STAGES]
         assert min(stages) > 0 and sum(stages) == pytest.approx(row["total"], rel=1e-5)  # six digits are kept
@@ -79,8 +76,6 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
 @pytest.mark.skipif(WORLD.size != 2, reason="two ranks show all")
 def test_kernels(kernels):
     """All kernels are measured to be positive; rows travel as soon as there are two ranks."""
-    from studies.partition.scaling_kernels import TIMES
-
     for name in TIMES:
         everywhere(kernels[name] > 0, name)
     lengths, rows = kernels["exchanges"]
