@@ -12,7 +12,6 @@ without.csv in the folder of results.
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing import get_context
@@ -26,7 +25,7 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
 from studies.stability.scenes import cases
-from studies.tables import TOP, read, write
+from studies.tables import TOP, plain, read, write
 
 #: Scenes are tried that take less than so many CPU seconds with all rules, by the scores that are kept.
 SECONDS, SCORES = 20.0, TOP / "studies/stability/scores.csv"
@@ -68,10 +67,9 @@ def scored(name, rules):
         return {"name": name, "score": "crash", "message": repr(error), "cpu_seconds": 0.0}
 
 
-def scores(names, rules, workers):
-    """The scores of scenes with some rules switched off, each by the same worker each time, for it keeps the twins."""
-    futures = [workers[i % len(workers)].submit(scored, name, rules) for i, name in enumerate(names)]
-    return [future.result() for future in futures]
+def tried(name, rule_sets):
+    """The scores of a scene with all rules, then without each of some sets: in one process, which keeps the twin."""
+    return [scored(name, rules) for rules in ([], *rule_sets)]
 
 
 def compared(base, found):
@@ -103,15 +101,11 @@ def main():
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
     names = chosen(arguments.axis)
-    tried = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
-    rows = []
-    with ExitStack() as stack:
-        one = partial(ProcessPoolExecutor, 1, mp_context=get_context("spawn"))
-        workers = [stack.enter_context(one()) for _ in os.sched_getaffinity(0)]
-        base = scores(names, [], workers)
-        for rules in tried:
-            rows.append({"without": ", ".join(rules)} | compared(base, scores(names, rules, workers)))
-            print(rows[-1], flush=True)
+    rule_sets = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
+    with get_context("spawn").Pool(len(os.sched_getaffinity(0))) as pool:
+        base, *found = zip(*pool.map(partial(tried, rule_sets=rule_sets), names, chunksize=1))
+    rows = [{"without": ", ".join(rules)} | compared(base, one) for rules, one in zip(rule_sets, found)]
+    print(plain(rows))
     arguments.output.mkdir(parents=True, exist_ok=True)
     write(arguments.output / "without.csv", rows)
 

@@ -55,7 +55,7 @@ def declared():
 def test_all_imports_are_declared():
     """Of pip and of conda; nothing is found that the project does not have."""
     modules = imported()
-    assert {"dolfinx", "tqdm", "matplotlib", "pyvista", "yaml"} <= modules
+    assert {"dolfinx", "gmsh", "matplotlib", "pyvista", "yaml"} <= modules
     for number, names in enumerate(declared()):
         missing = {name for name in modules if FROM.get(name, (name, name))[number] not in names}
         assert not missing, missing
