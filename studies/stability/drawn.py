@@ -67,7 +67,7 @@ def _round(rng):
     def height(here, there):
         return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
 
-    one, other = (partial(on_block, height, n, 2, depth, both) for n in (cells, cells + 1))
+    one, other = (partial(on_block, "body", height, n, 2, depth, both) for n in (cells, cells + 1))
     return "round body", *_compared(one, other, curved=True)
 
 
@@ -79,7 +79,7 @@ def _crests(rng, pairs=1):
     def height(x, y):
         return high * ((x / middle) ** 2 - 1) ** 2 + slope * (1 - x / middle) / 2 + y**2 / 8
 
-    one, other = (partial(on_block, height, n, 4, depth, both, pairs) for n in (2, 4))
+    one, other = (partial(on_block, "body", height, n, 4, depth, both, pairs) for n in (2, 4))
     return f"two crests, {pairs} pair{'s' * (pairs > 1)}", *_compared(one, other, curved=True), 0.25
 
 

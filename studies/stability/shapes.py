@@ -81,10 +81,11 @@ def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN)):
     return Scene("corner", root_mesh_from_shapes(bodies), dict(zip(bodies, materials)), conditions, pairs)
 
 
-def on_block(height, cells, order, displacement, materials=(PLAIN, PLAIN), pairs=1):
+def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN), pairs=1):
     """A body whose lower face has a height above a block, with its top moved down.
 
     Args:
+        name: of the body.
         height: function of x and y [m].
         cells: root cells along x and y, a multiple of `pairs`.
         order: of the root mesh.
@@ -99,17 +100,17 @@ def on_block(height, cells, order, displacement, materials=(PLAIN, PLAIN), pairs
         base, body = base.named(f"part {k}", "top", where=part), body.named(f"part {k}", "bottom", where=part)
     body = body.placed(lambda x: (x[0], x[1], x[2] + (1 - x[2]) * height(x[0], x[1])))
     return Scene(
-        "on a block",
-        root_mesh_from_shapes({"base": base, "body": body}),
-        dict(zip(("base", "body"), materials)),
-        (held("base bottom"), held("body top", -displacement)),
-        tuple(ContactPair(f"base part {k}", f"body part {k}", UP) for k in range(pairs)),
+        name,
+        root_mesh_from_shapes({"base": base, name: body}),
+        dict(zip(("base", name), materials)),
+        (held("base bottom"), held(f"{name} top", -displacement)),
+        tuple(ContactPair(f"base part {k}", f"{name} part {k}", UP) for k in range(pairs)),
     )
 
 
 def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
     """A paraboloid of a radius of curvature [m] pressed on a block; where its pole x = y is, the cells decide."""
-    return on_block(lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement)
+    return on_block("bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement)
 
 
 def waves(phase, cells=2):
@@ -118,7 +119,7 @@ def waves(phase, cells=2):
     Two root cells have their vertices, and the middles of their edges, all on crests, all in valleys or, for a
     phase of 0 or 1/2, at the mean height: then all nodes touch at once, and the waves seem to be flat.
     """
-    return on_block(lambda x, _: 0.01 * np.sin(2 * np.pi * (x + phase)), cells, 6, 0.001)
+    return on_block("waves", lambda x, _: 0.01 * np.sin(2 * np.pi * (x + phase)), cells, 6, 0.001)
 
 
 def films(wave=0.0, order=6, pressure=0.0, weight=0.0, cells=2):
@@ -276,7 +277,7 @@ def sinking(deeper):
     base = base.named("below", "top", where=lambda x: between(0, side)(x) & between(0, side, axis=1)(x))
     body = block((0, 0, 0), (side, side, side), (1, 1, 1), 2)
     body = body.placed(lambda x: (x[0], x[1], x[2] + (1 - x[2] / side) * (x[0] ** 2 + x[1] ** 2) / 2))  # radius 1 m
-    planes = [SymmetryPlane(f"{body} {side}") for body in ("block", "body") for side in ("left", "front")]
+    planes = [SymmetryPlane(f"{name} {plane}") for name in ("block", "body") for plane in ("left", "front")]
     return Scene(
         "sinking",
         root_mesh_from_shapes({"block": base, "body": body}),

@@ -160,7 +160,7 @@ def test_twins_are_kept_apart(monkeypatch):
     """Scenes have the twins that they have by themselves, whatever was solved before; one in common is solved once."""
     first = NAMED["units-E/spheres-L-1e-9/1"]
     alike = NAMED["units-E/spheres-L-1e-9/1e6"]
-    others = [NAMED["tilt/spheres/30-about-x"], replace(first, tolerance=0.5), replace(first, degree=1)]
+    others = [NAMED["tilt/blocks/30-about-x"], replace(first, tolerance=0.5), replace(first, degree=1)]
     kept = {}
     monkeypatch.setattr(stability, "_TWINS", kept)
     together = [stability.score(case) for case in (first, alike, *others)]
