@@ -69,15 +69,8 @@ def test_pip_install(tmp_path):
     shutil.copytree(TOP / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(TOP / name, tmp_path)
-    offline = [
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-        "--break-system-packages",
-        "--root",
-        tmp_path / "root",
-    ]
-    command = [sys.executable, "-m", "pip", "install", *offline, "."]
+    offline = "--no-deps --no-build-isolation --no-index --break-system-packages".split()
+    command = [sys.executable, "-m", "pip", "install", *offline, "--root", tmp_path / "root", "."]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert f"installed fx_contact-{fx_contact.__version__}" in done.stdout.replace("fx-contact", "fx_contact")
