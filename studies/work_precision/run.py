@@ -18,7 +18,7 @@ from pathlib import Path
 
 from studies.runs import RunFailed, cpu, run, wall
 from studies.tables import TABLES, machine, write
-from studies.work_precision.figures import draw_all
+from studies.work_precision.figures import draw
 from studies.work_precision.points import points
 from studies.work_precision.tables import medians, promises, rows
 
@@ -112,8 +112,9 @@ def main():
     for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
         write(folder / f"{name}.csv", table, made_by)
         print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
-    pictures = draw_all(found, folder, _told(runs))
-    print(f"results in {arguments.output}: runs.jsonl, points.csv, promises.csv, {', '.join(pictures)}")
+    if {"HERTZ-A", "INDENT-A"} <= {r.point.group for r in found if not r.failed}:
+        draw(found, folder, _told(runs))
+    print(f"results in {arguments.output}")
 
 
 def _told(runs):
