@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -199,18 +200,24 @@ $EndElements
 """
 
 
-def from_file(data, name="cube.msh"):
-    """The root mesh of a file with the given text or bytes."""
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    path = Path(folder) / name
+@contextmanager
+def shared_folder():
+    """A folder for all ranks, for a while.  Collective."""
+    path = Path(COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None))
     try:
-        if COMM.rank == 0:
-            path.write_bytes(data if isinstance(data, bytes) else data.encode())
-        return root_mesh_from_file(COMM, path)
+        yield path
     finally:
         COMM.Barrier()
         if COMM.rank == 0:
-            shutil.rmtree(folder)
+            shutil.rmtree(path)
+
+
+def from_file(data, name="cube.msh"):
+    """The root mesh of a file with the given text or bytes."""
+    with shared_folder() as folder:
+        if COMM.rank == 0:
+            (folder / name).write_bytes(data if isinstance(data, bytes) else data.encode())
+        return root_mesh_from_file(COMM, folder / name)
 
 
 def with_units(length=1.0, shift=0.0):
@@ -265,13 +272,9 @@ def refine(marked):
 def go_on(**others):
     """A run of another scene that goes on from a checkpoint."""
     scene = small_hertz()
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    try:
+    with shared_folder() as folder:
         first(scene, checkpoint=folder)
         return first(replace(scene, **others), restart=Checkpoint(folder, scene, COMM))
-    finally:
-        COMM.Barrier()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Unspeakable:
@@ -911,14 +914,11 @@ def test_what_the_bad_cases_spoil_is_good():
     )
     scene = Scene("lists", mesh, {"a": STEEL}, [Dirichlet("base", 0, 0, 0), Dirichlet("corner", x=0)])
     assert scene.mesh.points.dtype == np.float64 and scene.mesh.body.dtype == np.int32
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    for name in ("a.geo", "a.msh", "a.txt"):
-        with pytest.raises(SceneError, match="is no mesh file of Gmsh"):
-            from_file(f'SystemCall "touch {folder}/run";\n', name)
-    assert not list(Path(folder).iterdir())
-    COMM.Barrier()
-    if COMM.rank == 0:
-        Path(folder).rmdir()
+    with shared_folder() as folder:
+        for name in ("a.geo", "a.msh", "a.txt"):
+            with pytest.raises(SceneError, match="is no mesh file of Gmsh"):
+                from_file(f'SystemCall "touch {folder}/run";\n', name)
+        assert not list(folder.iterdir())
 
 
 #: A program that fails on the last rank, before it calls anything that all ranks call together.
