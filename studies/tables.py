@@ -20,36 +20,143 @@ from math import log
 from pathlib import Path
 from string import Formatter
 
-from studies.partition.tables import claims, in_milliseconds
+from studies.partition.tables import KERNELS, MODEL, PARTITION, PARTNERS, claims, in_milliseconds
 from studies.stability.figures import named
 
 TOP = Path(__file__).parents[1]
 PAGES = ("README.md", *sorted(str(page.relative_to(TOP)) for page in (TOP / "docs").rglob("*.md")))
-#: Targets of the project stand beside what was measured, where there are some.
-COST = {
-    "command": "`{command}`",
-    "dofs": "{dofs:,}",
-    "steps": "{steps:d}",
-    "CPU": ("{cpu_s:.3g} s (target {target_cpu_s:.3g})", "{cpu_s:.3g} s"),
-    "wall": "{wall_s:.1f} s",
-    "CPU for a million dofs": "{cpu_s_per_million_dofs:.0f} s (target {target_rate})",
-    "peak memory for a dof": ("{kB_per_dof:.3g} kB (target {target_kB:.3g})", "{kB_per_dof:.3g} kB"),
-}
-HERTZ = {
-    "command": "`{command}`",
-    "cells": "{cells:,}",
-    "dofs": "{dofs:,}",
-    "force": "{force:+.3%}",
-    "largest pressure": "{max_pressure:+.3%}",
-    "contact radius": "{contact_radius:+.3%}",
-    "seconds": "{wall_s:.1f}",
-}
-PARTS = {
-    "part": "{part}",
-    "dofs": "{dofs:,}",
-    "iterations": "{iterations:d}",
-    "CPU seconds": "{cpu_s:.2f}",
-    "more than the bare scene": "{more_s:+.2f}",
+#: Columns of tables with all rows: heading -> form of a cell; targets of the project stand beside what was measured.
+COLUMNS = {
+    "studies/cost/standard.csv": {
+        "command": "`{command}`",
+        "dofs": "{dofs:,}",
+        "steps": "{steps:d}",
+        "CPU": ("{cpu_s:.3g} s (target {target_cpu_s:.3g})", "{cpu_s:.3g} s"),
+        "wall": "{wall_s:.1f} s",
+        "CPU for a million dofs": "{cpu_s_per_million_dofs:.0f} s (target {target_rate})",
+        "peak memory for a dof": ("{kB_per_dof:.3g} kB (target {target_kB:.3g})", "{kB_per_dof:.3g} kB"),
+    },
+    "studies/cost/hertz.csv": {
+        "command": "`{command}`",
+        "cells": "{cells:,}",
+        "dofs": "{dofs:,}",
+        "force": "{force:+.3%}",
+        "largest pressure": "{max_pressure:+.3%}",
+        "contact radius": "{contact_radius:+.3%}",
+        "seconds": "{wall_s:.1f}",
+    },
+    "studies/cost/parts.csv": {
+        "part": "{part}",
+        "dofs": "{dofs:,}",
+        "iterations": "{iterations:d}",
+        "CPU seconds": "{cpu_s:.2f}",
+        "more than the bare scene": "{more_s:+.2f}",
+    },
+    "studies/effectivity/table.csv": {
+        "case": "{case}",
+        "degree": "{degree:d}",
+        "unknowns": "{dofs:,}",
+        "estimated": "{estimate:.2%}",
+        "true": "{true_error:.2%}",
+        "effectivity": "{effectivity:.2f}",
+        "corrected": "{corrected:.2f}",
+    },
+    "studies/cost/preconditioners.csv": {
+        "scene": "{scene}",
+        "dofs": "{dofs:,}",
+        "preconditioner": "{preconditioner}",
+        "at the end": "{at_the_end}",
+        "iterations": "{iterations:d}",
+        "set-up": "{setup_us:.1f}",
+        "solve": "{solve_us:.0f}",
+    },
+    "studies/cost/thin.csv": {
+        "scene": "{scene}",
+        "tolerance": "{tolerance:.0%}",
+        "steps": "{steps:d}",
+        "unknowns": "{dofs:,}",
+        "fewest found": "{fewest:,}",
+        "over these": "{ratio:.2f}",
+        "iterations, last solve": "{iterations:d}",
+        "preconditioner": "{preconditioner}",
+    },
+    "studies/cost/factors.csv": {
+        "scene": "{scene}",
+        "cells along a side": "{side:d}",
+        "unknowns": "{dofs:,}",
+        "kB an unknown": "{kB:.1f}",
+        "with all memory": "{kB_of_memory:.1f}",
+        "us an unknown": "{us:.0f}",
+    },
+    "studies/stability/without.csv": {
+        "without": "{without}",
+        "scenes": "{scenes:d}",
+        "worse": "{worse:d}",
+        "unknowns": "{unknowns:.2f}",
+        "CPU": "{cpu:.2f}",
+        "which": "{which}",
+    },
+    "studies/stability/iterations.csv": {
+        "scene": "{scene}",
+        "over": "{over}",
+        "from": "{from_to}",
+        "ranks": "{ranks:d}",
+        "unknowns": "{dofs:,}",
+        "iterations of the last solve": "{last}",
+        "of all": "{of_all}",
+    },
+    "studies/goals/asked.csv": {
+        "asked for": "{asked:.1%}",
+        "steps": "{steps:d}",
+        "unknowns": "{dofs:,}",
+        "estimated error": "{estimated:.2%}",
+        "true error": "{true:.2%}",
+    },
+    "studies/goals/forces.csv": {
+        "scene": "{scene}",
+        "degree": "{degree:d}",
+        "tolerance": "{tolerance:.0%}",
+        "unknowns": "{dofs:,}",
+        "true error": "{true:.2%}",
+        "estimated": "{estimated:.2%}",
+        "estimated over true": "{effectivity:.1f}",
+    },
+    "studies/effectivity/stress.csv": {
+        "problem": "{problem}",
+        "degree": "{degree:d}",
+        "unknowns": "{dofs:,}",
+        "of the cells": "{raw:.2%}",
+        "of the estimate": "{recovered:.2%}",
+        "shown": "{projected:.2%}",
+    },
+    "studies/cost/sweeps.csv": {
+        "tolerance": "{tolerance:.0%}",
+        "points": "{points:d}",
+        "solves": "{solves:d}",
+        "unknowns of all solves": "{dofs:,}",
+        "CPU": "{cpu_s:.1f} s",
+        "solves, last point alone": "{alone_solves:d}",
+        "unknowns": "{alone_dofs:,}",
+        "CPU, alone": "{alone_cpu_s:.1f} s",
+        "ratio (target 2)": "{ratio:.1f}",
+    },
+    "studies/cost/python.csv": {
+        "command": "`{command}`",
+        "CPU": "{cpu_s:.1f} s",
+        "Python at most (target 5 %)": "{share_at_most:.1%}",
+    },
+    "studies/incompressible/table.csv": {
+        "scene": "{scene}",
+        "nu": "{nu}",
+        "unknowns": "{dofs:,}",
+        "iterations of the last solve": "{iterations:d}",
+        "of all": "{all_iterations:d}",
+        "set-up and solves, us an unknown": "{solver_us:.0f}",
+        "whole step": "{cpu_us:.0f}",
+        "kB an unknown": "{kB:.1f}",
+        "force against the reference": ("{error_force:+.3%}", ""),
+    },
+    "studies/work_precision/promises.csv": {"promise": "{promise}", "measured": "{measured}"},
 }
 POINTS = {
     "displacements": "{line}",
@@ -59,41 +166,43 @@ POINTS = {
     "largest pressure": "{error_max_pressure:+.2%}",
     "CPU": "{cpu_s:.1f} s",
 }
-PARTITION = {
-    "benchmark": "{benchmark}",
-    "parts": "{parts:d}",
-    "leaves a part": "{leaves_per_part:,}",
-    "cut facets, graph": "{cut_facets_graph:,}",
-    "contact-sfc": "{cut_contact-sfc:.2f}",
-    "sfc": "{cut_sfc:.2f}",
-    "equidistributed": "{cut_equidistributed:.2f}",
-    "split pairs, sfc": "{split_pairs_sfc:,}",
-    "imbalance, graph": "{imbalance_graph:.3f}",
-    "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
+
+
+POINTS_OF_README = {name: POINTS[name] for name in ("unknowns", "true energy error", "force", "CPU")}
+FLAT = {
+    "scene": "{scene}",
+    "aspect": "{aspect}",
+    "nu": "{nu}",
+    "iterations, point blocks": ("{point_blocks}",),
+    "iterations": ("{iterations}",),
+    "at the end": ("{at_the_end}", ""),
+    "set-up and solves, us an unknown": ("{us:.0f}", ""),
 }
-PARTNERS = {
-    "benchmark": "{benchmark}",
-    "parts": "{parts:d}",
-    **{
-        kind: f"{{partners_max_{kind}:d}} ({{partners_mean_{kind}:.1f}})"
-        for kind in ("contact-sfc", "sfc", "graph", "equidistributed")
-    },
-    "reductions": "{reductions:d} ({summed:.1f} P)",
+
+
+GOALS = {
+    "scene": "{scene}",
+    "goal": "{goal}",
+    "degree": "{degree:d}",
+    "true errors": "{true}",
+    "estimated over true": "{effectivities}",
 }
-MODEL = {
-    "benchmark": "{benchmark}",
-    "processors": "{parts:d}",
-    "contact-sfc": "{total_ms:,.0f}",
-    "gain": ("{gain:.2f}", ""),
-    **{kind: f"{{{kind}_ms:,.0f}}" for kind in ("sfc", "graph", "equidistributed")},
+
+
+ORDERS = {
+    "geometry order": "{geometry_order}",
+    "preconditioner": "{preconditioner}",
+    "dofs": "{dofs:,}",
+    "iterations, last step": "{krylov_iterations_last_step:d}",
+    "CPU": "{cpu_s:.1f} s",
+    "over order 1 (target 1.2)": "{cpu_over_order_1:.2f}",
+    "memory over order 1": "{memory_over_order_1:.2f}",
 }
-KERNELS = {
-    "tree": "{tree:.1f}",
-    "assemble": "{assemble:.1f}",
-    "estimate": "{estimate:.1f}",
-    "set-up": "{setup:.2g}",
-    "product": "{product:.2g}",
-    "cycle": "{cycle:.2g}",
+GLUED = {
+    "scene": "{scene}",
+    "CPU, contact": "{contact_s:.2f} s",
+    "CPU, glued": "{glued_s:.2f} s",
+    "ratio (target 1.15)": "{ratio:.2f} ({least:.2f} to {most:.2f})",
 }
 
 
@@ -116,55 +225,6 @@ def _cell(forms, row):
     return ""
 
 
-POINTS_OF_README = {name: POINTS[name] for name in ("unknowns", "true energy error", "force", "CPU")}
-EFFECTIVITY = {
-    "case": "{case}",
-    "degree": "{degree:d}",
-    "unknowns": "{dofs:,}",
-    "estimated": "{estimate:.2%}",
-    "true": "{true_error:.2%}",
-    "effectivity": "{effectivity:.2f}",
-    "corrected": "{corrected:.2f}",
-}
-PRECONDITIONERS = {
-    "scene": "{scene}",
-    "dofs": "{dofs:,}",
-    "preconditioner": "{preconditioner}",
-    "at the end": "{at_the_end}",
-    "iterations": "{iterations:d}",
-    "set-up": "{setup_us:.1f}",
-    "solve": "{solve_us:.0f}",
-}
-FLAT = {
-    "scene": "{scene}",
-    "aspect": "{aspect}",
-    "nu": "{nu}",
-    "iterations, point blocks": ("{point_blocks}",),
-    "iterations": ("{iterations}",),
-    "at the end": ("{at_the_end}", ""),
-    "set-up and solves, us an unknown": ("{us:.0f}", ""),
-}
-FACTORS = {
-    "scene": "{scene}",
-    "cells along a side": "{side:d}",
-    "unknowns": "{dofs:,}",
-    "kB an unknown": "{kB:.1f}",
-    "with all memory": "{kB_of_memory:.1f}",
-    "us an unknown": "{us:.0f}",
-}
-INCOMPRESSIBLE = {
-    "scene": "{scene}",
-    "nu": "{nu}",
-    "unknowns": "{dofs:,}",
-    "iterations of the last solve": "{iterations:d}",
-    "of all": "{all_iterations:d}",
-    "set-up and solves, us an unknown": "{solver_us:.0f}",
-    "whole step": "{cpu_us:.0f}",
-    "kB an unknown": "{kB:.1f}",
-    "force against the reference": ("{error_force:+.3%}", ""),
-}
-
-
 def plain(rows):
     """A table with all columns, floats to three digits."""
     columns = {name: f"{{{name}:.3g}}" if isinstance(rows[0][name], float) else f"{{{name}}}" for name in rows[0]}
@@ -182,139 +242,31 @@ def three(rows):
     return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.0025)]
 
 
-GOALS = {
-    "scene": "{scene}",
-    "goal": "{goal}",
-    "degree": "{degree:d}",
-    "true errors": "{true}",
-    "estimated over true": "{effectivities}",
-}
-
-
 def by_goal(rows):
     """A row for each goal and degree: relative true errors and effectivities, mesh by mesh."""
-    return [
-        {
-            **dict(zip(("scene", "goal", "degree"), names)),
+    groups = {}
+    for row in rows:
+        groups.setdefault((row["scene"], row["goal"], row["degree"]), []).append(row)
+    for names, group in groups.items():
+        yield dict(zip(("scene", "goal", "degree"), names)) | {
             "true": ", ".join(f"{row['true'] / abs(row['known']):.2%}" for row in group),
             "effectivities": ", ".join(f"{row['effectivity']:.2g}" for row in group),
         }
-        for names, group in _grouped(rows, "scene", "goal", "degree").items()
-    ]
 
-
-def _grouped(rows, *names):
-    """Rows by their values of some columns: dict of tuple -> list."""
-    groups = {}
-    for row in rows:
-        groups.setdefault(tuple(row[name] for name in names), []).append(row)
-    return groups
-
-
-THIN = {
-    "scene": "{scene}",
-    "tolerance": "{tolerance:.0%}",
-    "steps": "{steps:d}",
-    "unknowns": "{dofs:,}",
-    "fewest found": "{fewest:,}",
-    "over these": "{ratio:.2f}",
-    "iterations, last solve": "{iterations:d}",
-    "preconditioner": "{preconditioner}",
-}
-WITHOUT = {
-    "without": "{without}",
-    "scenes": "{scenes:d}",
-    "worse": "{worse:d}",
-    "unknowns": "{unknowns:.2f}",
-    "CPU": "{cpu:.2f}",
-    "which": "{which}",
-}
-ITERATIONS = {
-    "scene": "{scene}",
-    "over": "{over}",
-    "from": "{from_to}",
-    "ranks": "{ranks:d}",
-    "unknowns": "{dofs:,}",
-    "iterations of the last solve": "{last}",
-    "of all": "{of_all}",
-}
-ASKED = {
-    "asked for": "{asked:.1%}",
-    "steps": "{steps:d}",
-    "unknowns": "{dofs:,}",
-    "estimated error": "{estimated:.2%}",
-    "true error": "{true:.2%}",
-}
-FORCES = {
-    "scene": "{scene}",
-    "degree": "{degree:d}",
-    "tolerance": "{tolerance:.0%}",
-    "unknowns": "{dofs:,}",
-    "true error": "{true:.2%}",
-    "estimated": "{estimated:.2%}",
-    "estimated over true": "{effectivity:.1f}",
-}
-STRESS = {
-    "problem": "{problem}",
-    "degree": "{degree:d}",
-    "unknowns": "{dofs:,}",
-    "of the cells": "{raw:.2%}",
-    "of the estimate": "{recovered:.2%}",
-    "shown": "{projected:.2%}",
-}
-SWEEPS = {
-    "tolerance": "{tolerance:.0%}",
-    "points": "{points:d}",
-    "solves": "{solves:d}",
-    "unknowns of all solves": "{dofs:,}",
-    "CPU": "{cpu_s:.1f} s",
-    "solves, last point alone": "{alone_solves:d}",
-    "unknowns": "{alone_dofs:,}",
-    "CPU, alone": "{alone_cpu_s:.1f} s",
-    "ratio (target 2)": "{ratio:.1f}",
-}
-ORDERS = {
-    "geometry order": "{geometry_order}",
-    "preconditioner": "{preconditioner}",
-    "dofs": "{dofs:,}",
-    "iterations, last step": "{krylov_iterations_last_step:d}",
-    "CPU": "{cpu_s:.1f} s",
-    "over order 1 (target 1.2)": "{cpu_over_order_1:.2f}",
-    "memory over order 1": "{memory_over_order_1:.2f}",
-}
-GLUED = {
-    "scene": "{scene}",
-    "CPU, contact": "{contact_s:.2f} s",
-    "CPU, glued": "{glued_s:.2f} s",
-    "ratio (target 1.15)": "{ratio:.2f} ({least:.2f} to {most:.2f})",
-}
-PYTHON = {"command": "`{command}`", "CPU": "{cpu_s:.1f} s", "Python at most (target 5 %)": "{share_at_most:.1%}"}
 
 #: The CSV files that pages show, and what makes a table of their rows.
-TABLES = {
-    "studies/cost/standard.csv": partial(markdown, columns=COST),
-    "studies/cost/hertz.csv": partial(markdown, columns=HERTZ),
-    "studies/cost/parts.csv": partial(markdown, columns=PARTS),
+TABLES = {name: partial(markdown, columns=columns) for name, columns in COLUMNS.items()} | {
     "studies/work_precision/points.csv": lambda rows: markdown(shown(rows), POINTS),
     "studies/work_precision/points.csv#three": lambda rows: markdown(three(rows), POINTS_OF_README),
-    "studies/effectivity/table.csv": partial(markdown, columns=EFFECTIVITY),
-    "studies/cost/preconditioners.csv": partial(markdown, columns=PRECONDITIONERS),
     "studies/cost/flat.csv": lambda rows: markdown(
         [row for row in rows if row["nu"] < 0.499 and row["aspect"] != "1:2"], FLAT
     ),
-    "studies/cost/thin.csv": partial(markdown, columns=THIN),
-    "studies/cost/factors.csv": partial(markdown, columns=FACTORS),
-    "studies/work_precision/promises.csv": partial(
-        markdown, columns={"promise": "{promise}", "measured": "{measured}"}
-    ),
-    "studies/partition/table.csv": partial(markdown, columns=PARTITION),
-    "studies/partition/table_degree2.csv": partial(markdown, columns=PARTITION),
-    "studies/partition/table.csv#partners": partial(markdown, columns=PARTNERS),
-    "studies/partition/table_degree2.csv#partners": partial(markdown, columns=PARTNERS),
     **{
         f"studies/partition/{name}{degree}.csv{choice}": make
         for degree in ("", "_degree2")
         for name, choice, make in (
+            ("table", "", partial(markdown, columns=PARTITION)),
+            ("table", "#partners", partial(markdown, columns=PARTNERS)),
             ("model", "", lambda rows: markdown(in_milliseconds(rows), MODEL)),
             ("model", "#claims", lambda rows: plain(claims(rows))),
             ("kernels", "", partial(markdown, columns=KERNELS)),
@@ -322,27 +274,13 @@ TABLES = {
     },
     "studies/stability/scores.csv": named,
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
-    "studies/stability/without.csv": partial(markdown, columns=WITHOUT),
-    "studies/stability/iterations.csv": partial(markdown, columns=ITERATIONS),
-    "studies/goals/asked.csv": partial(markdown, columns=ASKED),
-    "studies/goals/forces.csv": partial(markdown, columns=FORCES),
-    "studies/effectivity/stress.csv": partial(markdown, columns=STRESS),
-    "studies/cost/sweeps.csv": partial(markdown, columns=SWEEPS),
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
     "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
-    "studies/cost/python.csv": partial(markdown, columns=PYTHON),
-    "studies/incompressible/table.csv": partial(markdown, columns=INCOMPRESSIBLE),
 }
 
 
 def write(path, rows, command=None):
-    """Write rows to a CSV file, above them the command that made them and the machine.
-
-    Args:
-        path: Path of the file; its folder is made.
-        rows: dicts, each with the columns that it has.
-        command: str, without the launcher; None: that of this program.
-    """
+    """Write rows, dicts, to a CSV file, above them a command, None: of this program, and the machine."""
     command = command or shlex.join(["python3", *sys.orig_argv[1:]])
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:

@@ -32,10 +32,11 @@ from fx_contact.problem.lattice import BITS, SIDE
 from fx_contact.problem.materials import Material
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import root_mesh_from_shapes, rotation
-from fx_contact.problem.solids import block
-from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
+from fx_contact.problem.shapes import join, root_mesh_from_shapes, rotation
+from fx_contact.problem.solids import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, block
 
+#: Sides of a block along x, y, z.
+SIDES = LEFT, RIGHT, FRONT, BACK, BOTTOM, TOP
 STEEL, RUBBER = Material(young=3.0, poisson=0.3), Material(young=1.0, poisson=0.2)
 
 
@@ -72,17 +73,6 @@ def turned(nodes, which):
     return nodes.reshape(side, side, side).transpose(axes)[tuple(slice(None, None, f) for f in flips)].ravel()
 
 
-def _box(shape, low, order):
-    """Points and cells (tensor order) of a box of unit cells."""
-    n = np.array(shape) * order + 1
-    points = np.stack(np.meshgrid(*(np.arange(k) / order for k in n[::-1]), indexing="ij")[::-1], axis=-1).reshape(
-        -1, 3
-    )
-    first = np.array([(i, j, k) for k in range(shape[2]) for j in range(shape[1]) for i in range(shape[0])]) * order
-    ijk = first[:, None] + hexahedron.grid_points(order)
-    return points + low, ijk @ [1, n[0], n[0] * n[1]]
-
-
 def _distorted(points, inside, amount):
     """Cell corners moved by a random vector that depends on their position alone."""
     codes = np.rint(points + 100).astype(np.int64) @ [1, 1 << 10, 1 << 20]
@@ -112,25 +102,19 @@ def two_boxes(upper=(2, 2, 2), depth=1, margin=0, order=1, distortion=0.15, bend
     """
     wide = np.array(upper[:2]) + 2 * margin
     boxes = {
-        "lower": ((*wide, depth), np.array([-margin, -margin, -depth])),
-        "upper": (upper, np.zeros(3, dtype=int)),
+        "lower": ((*wide, depth), np.array([-margin, -margin, -depth]), TOP),
+        "upper": (upper, np.zeros(3, dtype=int), BOTTOM),
     }
     points, cells, body, surfaces, count = [], [], [], {}, 0
-    for index, (name, (shape, low)) in enumerate(boxes.items()):
-        x, c = _box(shape, low, order)
-        high = low + shape
-        centres = x[c[:, hexahedron.corner_nodes(order)][:, hexahedron.FACE_CORNERS]].mean(axis=2)
-        first = sum(map(len, cells))
-        for axis, (start, end) in enumerate(zip(low, high)):
-            for at, side in ((start, "low"), (end, "high")):
-                surfaces[f"{name} {'xyz'[axis]} {side}"] = np.argwhere(np.abs(centres[:, :, axis] - at) < 1e-9) + [
-                    first,
-                    0,
-                ]
-        touching = (np.abs(centres[:, :, 2]) < 1e-9) & (
-            (centres[:, :, :2] > 0) & (centres[:, :, :2] < upper[:2])
-        ).all(axis=2)
-        surfaces[f"{name} contact"] = np.argwhere(touching) + [first, 0]
+    for index, (name, (counts, low, face)) in enumerate(boxes.items()):
+        high = low + counts
+        shape = block(low, high, counts, order).named(
+            "contact", face, where=lambda x: ((x[:2].T > -1e-9) & (x[:2].T < np.add(upper[:2], 1e-9))).all(axis=1)
+        )
+        x, c, first = shape.points, shape.cells, sum(map(len, cells))
+        names = zip(SIDES, (f"{axis} {end}" for axis in "xyz" for end in ("low", "high")))
+        for side, place in (*names, ("contact", "contact")):
+            surfaces[f"{name} {place}"] = shape.sides[side] + [first, 0]
         corner = c[:, hexahedron.corner_nodes(order)]
         inside = ((x > low + 1e-9) & (x < high - 1e-9)).astype(float)
         if flat_contact:
@@ -187,43 +171,13 @@ def pressed(mesh, approach=0.02, materials=(STEEL, RUBBER), contact=True, direct
 
 def corner_scene(one_pair=False):
     """A cube in the corner of an L: their surfaces meet in a concave edge, in one contact pair or in two."""
-    grid = (
-        np.stack(np.meshgrid(range(3), range(3), range(3), indexing="ij")[::-1], axis=-1).reshape(-1, 3).astype(float)
-    )
-    cells = np.array(
-        [
-            [(i + x) + 3 * ((j + y) + 3 * (k + z)) for x, y, z in hexahedron.CORNERS]
-            for k in (0, 1)
-            for j in (0, 1)
-            for i in (0, 1)
-        ]
-    )
-    cube = np.flatnonzero(grid[cells].mean(axis=1)[:, [0, 2]].min(axis=1) > 1)
-    ell = np.setdiff1d(np.arange(8), cube)
-    cells = np.concatenate([cells[ell], cells[cube] + len(grid)])
-    points = np.concatenate([grid, grid])
-    used, cells = np.unique(cells, return_inverse=True)
-    cells, points = cells.reshape(8, 8), points[used]
-    centres = points[cells[:, hexahedron.FACE_CORNERS]].mean(axis=2)
-    body = np.repeat([0, 1], [6, 2]).astype(np.int32)
-
-    def rows(which, axis, at):
-        near = (np.abs(centres[:, :, axis] - at) < 1e-9) & (body[:, None] == which)
-        if at == 1:
-            near &= centres[:, :, 2 - axis] > 1
-        return np.argwhere(near).astype(np.int32)
-
-    surfaces = {
-        "floor": rows(0, 2, 1),
-        "wall": rows(0, 0, 1),
-        "under": rows(1, 2, 1),
-        "side": rows(1, 0, 1),
-        "fixed": rows(0, 2, 0),
-        "top": rows(1, 2, 2),
-    }
-    surfaces["inner"] = np.concatenate([surfaces["floor"], surfaces["wall"]])
-    surfaces["outer"] = np.concatenate([surfaces["under"], surfaces["side"]])
-    mesh = RootMesh(points, cells, ("ell", "cube"), body, surfaces)
+    ell = join(block((0, 0, 0), (2, 2, 1), (2, 2, 1), 1), block((0, 0, 1), (1, 2, 2), (1, 2, 1), 1))
+    ell = ell.named("floor", TOP, where=lambda x: x[2] < 1.5).named("wall", RIGHT, where=lambda x: x[0] < 1.5)
+    cube = block((1, 0, 1), (2, 2, 2), (1, 2, 1), 1)
+    surfaces = {"floor": "ell floor", "wall": "ell wall", "under": "cube bottom", "side": "cube left"}
+    surfaces |= {"inner": ("ell floor", "ell wall"), "outer": ("cube bottom", "cube left")}
+    surfaces |= {"fixed": "ell bottom", "top": "cube top"}
+    mesh = root_mesh_from_shapes({"ell": ell, "cube": cube}, surfaces)
     two = (ContactPair("floor", "under", direction=(0, 0, 1)), ContactPair("wall", "side", direction=(1, 0, 0)))
     contact = (ContactPair("inner", "outer"),) if one_pair else two
     held = Dirichlet("fixed", x=0.0, y=0.0, z=0.0), Dirichlet("top", x=-0.01, y=0.0, z=-0.01)
@@ -345,16 +299,7 @@ def shortest(nodes):
 
 
 def vertex_positions(forest):
-    """Positions of this rank's vertices on the true curved geometry.
-
-    Local.
-
-    Args:
-        forest: Forest.
-
-    Returns:
-        (m, 3) float64 [m], in the order of `forest.vertices`.
-    """
+    """Positions (m, 3) of this rank's vertices on the true curved geometry, as in `forest.vertices`.  Local."""
     leaf, corner = forest.vertices.example.T
     points = forest.corners[leaf, corner] / SIDE
     return forest.mesh.evaluate(forest.cell[leaf], points[:, :, None])[:, 0]
@@ -425,29 +370,26 @@ def plates(pressed=False, stretched=0.0, joined=False):
     Or a rod in two halves, pressed into each other: a contact pair of its own, or one with the plates.  The lower plate
     may be stretched too.
     """
-    boxes = Boxes(1)
-    boxes.add("lower", (0.0, 0.0, -THICKNESS), (WIDTH, WIDTH, 0.0), (2, 2, 1))
-    boxes.add("upper", (0.0, 0.0, 0.0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1))
-    boxes.add("rod", (-3.0, 0.0, 0.0), (-2.0, 1.0, 5.0), (1, 1, 5))
-    if pressed:
-        boxes.add("rest", (-3.0, 0.0, 5.0), (-2.0, 1.0, 10.0), (1, 1, 5))
-    surfaces = {"bottom": boxes.facets(DOWN, -THICKNESS), "top": boxes.facets(UP, THICKNESS, "upper")}
-    surfaces |= {"lower face": boxes.facets(UP, 0.0, "lower"), "upper face": boxes.facets(DOWN, 0.0, "upper")}
-    surfaces |= {"foot": boxes.facets(DOWN, 0.0, "rod"), "head": boxes.facets(UP, 5.0, "rod")}
-    bodies, held = ["lower", "upper", "rod"], {"bottom": 0.0, "top": -DEPTH, "foot": 0.0}
+    bodies = {
+        "lower": block((0, 0, -THICKNESS), (WIDTH, WIDTH, 0), (2, 2, 1), 1),
+        "upper": block((0, 0, 0), (WIDTH, WIDTH, THICKNESS), (2, 2, 1), 1),
+        "rod": block((-3, 0, 0), (-2, 1, 5), (1, 1, 5), 1),
+    }
+    surfaces = {"bottom": "lower bottom", "top": "upper top", "left": "lower left", "right": "lower right"}
+    surfaces |= {"lower face": "lower top", "upper face": "upper bottom", "foot": "rod bottom", "head": "rod top"}
+    held = {"bottom": 0.0, "top": -DEPTH, "foot": 0.0}
     pairs, loads = [ContactPair("lower face", "upper face", direction=(0, 0, 1))], [Traction("head", (0, 0, PULL))]
-    surfaces |= {"left": boxes.facets(LEFT, 0.0, "lower"), "right": boxes.facets(RIGHT, WIDTH, "lower")}
     if pressed:
-        surfaces |= {"below": boxes.facets(DOWN, 5.0, "rest"), "end": boxes.facets(UP, 10.0, "rest")}
-        bodies, held, loads = [*bodies, "rest"], held | {"end": -10 * PULL}, []
+        bodies["rest"] = block((-3, 0, 5), (-2, 1, 10), (1, 1, 5), 1)
+        surfaces |= {"below": "rest bottom", "end": "rest top"}
+        held, loads = held | {"end": -10 * PULL}, []
         pairs.append(ContactPair("head", "below", direction=(0, 0, 1)))
     if joined:
-        for name, ends in (("up", ("lower face", "head")), ("down", ("upper face", "below"))):
-            surfaces[name] = np.concatenate([surfaces[end] for end in ends])
+        surfaces |= {"up": ("lower top", "rod top"), "down": ("upper bottom", "rest bottom")}
         pairs = [ContactPair("up", "down", direction=(0, 0, 1))]
     return Scene(
         "plates",
-        boxes.mesh(surfaces),
+        root_mesh_from_shapes(bodies, surfaces),
         dict.fromkeys(bodies, Material(1.0, 0.0)),
         (
             *(Dirichlet(surface, None if surface == "bottom" else 0.0, 0.0, z) for surface, z in held.items()),
@@ -459,15 +401,7 @@ def plates(pressed=False, stretched=0.0, joined=False):
 
 
 def find_leaves(forest, cell, anchor):
-    """Positions of leaves among this rank's leaves, -1 where they are not.  Local.
-
-    Args:
-        forest: Forest.
-        cell, anchor: (m,) int32, (m, 3) int32.
-
-    Returns:
-        (m,) int64.
-    """
+    """Positions (m,) of leaves (m,), (m, 3) among this rank's leaves, -1 where they are not.  Local."""
     code = leaf_code(forest.cell, forest.anchor)
     order = np.argsort(code)
     if not len(code):

@@ -8,8 +8,9 @@ guess, not counted here, times updates of the active set by it.
 """
 
 import argparse
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
+from unittest import mock
 
 from fx_contact import Enforcement, ErrorControl, adapt
 from fx_contact.contact import constraint_rows, enforcement, initial_guess
@@ -25,22 +26,12 @@ SCENES = {
 }
 
 
-@contextmanager
-def replaced(module, **values):
-    """A module with other values of some of its names."""
-    before = {name: getattr(module, name) for name in values}
-    vars(module).update(values)
-    try:
-        yield
-    finally:
-        vars(module).update(before)
-
-
-@contextmanager
 def capped(factor):
     """Another `CAP`."""
-    with replaced(enforcement, CAP=factor), replaced(constraint_rows, CAP=factor):
-        yield
+    stack = ExitStack()
+    for module in (enforcement, constraint_rows):
+        stack.enter_context(mock.patch.object(module, "CAP", factor))
+    return stack
 
 
 def row(degree, constant, value, enforced=None):
@@ -64,7 +55,7 @@ def measured(degree):
             yield row(degree, "penalty", f"{factor:g} in the matrix", penalty)
         yield row(degree, "penalty", f"{factor:g} constrained", penalty)
     for iterations, updates in ((0, 0), (5, 5), (15, 1), (15, 5), (45, 5)):
-        with replaced(initial_guess, _RELAXATION=iterations, _UPDATES=updates):
+        with mock.patch.multiple(initial_guess, _RELAXATION=iterations, _UPDATES=updates):
             yield row(degree, "relaxation", f"{iterations} x {updates}")
 
 

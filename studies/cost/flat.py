@@ -24,7 +24,7 @@ from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.ladder import analysed
 from fx_contact.parallel.timing import Stages
-from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from fx_contact.problem import block, root_mesh_from_shapes
 from studies.tables import plain, write
 
 ASPECTS, POISSON = (1.0, 2.0, 4.0, 16.0, 100.0, 1000.0), (0.3, 0.49, 0.4999)
@@ -36,24 +36,17 @@ MOST = 2000
 
 def scene(name, aspect, poisson=0.3, side=12):
     """A body of cells as wide as 1, `side` of them along x and y."""
-    boxes, layers = Boxes(1), LAYERS[name]
-    boxes.add("body", (-side / 2, -side / 2, 0), (side / 2, side / 2, layers), (side, side, layers))
+    layers, bends = LAYERS[name], "plate" in name
     thickness = np.geomspace(1, 1 / aspect, layers) if name == "layers" else np.full(layers, 1 / aspect)
     height = np.concatenate([[0], np.cumsum(thickness)])
-    rims = [boxes.facets(face, at * side / 2) for face, at in ((LEFT, -1), (RIGHT, 1), (FRONT, -1), (BACK, 1))]
-    bends = "plate" in name
-    surfaces = {
-        "held": np.concatenate(rims) if bends else boxes.facets(DOWN, 0.0),
-        "top": boxes.facets(UP, float(layers), within=np.inf if bends else 2.1),
-    }
-
-    def place(_, points):
-        return np.column_stack([points[:, :2], np.interp(points[:, 2], np.arange(layers + 1), height)])
-
-    conditions, loads = (Dirichlet("held", 0.0, 0.0, 0.0),), (Traction("top", (0.0, 0.0, -1e-6)),)
-    mesh = boxes.mesh(surfaces, place=place)
+    body = block((-side / 2, -side / 2, 0), (side / 2, side / 2, layers), (side, side, layers), 1)
+    body = body.named("held", *(("left", "right", "front", "back") if bends else ("bottom",)))
+    body = body.named("loaded", "top", where=lambda x: (np.abs(x[:2]) < (np.inf if bends else 2.1)).all(axis=0))
+    body = body.placed(lambda x: (x[0], x[1], np.interp(x[2], np.arange(layers + 1), height)))
+    conditions = (Dirichlet("body held", 0.0, 0.0, 0.0),)
     # The load does not matter to the solver: small strains are not looked at.
-    return Scene(name, mesh, {"body": Material(1.0, poisson)}, conditions, (), loads)
+    loads = (Traction("body loaded", (0.0, 0.0, -1e-6)),)
+    return Scene(name, root_mesh_from_shapes({"body": body}), {"body": Material(1.0, poisson)}, conditions, (), loads)
 
 
 def solved(problem, **solver):

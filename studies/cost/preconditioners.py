@@ -34,8 +34,8 @@ from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.scenes import hertz, indentation
-from studies.boxes import DOWN, UP, Boxes
 from studies.tables import plain, write
 
 #: Cells of a plate along its sides and through it.
@@ -61,18 +61,17 @@ ALONE = {"mg_levels_ksp_type": "richardson", "mg_levels_ksp_max_it": 0, "mg_leve
 
 def plates(aspect):
     """Two plates of flat cells on each other, the lower one on a rigid base, pressed in the middle."""
-    boxes, height = Boxes(1), THROUGH / SIDE / aspect
-    boxes.add("lower", (0, 0, -height), (1, 1, 0), (SIDE, SIDE, THROUGH))
-    boxes.add("upper", (0, 0, 0), (1, 1, height), (SIDE, SIDE, THROUGH))
-    surfaces = {"base": boxes.facets(DOWN, -height), "top": boxes.facets(UP, height, within=0.5)}
-    surfaces |= {"lower face": boxes.facets(UP, 0.0, "lower"), "upper face": boxes.facets(DOWN, 0.0, "upper")}
+    height = THROUGH / SIDE / aspect
+    lower = block((0, 0, -height), (1, 1, 0), (SIDE, SIDE, THROUGH), 1)
+    upper = block((0, 0, 0), (1, 1, height), (SIDE, SIDE, THROUGH), 1)
+    upper = upper.named("pressed", "top", where=lambda x: (x[:2] < 0.5 + 1e-9).all(axis=0))
     return Scene(
         "plates",
-        boxes.mesh(surfaces),
+        root_mesh_from_shapes({"lower": lower, "upper": upper}),
         dict.fromkeys(("lower", "upper"), Material(1.0, 0.3)),
-        (Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", x=0.0, y=0.0)),
-        (ContactPair("lower face", "upper face", direction=(0, 0, 1)),),
-        (Traction("top", (0.0, 0.0, -1e-3)),),
+        (Dirichlet("lower bottom", 0.0, 0.0, 0.0), Dirichlet("upper pressed", x=0.0, y=0.0)),
+        (ContactPair("lower top", "upper bottom", direction=(0, 0, 1)),),
+        (Traction("upper pressed", (0.0, 0.0, -1e-3)),),
     )
 
 

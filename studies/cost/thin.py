@@ -8,16 +8,15 @@ onto a stop; "beam": 1:18, on four supports; "ring": 1:100, squeezed between two
 """
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Pressure, Scene, SymmetryPlane, adapt
 from fx_contact.adaptive.beginning import Beginning
-from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
+from fx_contact.problem import block, root_mesh_from_shapes
 from studies.runs import STAGES
-from studies.stability.shapes import four_supports
+from studies.stability.shapes import DOWN, between, four_supports, held
 from studies.tables import plain, write
 
 #: Looser tolerances over the one that is asked for; those of the mesh that grows, each over the one before; and the
@@ -27,61 +26,46 @@ LOOSER, STEP, MOST = np.array([1.0, 1.05, 1.1, 1.25, 1.5, 2.0]), 0.9, 400_000
 
 def plate(thick=1.0, half=50.0, cells=8):
     """A quarter of a clamped plate 1 m thick and 100 m wide, bent by a pressure onto a stop below its middle."""
-    boxes, wide = Boxes(1), half / cells
-    boxes.add("plate", (0.0, 0.0, 0.0), (half, half, thick), (cells, cells, 1))
-    boxes.add("stop", (0.0, 0.0, -wide), (wide, wide, 0.0), (1, 1, 1))
-    below = boxes.facets(DOWN, 0.0, "plate")
-    surfaces = {"load": boxes.facets(UP, thick, "plate"), "foot": boxes.facets(DOWN, -wide)}
-    surfaces |= {"rim": np.concatenate([boxes.facets(face, half, "plate") for face in (RIGHT, BACK)])}
-    surfaces |= {"left": boxes.facets(LEFT, 0.0), "front": boxes.facets(FRONT, 0.0)}
-    surfaces |= {"above": below[:1], "head": boxes.facets(UP, 0.0, "stop")}
-    held = [Dirichlet(name, 0.0, 0.0, 0.0) for name in ("rim", "foot")]
-    mesh = boxes.mesh(
-        surfaces, place=lambda name, x: x - np.outer(np.full(len(x), 0.01 * (name == "stop")), [0, 0, 1])
-    )
+    wide = half / cells
+    plate = block((0, 0, 0), (half, half, thick), (cells, cells, 1), 1).named("rim", "right", "back")
+    plate = plate.named("above", "bottom", where=lambda x: between(0, wide)(x) & between(0, wide, axis=1)(x))
+    stop = block((0, 0, -wide), (wide, wide, 0), (1, 1, 1), 1).shifted(z=-0.01)
+    mesh = root_mesh_from_shapes({"plate": plate, "stop": stop})
+    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "plate",
         mesh,
         dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        (*held, SymmetryPlane("left"), SymmetryPlane("front")),
-        (ContactPair("above", "head", direction=(0, 0, -1)),),
-        (Pressure("load", 2e-8),),
+        (held("plate rim"), held("stop bottom"), *planes),
+        (ContactPair("plate above", "stop top", DOWN),),
+        (Pressure("plate top", 2e-8),),
     )
 
 
 def ring(radius=10.0, thick=0.1, wide=2.0, cells=32, order=4):
     """A quarter of a ring of 1:100, half its width, that a block pushes upwards by a hundredth of the thickness."""
-    boxes, angle = Boxes(order), np.pi / 2
-    boxes.add("ring", (0.0, 0.0, 0.0), (cells, wide, thick), (cells, 2, 1))
-    boxes.add("block", (0.0, 0.0, -1.0), (2.0, wide, 0.0), (2, 2, 1))
+    angle = np.pi / 2
 
-    def place(name, x):
-        theta = x[:, 0] * angle / cells
-        if name == "ring":
-            r = radius - x[:, 2]
-            return np.column_stack([r * np.sin(theta), x[:, 1], radius - r * np.cos(theta)])
-        return np.column_stack([radius * np.sin(theta), x[:, 1], x[:, 2]])
+    def bent(x):
+        theta, r = x[0] * angle / cells, radius - x[2]
+        return r * np.sin(theta), x[1], radius - r * np.cos(theta)
 
-    below = boxes.facets(DOWN, 0.0, "ring")
-    surfaces = {"foot": boxes.facets(DOWN, -1.0), "end": boxes.facets(RIGHT, float(cells), "ring")}
-    surfaces |= {"left": boxes.facets(LEFT, 0.0), "front": boxes.facets(FRONT, 0.0)}
-    surfaces |= {"above": below[below[:, 0] % cells < 2], "head": boxes.facets(UP, 0.0, "block")}
+    ring = block((0, 0, 0), (cells, wide, thick), (cells, 2, 1), order).named("above", "bottom", where=between(0, 2))
+    base = block((0, 0, -1), (2, wide, 0), (2, 2, 1), order)
+    base = base.placed(lambda x: (radius * np.sin(x[0] * angle / cells), x[1], x[2]))
+    mesh = root_mesh_from_shapes({"ring": ring.placed(bent), "block": base})
+    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "ring",
-        boxes.mesh(surfaces, place=place),
-        dict.fromkeys(("ring", "block"), Material(1.0, 0.3)),
-        (
-            Dirichlet("foot", 0.0, 0.0, thick / 100),
-            Dirichlet("end", z=0.0),
-            SymmetryPlane("left"),
-            SymmetryPlane("front"),
-        ),
-        (ContactPair("above", "head", direction=(0, 0, -1)),),
+        mesh,
+        dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
+        (held("block bottom", thick / 100), Dirichlet("ring right", z=0.0), *planes),
+        (ContactPair("ring above", "block top", DOWN),),
     )
 
 
 #: Scenes, and the tolerance of each.
-SCENES = {"plate": (plate, 0.05), "beam": (partial(four_supports, 18), 0.07), "ring": (ring, 0.05)}
+SCENES = {"plate": (plate, 0.05), "beam": (four_supports, 0.07), "ring": (ring, 0.05)}
 
 
 def meets(step, control, tolerance):

@@ -21,9 +21,9 @@ from demos.manufactured_solution import adapt_manufactured
 from fx_contact import Dirichlet, ErrorControl, Material, Pressure, Scene, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.marking import for_tolerance
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import hertz, indentation
-from studies.boxes import FRONT, LEFT, UP, Boxes
 from studies.tables import write
 
 COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effectivity", "assumed", "corrected")
@@ -31,16 +31,13 @@ COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effecti
 
 def plate(poisson=0.3, slender=20):
     """Half of a square plate, clamped at one side, under pressure: free boundaries, one layer of cells."""
-    boxes = Boxes(1)
-    boxes.add("plate", (0, 0, 0), (slender, slender / 2, 1.0), (slender // 2, slender // 4, 1))
-    surfaces = {"end": boxes.facets(LEFT, 0.0), "middle": boxes.facets(FRONT, 0.0), "top": boxes.facets(UP, 1.0)}
+    shape = block((0, 0, 0), (slender, slender / 2, 1), (slender // 2, slender // 4, 1), 1)
     return Scene(
         name="plate",
-        mesh=boxes.mesh(surfaces),
+        mesh=root_mesh_from_shapes({"plate": shape}),
         materials={"plate": Material(1.0, poisson)},
-        dirichlet=(Dirichlet("end", x=0.0, y=0.0, z=0.0), Dirichlet("middle", y=0.0)),
-        tractions=(Pressure("top", 1e-6),),
-        contact=(),
+        dirichlet=(Dirichlet("plate left", x=0.0, y=0.0, z=0.0), Dirichlet("plate front", y=0.0)),
+        tractions=(Pressure("plate top", 1e-6),),
     )
 
 

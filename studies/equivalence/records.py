@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import Enforcement, ErrorControl, adapt
+from fx_contact import Enforcement, ErrorControl, Material, adapt
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 
 #: Entries of a record that are kept: to the last digit, and to rounding.
@@ -32,7 +32,7 @@ def cases(long):
             "indentation 3 % degree 2": (indentation, 0.03, {}),
             "hertz 8 % degree 1": (hertz, 0.08, {"degree": 1}),
         }
-    found = {"hertz rubber degree 2": (partial(hertz, poisson=0.49), 0.08, {})}
+    found = {"hertz rubber degree 2": (partial(hertz, material=Material(1.0, 0.49)), 0.08, {})}
     for degree, close, wide in ((1, 0.16, 0.15), (2, 0.05, 0.06)):
         runs = {
             "hertz": (hertz, close, {}),

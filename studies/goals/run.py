@@ -32,9 +32,9 @@ from fx_contact import (
     SymmetryPlane,
     solve,
 )
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz
-from studies.boxes import BACK, DOWN, FRONT, LEFT, RIGHT, UP, Boxes
 from studies.tables import write
 
 #: Tolerances of the energy error, and that of the finer solution.
@@ -44,7 +44,6 @@ ASKED = (0.02, 0.005, 0.002)
 #: Tolerance of a goal that says nothing: its error alone is wanted.
 ANY = 1e3
 PLAIN = Material(young=1.0, poisson=0.3)
-PLANES = SymmetryPlane("x = 0"), SymmetryPlane("y = 0")
 
 
 def spheres():
@@ -84,22 +83,17 @@ def below_a_square(points, count=16):
 
 def square():
     """The same of a quarter of a half-space under a pressure on a square, moved as it is on the faces of a block."""
-    boxes, size = Boxes(1), 4
-    boxes.add("block", (0, 0, -size), (size, size, 0), (size, size, size))
-    surfaces = {"x = 0": boxes.facets(LEFT, 0.0), "y = 0": boxes.facets(FRONT, 0.0)}
-    surfaces["pressed"] = boxes.facets(UP, 0.0, within=1.0)
-    outside = {
-        "right": boxes.facets(RIGHT, size),
-        "back": boxes.facets(BACK, size),
-        "bottom": boxes.facets(DOWN, -size),
-    }
+    size = 4
+    cube = block((0, 0, -size), (size, size, 0), (size, size, size), 1)
+    cube = cube.named("pressed", "top", where=lambda x: (x[:2] < 1 + 1e-9).all(axis=0))
     moved = [lambda points, k=k: below_a_square(points)[k] for k in range(3)]
+    outside = [Dirichlet(f"block {side}", *moved) for side in ("right", "back", "bottom")]
     scene = Scene(
         name="square",
-        mesh=boxes.mesh(surfaces | outside),
+        mesh=root_mesh_from_shapes({"block": cube}),
         materials={"block": PLAIN},
-        dirichlet=(*(Dirichlet(where, *moved) for where in outside), *PLANES),
-        tractions=(Pressure("pressed", 1e-3),),
+        dirichlet=(*outside, SymmetryPlane("block left"), SymmetryPlane("block front")),
+        tractions=(Pressure("block pressed", 1e-3),),
     )
     aside = np.array([2.0, 1.0, -0.5])
     middle = 8 / np.pi * np.log(1 + np.sqrt(2)) * 1e-3 * (1 - PLAIN.poisson**2) / PLAIN.young
@@ -111,26 +105,18 @@ def square():
 
 def layers():
     """The same of two layers in plane strain, pressed in the middle: the upper one recedes to there."""
-    boxes, pair = Boxes(1), "base on layer"
-    boxes.add("lower", (0, 0, -2), (6, 1, 0), (6, 1, 2))
-    boxes.add("upper", (0, 0, 0), (6, 1, 1), (6, 1, 1))
-    surfaces = {
-        "bottom": boxes.facets(DOWN, -2.0),
-        "base": boxes.facets(UP, 0.0, "lower"),
-        "layer": boxes.facets(DOWN, 0.0, "upper"),
-        "pressed": boxes.facets(UP, 1.0, within=1.0),
-        "x = 0": boxes.facets(LEFT, 0.0),
-        "y = 0": boxes.facets(FRONT, 0.0),
-        "y = 1": boxes.facets(BACK, 1.0),
-    }
+    upper = block((0, 0, 0), (6, 1, 1), (6, 1, 1), 1).named("pressed", "top", where=lambda x: x[0] < 1 + 1e-9)
+    bodies = {"lower": block((0, 0, -2), (6, 1, 0), (6, 1, 2), 1), "upper": upper}
+    planes = [SymmetryPlane(f"{body} {side}") for body in bodies for side in ("left", "front")]
     scene = Scene(
         name="receding layers",
-        mesh=boxes.mesh(surfaces),
-        materials={"lower": PLAIN, "upper": PLAIN},
-        dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("y = 1", y=0.0), *PLANES),
-        tractions=(Pressure("pressed", 1e-3),),
-        contact=(ContactPair("base", "layer", direction=(0, 0, 1)),),
+        mesh=root_mesh_from_shapes(bodies),
+        materials=dict.fromkeys(bodies, PLAIN),
+        dirichlet=(Dirichlet("lower bottom", z=0.0), *(Dirichlet(f"{body} back", y=0.0) for body in bodies), *planes),
+        tractions=(Pressure("upper pressed", 1e-3),),
+        contact=(ContactPair("lower top", "upper bottom", direction=(0, 0, 1)),),
     )
+    pair = scene.contact[0].name
     return scene, {
         "gap at the rim": (Gap(pair, (6, 0, 0), ANY), None),
         "gap half way": (Gap(pair, (3, 0, 0), ANY), None),

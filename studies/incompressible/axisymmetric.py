@@ -61,11 +61,6 @@ def half_disc(cells):
         gmsh.finalize()
 
 
-def force(poisson: float, mesh: Mesh) -> tuple[float, float]:
-    """The force at which the flat face has moved by `MOVED`, and the radius of the last closed node."""
-    return solved(poisson, mesh)[1:]
-
-
 def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:
     """Displacement and pressure when the flat face has moved by `MOVED`; the force; the last closed node's radius."""
     shear, first = YOUNG / (2 * (1 + poisson)), YOUNG * poisson / ((1 + poisson) * (1 - 2 * poisson))
@@ -133,7 +128,7 @@ def main():
     for cells in arguments.cells:
         mesh = half_disc(cells)
         for poisson in RATIOS:
-            found, radius = force(poisson, mesh)
+            _, found, radius = solved(poisson, mesh)
             print(f"nu = {poisson}, {cells} cells to the rim: force {found:.5e}, last node {radius:.5f}", flush=True)
             rows.append({"nu": poisson, "cells": cells, "force": found})
     write(arguments.output / "axisymmetric.csv", rows)

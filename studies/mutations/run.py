@@ -111,20 +111,9 @@ def outcome(tree: Path, ranks: int, tests: list[tuple[str, float]], more: Iterab
     if not tests and not more:
         return False, "no test runs it"
     limit = PATIENCE + 5 * max((seconds for _, seconds in tests), default=60.0)
-    command = [
-        "mpirun",
-        "-n",
-        str(ranks),
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-q",
-        "--color=no",
-        "--tb=no",
-        "-rfE",
-    ]
-    command += ["-p", "no:cacheprovider", f"--limit={limit}", *(name for name, _ in tests), *more]
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-m", "pytest"]
+    command += "-x -q --color=no --tb=no -rfE -p no:cacheprovider".split()
+    command += [f"--limit={limit}", *(name for name, _ in tests), *more]
     environment = os.environ | {"PYTHONPATH": str(tree / "src")}
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(

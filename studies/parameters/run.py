@@ -2,13 +2,12 @@
 
     python3 -m studies.parameters.run [--only PARAMETER ...] [--scene NAME ...]
 
-Displacements have degree 2, on one rank.  A parameter that a run never reads is not varied there.  `true_error` is that
+Displacements have degree 2, on one rank.  `true_error` is that
 of the last step in the energy norm, by a solution with half of the tolerance; `error_force` is against the reference of
 `SCENES`.  It leaves table.csv and summary.csv in results/parameters.
 """
 
 import argparse
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
@@ -43,35 +42,14 @@ VALUES = {"target": (0.45, 1.0), "trusted_effectivity": (0.4, 1.0), "least_effec
 MOST = 300_000
 
 
-class Watched(ErrorControl):
-    """ErrorControl that knows which of its parameters a run has read."""
-
-    names = frozenset(field.name for field in fields(ErrorControl))
-    read = set()
-
-    def __getattribute__(self, name):
-        if name in Watched.names:
-            Watched.read.add(name)
-        return super().__getattribute__(name)
-
-    def used(self):
-        """As that of ErrorControl; to name all parameters is not to read them."""
-        before = set(Watched.read)
-        try:
-            return super().used()
-        finally:
-            Watched.read.intersection_update(before)
-
-
 def solved(scene, tolerance, **parameters):
-    """The last step of a run, the records of all, and the parameters that were read."""
-    control, steps, last = Watched(**parameters), [], None
-    Watched.read.clear()
-    for last in adapt(scene, tolerance, control=control):
-        steps.append(last.record)
+    """The last step of a run, and the records of all."""
+    records = []
+    for last in adapt(scene, tolerance, control=ErrorControl(**parameters)):
+        records.append(last.record)
         if last.record.dofs > MOST:
             break
-    return last, steps, set(Watched.read)
+    return last, records
 
 
 def energy_error(last, tolerance):
@@ -82,14 +60,14 @@ def energy_error(last, tolerance):
 
 
 def figures(scene, tolerance, force, known, **parameters):
-    """Figures of a run, and the parameters that it has read.
+    """Figures of a run.
 
     Args:
         scene, tolerance, force: as in `SCENES`.
         known: dict, what was found before of runs with the same steps; more is written to it.
         parameters: of the ErrorControl.
     """
-    last, steps, read = solved(scene, tolerance, **parameters)
+    last, steps = solved(scene, tolerance, **parameters)
     alike = tuple((step.dofs, f"{step.force:.6e}") for step in steps)
     if alike not in known:
         known[alike] = {
@@ -102,7 +80,7 @@ def figures(scene, tolerance, force, known, **parameters):
             "true_error": energy_error(last, tolerance),
             "error_force": last.record.force / force - 1 if force else last.record.force,
         }
-    return known[alike], read
+    return known[alike]
 
 
 def measured(only, names):
@@ -110,11 +88,11 @@ def measured(only, names):
     for name in names:
         make, tolerance, force = SCENES[name]
         scene, known = make(), {}
-        base, read = figures(scene, tolerance, force, known)
+        base = figures(scene, tolerance, force, known)
         yield {"scene": name, "tolerance": tolerance, "parameter": "", "value": "", "same": "", **base}
         for parameter, values in VALUES.items():
-            for value in values if parameter in read and parameter in (only or VALUES) else ():
-                found, _ = figures(scene, tolerance, force, known, **{parameter: value})
+            for value in values if parameter in (only or VALUES) else ():
+                found = figures(scene, tolerance, force, known, **{parameter: value})
                 same = "same" if found is base else ""
                 about = {"scene": name, "tolerance": tolerance, "parameter": parameter, "value": value, "same": same}
                 yield about | found
@@ -128,11 +106,7 @@ def summary(rows):
             some = [row for row in rows if (row["parameter"], row["value"]) == (parameter, value)]
             other = [row for row in some if not row["same"]]
             result = {"parameter": parameter, "default": getattr(ErrorControl, parameter), "value": value}
-            result |= {
-                "read": len(some),
-                "changed": len(other),
-                "not_reached": sum(not row["reached"] for row in some),
-            }
+            result |= {"changed": len(other), "not_reached": sum(not row["reached"] for row in some)}
             for figure in ("dofs_of_all_steps", "cpu_s"):
                 ratios = [row[figure] / base[row["scene"]][figure] for row in other] or [1.0]
                 result |= {f"{figure}_least": min(ratios), f"{figure}_most": max(ratios)}

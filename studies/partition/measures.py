@@ -1,7 +1,5 @@
 """How good a partition is into any number of parts, on any number of ranks: exact measures, distributed."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
@@ -11,30 +9,6 @@ from fx_contact.parallel.exchange import Exchange
 
 #: A displacement: three float64.
 BYTES = 24
-
-
-@dataclass(frozen=True)
-class Quality:
-    """Measures of a partition.
-
-    Attributes:
-        parts: number of parts.
-        imbalance: most leaves of a part over the mean [-].
-        cut_facets: leaf facets between two parts; where one leaf meets four finer ones, those four.
-        split_pairs: facing leaf facets whose leaves are in different parts.
-        neighbours_max, neighbours_mean: other parts with which a part shares a conforming node that both need.
-        halo_bytes: moved by all parts together when each gets the displacements that it needs and does not own.
-        halo_bytes_max: received and sent by the part that moves most, each node owned by one part that needs it.
-    """
-
-    parts: int
-    imbalance: float
-    cut_facets: int
-    split_pairs: int
-    neighbours_max: int
-    neighbours_mean: float
-    halo_bytes: int
-    halo_bytes_max: int
 
 
 class Judge:
@@ -55,27 +29,26 @@ class Judge:
         self._number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
 
     def score(self, part, parts):
-        """Measure a partition.
-
-        Collective on comm.
-
-        Args:
-            part: (n,) int, part of each leaf of this rank, in 0..parts - 1.
-            parts: number of parts.
+        """Measures of a partition: (n,) int, the part of each leaf of this rank.  Collective on comm.
 
         Returns:
-            Quality, the same on all ranks.
+            dict, the same on all ranks:
+            imbalance: most leaves of a part over the mean [-].
+            cut_facets: leaf facets between two parts; where one leaf meets four finer ones, those four.
+            split_pairs: facing leaf facets whose leaves are in different parts.
+            neighbours_max: most other parts with which a part shares a conforming node that both need.
+            halo_bytes: moved by all parts together when each gets the displacements that it needs and does not own.
+            halo_bytes_max: received and sent by the part that moves most, each node owned by one part that needs it.
         """
-        return Quality(
-            parts=parts,
-            imbalance=_imbalance(self.comm, part, parts),
-            cut_facets=self._graph.cut(part),
-            split_pairs=self._facing.cut(part),
+        loads = _total(self.comm, np.bincount(part, minlength=parts))
+        return {
+            "imbalance": float(loads.max() * parts / loads.sum()),
+            "cut_facets": self._graph.cut(part),
+            "split_pairs": self._facing.cut(part),
             **self._interfaces(part, parts),
-        )
+        }
 
     def _interfaces(self, part, parts):
-        """What `Quality` has of neighbours and halos, by name: dict."""
         count = len(part)
         chosen = csr_matrix((np.ones(count, dtype=np.int32), (part, np.arange(count))), shape=(parts, count))
         who, where = (chosen @ self._needs).nonzero()
@@ -102,7 +75,6 @@ class Judge:
         moved = _total(self.comm, received + sent)
         return {
             "neighbours_max": int(neighbours.max()),
-            "neighbours_mean": float(neighbours.mean()),
             "halo_bytes": BYTES * int(moved.sum()) // 2,
             "halo_bytes_max": BYTES * int(moved.max()),
         }
@@ -112,12 +84,6 @@ def _total(comm, values):
     values = values.astype(np.int64)
     comm.Allreduce(MPI.IN_PLACE, values)
     return values
-
-
-def _imbalance(comm, part, parts):
-    """Most leaves of a part over the mean."""
-    loads = _total(comm, np.bincount(part, minlength=parts))
-    return float(loads.max() * parts / loads.sum())
 
 
 def _needs(forest, prolongation):

@@ -1,8 +1,5 @@
 """The partitions of a forest that the study scores, each made as in a run, after those of the forests before."""
 
-import time
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 
@@ -15,27 +12,6 @@ from studies.partition.assignment import assign
 
 #: PT-SCOTCH differs from run to run, most where parts are few: up to so many parts, the median of so many runs.
 REPEATED, REPEATS = 64, 5
-
-
-@dataclass(frozen=True)
-class Made:
-    """A partition, and how it came about.
-
-    Attributes:
-        kind: a key of `KINDS`.
-        part: (n,) int, part of each leaf.
-        seconds: to make it, once keys and graph are there.
-        cuts: (parts - 1,) int64, of the curve; None if it has none.
-        rows: name -> (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
-        sums: `reductions` and `summed`, as `Partners` has them.
-    """
-
-    kind: str
-    part: np.ndarray
-    seconds: float
-    cuts: np.ndarray | None
-    rows: dict
-    sums: dict
 
 
 class Summing(MPI.Intracomm):
@@ -110,31 +86,37 @@ def before(forests, lineage, parts, kind):
 
 
 def partitions(forests, lineage, parts, pieces):
-    """Yield all partitions into a number of parts as `Made`; `pieces` are Units with and without pairs."""
+    """All partitions into a number of parts.
+
+    Args:
+        forests, lineage: as of `history`, and `parents` of each.
+        parts: number of parts.
+        pieces: Units with pairs and without: dict bool -> Units.
+
+    Yields:
+        kind: a key of `KINDS`.
+        part: (n,) int, part of each leaf.
+        cuts: (parts - 1,) int64, of the curve; None if it has none.
+        rows: list of (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
+        sums: dict, how often numbers are summed over the ranks meanwhile, and how many these are in all.
+    """
     for units in (pieces[True].graph, *pieces.values()):
         units.comm = Summing(units.comm)
     for kind, about in KINDS.items():
-        units, cuts = pieces[about.pairs], None
+        units, cuts, rows = pieces[about.pairs], None, []
         present = before(forests, lineage, parts, kind)
         Summing.noted.clear()
-        start = time.perf_counter()
         if kind == "equidistributed":
             part = dealt_out_again(forests, lineage, parts)
-            rows = {"move": (present, part)}
         else:
-            part, cuts = along_curve(units, parts, None)
-            rows = {"move": (present, part[units.of_leaf])}
-            if kind == "graph":
-                curve = part
-                part, _ = by_graph(units, parts, part)
-                rows["graph along the curve"] = curve[units.graph.rows], curve[units.graph.matrix.indices]
-                rows["move from the curve"] = curve[units.of_leaf], part[units.of_leaf]
-            part = part[units.of_leaf]
-        seconds = time.perf_counter() - start
-        if present is None:
-            rows.pop("move")
-        sums = {"reductions": len(Summing.noted), "summed": sum(Summing.noted)}
-        yield Made(kind, part, seconds, cuts, rows, sums)
+            curve, cuts = along_curve(units, parts, None)
+            part = curve[units.of_leaf]
+        if present is not None:
+            rows.append((present, part))
+        if kind == "graph":
+            part = by_graph(units, parts, curve)[0][units.of_leaf]
+            rows += [(curve[units.graph.rows], curve[units.graph.matrix.indices]), (curve[units.of_leaf], part)]
+        yield kind, part, cuts, rows, {"reductions": len(Summing.noted), "summed": sum(Summing.noted)}
 
 
 def of_middle_cut(units, parts, first):

@@ -5,8 +5,6 @@ leaves is made, and refinement asks around.  In each exchange a part is a partne
 where a row goes from one to the other, an answer back.  Solver and halos are not counted here.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -17,29 +15,6 @@ from fx_contact.problem.lattice import MAX_LEVEL
 
 #: A key.
 BYTES = 8
-
-
-@dataclass(frozen=True)
-class Partners:
-    """Who exchanges rows in the exchange in which a part has the most partners.
-
-    Attributes:
-        exchange: what for.
-        partners_max: most partners of a part.
-        partners_mean: mean over the parts.
-        key_bytes: of the keys that all parts together send away to make their nodes, edges and faces known once.
-        key_bytes_max: sent and received by the part that moves most.
-        reductions: how often numbers are summed over the ranks while the partition is made.
-        summed: how many numbers these are in all.
-    """
-
-    exchange: str
-    partners_max: int
-    partners_mean: float
-    key_bytes: int
-    key_bytes_max: int
-    reductions: int = 0
-    summed: int = 0
 
 
 class Exchanges:
@@ -65,43 +40,38 @@ class Exchanges:
         }
         self._leaves = _facing(forest)
 
-    def count(self, parts, part, cuts, others, sums=None):
+    def count(self, parts, part, cuts, others):
         """Partners of a partition.
 
         Args:
             parts: number of parts.
             part: (n,) int, part of each leaf.
             cuts: (parts - 1,) int64, of the curve, by which homes are given; None: by a hash.
-            others: dict, name -> (k,) int and (k,) int parts, between which rows go in an exchange that is not by keys.
-            sums: dict, `reductions` and `summed` of `Partners`, if there are any.
+            others: list of (k,) int and (k,) int parts, between which rows go in an exchange that is not by keys.
 
         Returns:
-            Partners.
+            dict:
+            partners_max, partners_mean: partners of a part, in the exchange in which a part has the most.
+            key_bytes_max: of the keys that are sent away to make nodes, edges and faces known once; sent and received
+                by the part that moves most.
         """
         homes = Homes(self._forest, cuts, parts)
-        found, key_bytes = {}, np.zeros(parts, dtype=np.int64)
+        found, key_bytes = [], np.zeros(parts, dtype=np.int64)
         for of, exchanges in ((homes.of_points, self._points), (homes.of_leaves, self._leaves)):
             for name, (leaf, index, keys) in exchanges.items():
                 home = of(keys)[index]
                 away = home != part[leaf]
                 here, home, index = part[leaf[away]].astype(np.int64), home[away], index[away]
-                found[name] = _partners(parts, here, home)
+                found.append(_partners(parts, here, home))
                 if name in ("nodes", "edges", "faces"):
                     _, first = np.unique(here * len(keys) + index, return_index=True)  # a part sends a key once
                     for side in (here[first], home[first]):
                         key_bytes += BYTES * np.bincount(side, minlength=parts)
         rows, columns = part[self._graph.rows], part[self._graph.matrix.indices]
-        others = {**others, "graph of the leaves": (rows, columns)}
-        found |= {name: _partners(parts, *pairs) for name, pairs in others.items()}
-        most = max(found, key=lambda name: found[name].max())
-        return Partners(
-            exchange=most,
-            partners_max=int(found[most].max()),
-            partners_mean=float(found[most].mean()),
-            key_bytes=int(key_bytes.sum()) // 2,
-            key_bytes_max=int(key_bytes.max()),
-            **(sums or {}),
-        )
+        found += [_partners(parts, *pairs) for pairs in (*others, (rows, columns))]
+        most = max(found, key=np.max)
+        partners = {"partners_max": int(most.max()), "partners_mean": float(most.mean())}
+        return partners | {"key_bytes_max": int(key_bytes.max())}
 
 
 def _partners(parts, one, other):

@@ -5,20 +5,21 @@ import os
 import re
 import tempfile
 import time
-from dataclasses import fields, replace
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
-from fx_contact.forest.partition import repartition
 from fx_contact.scenes import hertz
-from studies.partition.scaling_model import KEYS, Kernels
+from studies.partition.scaling_model import KEYS
 
 #: Runs, of which each kernel's shortest time counts: other programs disturb, and only ever for the worse.
 REPEATS = 3
-#: The measured seconds among the Kernels.
-TIMES = [field.name for field in fields(Kernels) if field.type is float and field.name != "volume"]
+#: Products of matrix and vector that are timed together.
+PRODUCTS = 20
+#: Measured: CPU seconds a cell of partition, mesh, hanging nodes and refinement, of assembly, of the estimate; and CPU
+#: seconds an unknown of the preconditioner's set-up, of a matrix times a vector, of a V-cycle.
+TIMES = ("tree", "assemble", "estimate", "setup", "product", "cycle")
 
 
 class Counting(MPI.Intracomm):
@@ -58,17 +59,15 @@ def measure(tolerance, degree=1):
         degree: of the displacements.
 
     Returns:
-        Kernels, without what `counted` gives.
+        dict: `TIMES`; `iterations` of PCG, of all solves of a step; `levels`, rows of unknowns over those of the
+        finest level and of entries a row.
     """
     runs = [_measured(tolerance, degree) for _ in range(REPEATS)]
-    best = {name: min(getattr(run, name) for run in runs) for name in TIMES}
-    return replace(runs[0], **best, levels=_levels(tolerance, degree))
+    return runs[0] | {name: min(run[name] for run in runs) for name in TIMES} | {"levels": _levels(tolerance, degree)}
 
 
 def counted(comm, tolerance, degree=1):
-    """How often rows travel in the last step of the Hertz problem, and how many bytes.
-
-    Collective on comm.
+    """How often rows travel in the last step of the Hertz problem, and how many bytes.  Collective on comm.
 
     Args:
         comm: MPI communicator.
@@ -76,56 +75,38 @@ def counted(comm, tolerance, degree=1):
         degree: of the displacements.
 
     Returns:
-        dict: `exchanges` and `volume` of Kernels.
+        dict: `exchanges`, how often ranks tell each other how many rows will come, and how often rows travel; `volume`,
+        bytes of those by keys over the bytes of all keys, `KEYS` a cell, once.
     """
     counts, away = Counting.last_step(adapt(hertz(comm=comm), tolerance, Counting(comm), degree=degree))
     # Of hashed keys one in as many as there are ranks stays.
     volume = comm.allreduce(away) * comm.size / max(comm.size - 1, 1) / KEYS[degree]
-    return {"exchanges": tuple(counts.tolist()), "volume": volume}
+    return {"exchanges": counts.tolist(), "volume": volume}
 
 
 def _measured(tolerance, degree):
-    """Kernels of one run, but for levels and exchanges."""
+    """Times and iterations of one run."""
     *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=degree)
     record = step.record
-    cell, dof = 1 / record.cells, 1 / record.dofs
-    seconds, iterations = record.cpu_seconds, sum(record.krylov_iterations)
+    cells, dofs, seconds, iterations = record.cells, record.dofs, record.cpu_seconds, sum(record.krylov_iterations)
     blocks = step.elasticity.stiffness(step.pairs)
     blocks.mat.assemble()
     matrix = blocks.in_format_of("hypre")
     x, y = matrix.createVecs()
     x.set(1.0)
-    product = _seconds(MPI.COMM_SELF, lambda: matrix.mult(x, y), 20, time.process_time)
-    tree = sum(seconds[name] for name in ("partition", "hanging", "mesh", "refine"))
-    return Kernels(
-        tree=tree * cell,
-        assemble=(seconds["assemble"] + seconds["system"]) * cell,
-        estimate=seconds["estimate"] * cell,
-        setup=seconds["setup"] * dof,
-        product=product * dof,
-        cycle=(seconds["solve"] / iterations - product) * dof,
-        iterations=iterations,
-        exchanges=None,
-        volume=None,
-        levels=None,
-    )
-
-
-def migration(comm, forest):
-    """Seconds and bytes a leaf of a move of all leaves to the next rank.  Collective on comm."""
-    forest, _ = repartition(forest, None)
-    away = np.full(len(forest), (comm.rank + 1) % comm.size)
-    seconds = _seconds(comm, lambda: forest.moved(away), 5)
-    return seconds, forest.cell.itemsize + forest.level.itemsize + 3 * forest.anchor.itemsize
-
-
-def _seconds(comm, work, times, clock=time.perf_counter):
-    """Mean seconds of the slowest rank."""
-    comm.Barrier()
-    start = clock()
-    for _ in range(times):
-        work()
-    return comm.allreduce(clock() - start, op=MPI.MAX) / times
+    start = time.process_time()
+    for _ in range(PRODUCTS):
+        matrix.mult(x, y)
+    product = (time.process_time() - start) / PRODUCTS
+    return {
+        "tree": sum(seconds[name] for name in ("partition", "hanging", "mesh", "refine")) / cells,
+        "assemble": (seconds["assemble"] + seconds["system"]) / cells,
+        "estimate": seconds["estimate"] / cells,
+        "setup": seconds["setup"] / dofs,
+        "product": product / dofs,
+        "cycle": (seconds["solve"] / iterations - product) / dofs,
+        "iterations": iterations,
+    }
 
 
 def _levels(tolerance, degree):

@@ -1,77 +1,91 @@
 """Tables of the partition study."""
 
-from dataclasses import asdict
-
 #: Kinds beside contact-sfc.
 OTHERS = ("graph", "sfc", "equidistributed")
 #: Parts that the short table shows.
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 
 
-def quality(rows):
-    """All measures of all partitions: a dict each, for a CSV file."""
-    for row in rows:
-        measures = {**vars(row), **asdict(row.quality), **asdict(row.partners)}
-        yield {k: v for k, v in measures.items() if k not in ("quality", "partners")}
+#: Columns of the pages.
+PARTITION = {
+    "benchmark": "{benchmark}",
+    "parts": "{parts:d}",
+    "leaves a part": "{leaves_per_part:,}",
+    "cut facets, graph": "{cut_facets_graph:,}",
+    "contact-sfc": "{cut_contact-sfc:.2f}",
+    "sfc": "{cut_sfc:.2f}",
+    "equidistributed": "{cut_equidistributed:.2f}",
+    "split pairs, sfc": "{split_pairs_sfc:,}",
+    "imbalance, graph": "{imbalance_graph:.3f}",
+    "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
+}
+PARTNERS = {
+    "benchmark": "{benchmark}",
+    "parts": "{parts:d}",
+    **{
+        kind: f"{{partners_max_{kind}:d}} ({{partners_mean_{kind}:.1f}})"
+        for kind in ("contact-sfc", "sfc", "graph", "equidistributed")
+    },
+    "reductions": "{reductions:d} ({summed:.1f} P)",
+}
+MODEL = {
+    "benchmark": "{benchmark}",
+    "processors": "{parts:d}",
+    "contact-sfc": "{total_ms:,.0f}",
+    "gain": ("{gain:.2f}", ""),
+    **{kind: f"{{{kind}_ms:,.0f}}" for kind in ("sfc", "graph", "equidistributed")},
+}
+KERNELS = {
+    "tree": "{tree:.1f}",
+    "assemble": "{assemble:.1f}",
+    "estimate": "{estimate:.1f}",
+    "set-up": "{setup:.2g}",
+    "product": "{product:.2g}",
+    "cycle": "{cycle:.2g}",
+}
 
 
 def model(predictions, dofs):
-    """Predicted seconds of an adaptive step, of contact-sfc by stage.
+    """Predicted seconds of an adaptive step, of contact-sfc by stage: a row each benchmark and number of processors.
 
     Args:
-        predictions: benchmark -> kind -> {parts: seconds by stage}.
+        predictions: (benchmark, parts, kind) -> seconds by stage.
         dofs: benchmark -> unknowns.
-
-    Yields:
-        dict for each benchmark and number of processors.
     """
-    for scene, kinds in predictions.items():
-        for parts, ours in kinds["contact-sfc"].items():
-            others = {f"total_{kind}": kinds[kind][parts]["total"] for kind in OTHERS}
-            dealt = kinds["equidistributed"][parts]["waiting"]
+    for (scene, parts, kind), ours in predictions.items():
+        if kind == "contact-sfc":
+            others = {f"total_{kind}": predictions[scene, parts, kind]["total"] for kind in OTHERS}
+            dealt = predictions[scene, parts, "equidistributed"]["waiting"]
             yield {"benchmark": scene, "dofs": dofs[scene], "parts": parts, **ours, **others, "waiting_dealt": dealt}
 
 
 def table(rows):
-    """The short table: cuts over those of PT-SCOTCH, split pairs, imbalance of weights, partners, sums.
+    """The short table of `quality.csv`: cuts over those of PT-SCOTCH, split pairs, imbalance, partners, sums.
 
-    Args:
-        rows: Scores.
-
-    Returns:
-        list of dicts.
+    Yields:
+        dict for each benchmark and number of parts.
     """
-    found = {(row.scene, row.quality.parts, row.kind): row for row in rows}
-    result = []
-    for scene, leaves in dict.fromkeys((row.scene, row.leaves) for row in rows):
-        for parts in sorted({row.quality.parts for row in rows} & set(SHOWN)):
-            here = {kind: found[scene, parts, kind] for kind in ("contact-sfc", *OTHERS)}
-            best, talks = here["graph"].quality.cut_facets, here["contact-sfc"].partners
-            result.append({"benchmark": scene, "parts": parts, "leaves_per_part": leaves // parts})
-            result[-1]["cut_facets_graph"] = best
-            for kind, row in here.items():
-                result[-1] |= {
-                    f"cut_{kind}": row.quality.cut_facets / best,
-                    f"imbalance_{kind}": row.quality.imbalance,
-                    f"partners_max_{kind}": row.partners.partners_max,
-                    f"partners_mean_{kind}": row.partners.partners_mean,
-                }
-            result[-1] |= {
-                "split_pairs_sfc": here["sfc"].quality.split_pairs,
-                "reductions": talks.reductions,
-                "summed": talks.summed / (parts - 1),  # numbers for each of the cuts
-            }
-    return result
+    found = {(row["benchmark"], row["parts"], row["kind"]): row for row in rows}
+    for (scene, parts, kind), ours in found.items():
+        if kind == "contact-sfc" and parts in SHOWN:
+            best = found[scene, parts, "graph"]["cut_facets"]
+            result = {"benchmark": scene, "parts": parts, "leaves_per_part": ours["leaves"] // parts}
+            result["cut_facets_graph"] = best
+            for other in ("contact-sfc", *OTHERS):
+                here = found[scene, parts, other]
+                result[f"cut_{other}"] = here["cut_facets"] / best
+                for measure in ("imbalance", "partners_max", "partners_mean"):
+                    result[f"{measure}_{other}"] = here[measure]
+            result["split_pairs_sfc"] = found[scene, parts, "sfc"]["split_pairs"]
+            # Numbers for each of the cuts.
+            yield result | {"reductions": ours["reductions"], "summed": ours["summed"] / (parts - 1)}
 
 
 def claims(rows):
     """Questions, what the paper says of strong scaling, and what the MODEL does.
 
     Args:
-        rows: dicts, as `model` makes them, of both benchmarks up to 8192 processors.
-
-    Returns:
-        list of dicts: `question`, `paper`, `model`.
+        rows: those of `model`, of both benchmarks up to 8192 processors.
     """
     found = {(row["benchmark"], row["parts"]): row for row in rows}
 
@@ -103,14 +117,7 @@ def claims(rows):
 
 
 def in_milliseconds(rows):
-    """Rows of the MODEL with milliseconds, and the speed over that of half as many processors.
-
-    Args:
-        rows: dicts, as `model` makes them.
-
-    Yields:
-        dict for each of them.
-    """
+    """Rows of `model` with milliseconds, and the speed over that of half as many processors."""
     totals = {(row["benchmark"], row["parts"]): row["total"] for row in rows}
     for row in rows:
         milliseconds = {f"{k.removeprefix('total_')}_ms": 1e3 * v for k, v in row.items() if k.startswith("total")}

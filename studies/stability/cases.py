@@ -1,9 +1,57 @@
-"""One scene of the stress matrix, and a sample of many."""
+"""A scene of the stress matrix and what its answer is compared with."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from fx_contact import Enforcement, Scene
 from fx_contact.adaptive.settings import DEGREE
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A known answer.
+
+    Attributes:
+        force: of the whole bodies, in each contact pair [N]; None where a load prescribes it.
+        approach: of the bodies since they touch [m].
+        energy: stored in the bodies, twice, of the whole [J]; where the force is prescribed.
+        linear: whether the contact area stays the same and the stress is uniform, which any mesh has exactly.
+        curved: whether the contact is round.
+        unsure: relative error of the reference itself.
+    """
+
+    force: float | None = None
+    approach: float | None = None
+    energy: float | None = None
+    linear: bool = False
+    curved: bool = False
+    unsure: float = 0.0
+
+
+@dataclass(frozen=True)
+class Twin:
+    """Another run that must give the same answer, its contact enforced as the program chooses.
+
+    Attributes:
+        scene: makes it.
+        force, energy, pressure: what one of the scene is in the twin.
+        same_mesh: whether equal numbers of cells and active pairs mean the same discrete problem.
+        same_contact: whether contact is as soft in both.
+        curved: whether the contact is round.
+        tolerance: of the twin's run, relative to that of the run.
+        each: whether the force of each contact pair is compared, to the tolerance: it may be light beside other loads.
+    """
+
+    scene: Callable[[], Scene]
+    force: float = 1.0
+    energy: float = 1.0
+    pressure: float = 1.0
+    same_mesh: bool = True
+    same_contact: bool = True
+    curved: bool = False
+    tolerance: float = 1.0
+    each: bool = False
 
 
 @dataclass(frozen=True)
@@ -14,24 +62,23 @@ class Case:
         axis: what is stressed.
         family: the row of the axis.
         value: the place in the row.
-        scene: function of no argument.
-        reference: Exact, or Twin; None where the scene must be refused.
-        method, factor: how contact is enforced; None: as the program chooses.
+        scene: makes it.
+        reference: None where the scene must be refused.
         tolerance: prescribed relative error.
-        degree: of the displacements.
+        enforcement: of contact; None: as the program chooses.
         may_refuse: whether a typed error is an answer too.
+        degree: of the displacements.
     """
 
     axis: str
     family: str
     value: str
-    scene: object
-    reference: object
-    method: str | None = None
-    factor: float | None = None
+    scene: Callable[[], Scene]
+    reference: Exact | Twin | None
     tolerance: float = 0.16
-    degree: int = DEGREE
+    enforcement: Enforcement | None = None
     may_refuse: bool = False
+    degree: int = DEGREE
 
     @property
     def row(self):
@@ -46,11 +93,7 @@ class Case:
 
 def exponent(value):
     """1e-6 and the like, as short as it goes."""
-    return (
-        re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), f"{value:.0e}")
-        if value not in (0, 1)
-        else str(int(value))
-    )
+    return str(int(value)) if value in (0, 1) else re.sub(r"e\+?(-?)0*", r"e\1", f"{value:.0e}")
 
 
 def sample(named, share=7):
@@ -60,8 +103,7 @@ def sample(named, share=7):
         rows.setdefault(case.row, []).append(case)
     chosen = {}
     for number, row in enumerate(rows.values()):
-        count = max(1, round(len(row) / share))
-        for k in range(count):
+        for k in range(max(1, round(len(row) / share))):
             case = row[(7 * number + k * share) % len(row)]
             chosen[case.name] = case
     return chosen

@@ -33,13 +33,7 @@ GAP_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must hold.
-
-    Attributes:
-        name: what.
-        deviation: how far it is from holding, relative.
-        allowed: how far it may be.
-    """
+    """One thing that must hold, how far it is from holding, relative, and how far it may be."""
 
     name: str
     deviation: float
@@ -47,56 +41,8 @@ class Check:
 
     @property
     def holds(self):
-        """Whether it does; a deviation that is not a number does not."""
+        """A deviation that is not a number does not."""
         return bool(self.deviation <= self.allowed)
-
-
-@dataclass(frozen=True)
-class Exact:
-    """A known answer.
-
-    Attributes:
-        force: of the whole bodies, in each contact pair [N]; None where a load prescribes it.
-        approach: of the bodies since they touch [m].
-        energy: stored in the bodies, twice, of the whole [J]; where the force is prescribed.
-        linear: whether the contact area stays the same and the stress is uniform, which any mesh has exactly.
-        curved: whether the contact is round.
-        unsure: relative error of the reference itself.
-    """
-
-    force: float | None = None
-    approach: float | None = None
-    energy: float | None = None
-    linear: bool = False
-    curved: bool = False
-    unsure: float = 0.0
-
-
-@dataclass(frozen=True)
-class Twin:
-    """Another run that must give the same answer.
-
-    Attributes:
-        scene: function that makes it.
-        force, energy, pressure: what one of this scene is in the twin.
-        same_mesh: whether equal numbers of cells and active pairs mean the same discrete problem.
-        same_contact: whether contact is as soft in both.
-        curved: whether the contact is round.
-        tolerance: of the twin's run, relative to that of the run.
-        default: whether its contact is enforced as the program chooses, however that of the run is.
-        each: whether the force of each contact pair is compared, to the tolerance: it may be light beside other loads.
-    """
-
-    scene: object
-    force: float = 1.0
-    energy: float = 1.0
-    pressure: float = 1.0
-    same_mesh: bool = True
-    same_contact: bool = True
-    curved: bool = False
-    tolerance: float = 1.0
-    default: bool = False
-    each: bool = False
 
 
 class State:
@@ -104,7 +50,7 @@ class State:
 
     Args:
         step: Step of a run on one rank.
-        method: how contact is enforced, a name of `enforcement.METHODS`.
+        penalty: whether contact is enforced by a penalty.
 
     Attributes:
         record: of the step.
@@ -120,8 +66,8 @@ class State:
         energy_noise: what rounding may change in the energy besides, relative.
     """
 
-    def __init__(self, step, method):
-        self.record, self._step, self._penalty = step.record, step, method == "penalty"
+    def __init__(self, step, penalty=False):
+        self.record, self._step, self._penalty = step.record, step, penalty
         self.pairs, contact = step.pairs, step.solution
         u = contact.displacement
         stiffness = step.elasticity.stiffness().mat
@@ -159,11 +105,11 @@ class State:
         self.yielded = float(contact.force @ self.penetration)
         self.potential = self.energy + self.yielded - 2 * float((u * self._load).sum())
         self.size = float(np.abs(u).max())
-        penalty = self.pairs.capped_stiffness[contact.active].sum() if method != "exact" else 0.0
+        springs = self.pairs.capped_stiffness[contact.active].sum() if penalty else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
-        loss = spread * contact.energy_error * np.sqrt(lever2 + penalty)
+        loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
         entries = 3 * (2 * self.record.degree + 1) ** 3  # most of a row of the stiffness, whose roundings add up
-        loss += entries * np.finfo(float).eps * (diagonal + penalty) * self.size
+        loss += entries * np.finfo(float).eps * (diagonal + springs) * self.size
         self.scale = max(self.force, np.abs(self._load).sum()) or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
         # Of the strains, where bodies move much further than they deform.

@@ -23,14 +23,15 @@ def rows(scores, command):
         command: function of a name.
     """
     for one in scores:
-        worst = max(one["checks"], key=_nearest, default=("", "", ""))
+        worst = max(one["checks"], key=nearest, default=("", "", ""))
         about = {"name": one["name"], "axis": one["axis"], "score": one["score"]}
         about |= dict(zip(("worst", "deviation", "allowed"), worst))
         about |= {k: v for k, v in one.items() if k not in ("checks", "row", "value")}
         yield about | {"command": command(one["name"])}
 
 
-def _nearest(check):
+def nearest(check):
+    """How near a check is to failing."""
     _, deviation, allowed, _ = check
     return deviation / (allowed or 1e-300)
 

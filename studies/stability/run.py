@@ -1,8 +1,5 @@
-"""The stress matrix: 543 stiff and extreme scenes, each scored, each a command of its own.
+"""The stress matrix: stiff and extreme scenes, each scored, each a command of its own.
 
-Enforcement and its factor, stiffness ratio, Poisson's ratio, aspect and shape of the cells, depth, units, grading, many
-bodies, tilted planes, bodies held by contact alone, gaps, initial overlaps, contact between nodes, orders, and sixty
-scenes drawn at random.
 Each scene must balance its forces, have no tension, store the work done on it, and agree with a reference, or with a
 twin: the same problem in other units, another direction or on another mesh. `checks.py` says how closely. Each runs on
 one rank, with a time limit; a crash and a hang are scores too.
@@ -35,13 +32,12 @@ from mpi4py import MPI
 
 from fx_contact import Enforcement, adapt
 from fx_contact.adaptive.settings import DEGREE
-from fx_contact.contact.enforcement import METHODS
 from fx_contact.parallel.errors import FxContactError
 from fx_contact.problem.fingerprint import scene_parts
 from studies import tables
-from studies.stability.cases import sample
-from studies.stability.checks import LOST, Exact, State
-from studies.stability.figures import draw_matrix, named, rows
+from studies.stability.cases import Twin, sample
+from studies.stability.checks import LOST, State
+from studies.stability.figures import draw_matrix, named, nearest, rows
 from studies.stability.scenes import cases
 
 #: Refinement ends above so many unknowns of each degree, whether the accuracy is reached or not.
@@ -55,25 +51,20 @@ KEPT += ("force", "max_penetration", "penalty_share")
 _TWINS = {}
 
 
-def solve(scene, case, tolerance, default=False):
+def solve(scene, tolerance, degree, enforcement=None):
     """The state at the end of a run, accuracy reached or too many unknowns, and the iterations of all its steps."""
-    own, iterations = default or case.method is None, 0
-    enforcement = Enforcement() if own else Enforcement(case.method, case.factor)
+    enforcement, iterations = enforcement or Enforcement(), 0
     # That nothing is the answer to nothing is a scene too.
-    how = {"degree": case.degree, "enforcement": enforcement, "allow": ("no load",)}
+    how = {"degree": degree, "enforcement": enforcement, "allow": ("no load",)}
     for step in adapt(scene, tolerance, MPI.COMM_SELF, **how):
         iterations += step.record.contact_iterations + sum(step.record.krylov_iterations)
-        if step.record.dofs > MOST_DOFS[case.degree]:
+        if step.record.dofs > MOST_DOFS[degree]:
             break
-    return State(step, enforcement.method), iterations
+    return State(step, enforcement.method == "penalty"), iterations
 
 
 def score(case, changed=nullcontext()):
-    """Run a scene and what it is compared with.
-
-    Args:
-        case: Case.
-        changed: context in which the scene is solved, but not its twin.
+    """Run a scene, in a context, and what it is compared with, outside it.
 
     Returns:
         dict: name and place in the matrix, "score" (a key of `figures.SCORES`), the checks, the record.
@@ -95,7 +86,7 @@ def place(case):
 def _judged(case, changed):
     start = time.process_time()
     with changed:
-        state, iterations = solve(case.scene(), case, case.tolerance)
+        state, iterations = solve(case.scene(), case.tolerance, case.degree, case.enforcement)
     record, reference = state.record, case.reference
     result = {"iterations": iterations, "noise": state.noise, "own_cpu_seconds": time.process_time() - start}
     result |= {name: getattr(record, name) for name in KEPT}
@@ -103,10 +94,10 @@ def _judged(case, changed):
     if reference is None:
         return result | {"score": "wrong", "message": "there is no solution, but one was delivered"}
     sound = state.checks()
-    if isinstance(reference, Exact):
-        compared = state.against_exact(reference)
-    else:
+    if isinstance(reference, Twin):
         compared = state.against_twin(_twin_of(case, record), reference)
+    else:
+        compared = state.against_exact(reference)
     result["checks"] = [[c.name, c.deviation, c.allowed, c.holds] for c in (*sound, *compared)]
     failed = [c.name for c in sound + compared * record.reached if not c.holds]
     if failed:
@@ -118,7 +109,7 @@ def _judged(case, changed):
 
 
 def _twin_of(case, record):
-    """The State of a scene's twin, without its step.  121 scenes have the twin of another one: the first one pays.
+    """The State of a scene's twin, without its step; many scenes have the twin of another one: the first one pays.
 
     One on another mesh is solved to a closer tolerance as long as it has so many cells as the record: its mesh may be
     the same.
@@ -126,9 +117,9 @@ def _twin_of(case, record):
     twin = case.reference
     scene, tolerance = twin.scene(), case.tolerance * twin.tolerance
     while True:
-        key = repr((scene_parts(scene), tolerance, case.degree, twin.default or (case.method, case.factor)))
+        key = repr((scene_parts(scene), tolerance, case.degree))
         if key not in _TWINS:
-            _TWINS[key] = solve(scene, case, tolerance, twin.default)[0].without_step()
+            _TWINS[key] = solve(scene, tolerance, case.degree)[0].without_step()
         if twin.same_mesh or _TWINS[key].record.cells != record.cells:
             return _TWINS[key]
         tolerance /= 2
@@ -162,13 +153,13 @@ def keep(path, one):
 
 
 def study(chosen, path, limit=TIME_LIMIT):
-    """Score what has no score yet, in as many processes as there are cores.
+    """Score what has no score in a file yet, in as many processes as there are cores.
 
     Where a process dies, the scene that it was at gets a score for that, and another process goes on behind it.
 
     Args:
         chosen: name -> Case, of one degree.
-        path: of the file that keeps the scores.
+        path: of the file.
         limit: seconds that a scene may take.
     """
     context, cores = get_context("spawn"), len(os.sched_getaffinity(0))
@@ -193,7 +184,7 @@ def study(chosen, path, limit=TIME_LIMIT):
 
 def _serve(names, degree, path, limit):
     """Score scenes one after the other; a signal ends the process where one takes too long."""
-    named = cases(METHODS)
+    named = cases()
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     for name in names:
         signal.setitimer(signal.ITIMER_REAL, limit)
@@ -205,7 +196,7 @@ def _serve(names, degree, path, limit):
 
 def line(one):
     """A score in one line."""
-    worst = max((c for c in one["checks"]), key=lambda c: c[1] / (c[2] or 1e-300), default=None)
+    worst = max(one["checks"], key=nearest, default=None)
     about = f"{worst[0]}: {worst[1]:.1e} of {worst[2]:.1e}" if worst else ""
     return f"{one['score']:9}  {one['name']:55} {one['cpu_seconds']:5.1f} s  {one.get('message') or about}"
 
@@ -229,7 +220,7 @@ def main():
     parser.add_argument("--list", action="store_true", help="print the names of the scenes chosen")
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
-    scenes = {name: replace(case, degree=arguments.degree) for name, case in cases(METHODS).items()}
+    scenes = {name: replace(case, degree=arguments.degree) for name, case in cases().items()}
     chosen = sample(scenes) if arguments.quick else scenes
     if arguments.list:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # not PETSc's, for `| head`

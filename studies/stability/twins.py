@@ -1,4 +1,7 @@
-"""Twins of a scene, whose solutions follow from its own: in other units, turned, or with surfaces exchanged."""
+"""Twins of a scene, whose solutions follow from its own: in other units, turned, or with surfaces exchanged.
+
+All functions are local.
+"""
 
 from dataclasses import replace
 
@@ -10,15 +13,10 @@ from fx_contact import ContactPair, Dirichlet, Material, SceneError, SymmetryPla
 def scaled(scene, length=1.0, stress=1.0):
     """The scene in other units: forces grow by stress x length^2, displacements by length.
 
-    Local.
-
     Args:
         scene: Scene.
         length: factor of all lengths [-].
         stress: factor of moduli and tractions [-].
-
-    Returns:
-        Scene.
     """
 
     def times(factor, value):
@@ -44,14 +42,9 @@ def scaled(scene, length=1.0, stress=1.0):
 def turned(scene, rotation):
     """The scene seen from another direction: the same forces and displacements, turned.
 
-    Local.
-
     Args:
         scene: Scene.
-        rotation: (3, 3) float64, orthogonal; with determinant 1, since a mirrored cell is inverted.
-
-    Returns:
-        Scene.
+        rotation: (3, 3), orthogonal; with determinant 1, since a mirrored cell is inverted.
 
     Raises:
         SceneError: a condition on some components only turns out of the axes.
@@ -59,14 +52,15 @@ def turned(scene, rotation):
     rotation = np.asarray(rotation)
 
     def turn(vector):
-        """A vector, or a function that gives one, in the turned axes."""
         if callable(vector):
             return lambda x: rotation @ vector(rotation.T @ x)
         return tuple((rotation @ np.asarray(vector, dtype=np.float64)).tolist())
 
-    def turned_pressure(value):
-        """A pressure: the value stays, its place turns."""
-        return (lambda x: value(rotation.T @ x)) if callable(value) else value
+    def turn_load(load):
+        if isinstance(load, Traction):
+            return replace(load, value=turn(load.value))
+        pressure = load.value
+        return replace(load, value=lambda x: pressure(rotation.T @ x)) if callable(pressure) else load
 
     return replace(
         scene,
@@ -75,29 +69,16 @@ def turned(scene, rotation):
             c if isinstance(c, SymmetryPlane) else _turned_condition(c, rotation) for c in scene.dirichlet
         ),
         contact=tuple(
-            pair if pair.direction is None else replace(pair, direction=turn(pair.direction))
-            for pair in scene.contact
+            replace(p, direction=None if p.direction is None else turn(p.direction)) for p in scene.contact
         ),
-        tractions=tuple(
-            replace(t, value=turn(t.value) if isinstance(t, Traction) else turned_pressure(t.value))
-            for t in scene.tractions
-        ),
+        tractions=tuple(map(turn_load, scene.tractions)),
         body_forces=tuple(replace(f, value=turn(f.value)) for f in scene.body_forces),
         contact_centre=scene.contact_centre and turn(scene.contact_centre),
     )
 
 
 def swapped(scene):
-    """The scene with first and second surface of every contact pair exchanged: the same forces.
-
-    Local.
-
-    Args:
-        scene: Scene.
-
-    Returns:
-        Scene.
-    """
+    """The scene with first and second surface of every contact pair exchanged: the same forces."""
     return replace(
         scene,
         contact=tuple(

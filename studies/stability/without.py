@@ -12,7 +12,6 @@ without.csv in the folder of results.
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing import get_context
@@ -22,12 +21,11 @@ from unittest import mock
 import numpy as np
 
 from fx_contact.adaptive import step_solver
-from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
 from studies.stability.scenes import cases
-from studies.tables import TOP, read, write
+from studies.tables import TOP, plain, read, write
 
 #: Scenes are tried that take less than so many CPU seconds with all rules, by the scores that are kept.
 SECONDS, SCORES = 20.0, TOP / "studies/stability/scores.csv"
@@ -64,15 +62,14 @@ def switched_off(rules):
 def scored(name, rules):
     """The score of a scene that is solved with some rules switched off; its twin has them all."""
     try:
-        return score(cases(METHODS)[name], switched_off(rules))
+        return score(cases()[name], switched_off(rules))
     except Exception as error:
         return {"name": name, "score": "crash", "message": repr(error), "cpu_seconds": 0.0}
 
 
-def scores(names, rules, workers):
-    """The scores of scenes with some rules switched off, each by the same worker each time, for it keeps the twins."""
-    futures = [workers[i % len(workers)].submit(scored, name, rules) for i, name in enumerate(names)]
-    return [future.result() for future in futures]
+def tried(name, rule_sets):
+    """The scores of a scene with all rules, then without each of some sets: in one process, which keeps the twin."""
+    return [scored(name, rules) for rules in ([], *rule_sets)]
 
 
 def compared(base, found):
@@ -91,7 +88,7 @@ def chosen(axes):
     """Names of the scenes of some axes of the matrix, None: of all."""
     _, kept = read(SCORES)
     short = {row["name"] for row in kept if float(row["cpu_seconds"]) < SECONDS}
-    named = {name: case for name, case in cases(METHODS).items() if not axes or case.axis in axes}
+    named = {name: case for name, case in cases().items() if not axes or case.axis in axes}
     return [name for name, case in named.items() if name in short and not getattr(case.reference, "same_mesh", False)]
 
 
@@ -104,15 +101,11 @@ def main():
     parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
     names = chosen(arguments.axis)
-    tried = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
-    rows = []
-    with ExitStack() as stack:
-        one = partial(ProcessPoolExecutor, 1, mp_context=get_context("spawn"))
-        workers = [stack.enter_context(one()) for _ in os.sched_getaffinity(0)]
-        base = scores(names, [], workers)
-        for rules in tried:
-            rows.append({"without": ", ".join(rules)} | compared(base, scores(names, rules, workers)))
-            print(rows[-1], flush=True)
+    rule_sets = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
+    with get_context("spawn").Pool(len(os.sched_getaffinity(0))) as pool:
+        base, *found = zip(*pool.map(partial(tried, rule_sets=rule_sets), names, chunksize=1))
+    rows = [{"without": ", ".join(rules)} | compared(base, one) for rules, one in zip(rule_sets, found)]
+    print(plain(rows))
     arguments.output.mkdir(parents=True, exist_ok=True)
     write(arguments.output / "without.csv", rows)
 

@@ -33,32 +33,15 @@ A white dot: the estimate, where the true error
 would cost too much."""
 
 
-def draw_all(found, folder, told):
-    """Draw what there are results for.
+def draw(found, folder, told):
+    """Energy error against unknowns, with the slopes of theory, and against CPU seconds; force error of HERTZ-A.
 
     Args:
-        found: Results.
-        folder: Path.
-        told: machine and versions, written below each plot.
-
-    Returns:
-        names of the pictures.
+        found: Results, some of both benchmarks.
+        folder: Path, for work_precision.png and .svg.
+        told: machine and versions, written below.
     """
-    figure = _main(found)
-    if figure is None:
-        return []
-    figure.text(0.005, 0.005, told, fontsize=6.5, color="#555555", ha="left", va="bottom")
-    for kind in ("png", "svg"):
-        figure.savefig(folder / f"work_precision.{kind}", dpi=110)
-    plt.close(figure)
-    return ["work_precision.png"]
-
-
-def _main(found):
-    """Energy error against unknowns, with the slopes of theory, and against CPU seconds; force error of HERTZ-A."""
     hertz, indentation = (_lines(found, group) for group in ("HERTZ-A", "INDENT-A"))
-    if not any(hertz.values()) or not any(indentation.values()):
-        return None
     figure, panels = plt.subplots(2, 3, figsize=(13.5, 8.2), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0.025, 1, 0.975))
     for row, lines, name in ((panels[0], hertz, "HERTZ-A"), (panels[1], indentation, "INDENT-A")):
@@ -75,7 +58,10 @@ def _main(found):
     shown = {label: line for axes in panels.flat for line, label in zip(*axes.get_legend_handles_labels())}
     panels[1, 2].legend(shown.values(), shown.keys(), loc="upper left", frameon=False)
     panels[1, 2].text(0.04, 0.58, _ABOUT, va="top", linespacing=1.5, fontsize=9.5)
-    return figure
+    figure.text(0.005, 0.005, told, fontsize=6.5, color="#555555", ha="left", va="bottom")
+    for kind in ("png", "svg"):
+        figure.savefig(folder / f"work_precision.{kind}", dpi=110)
+    plt.close(figure)
 
 
 def _triangle(axes, x, y, fraction, above=False):

@@ -16,11 +16,9 @@ import json
 import time
 from pathlib import Path
 
-from tqdm import tqdm
-
 from studies.runs import RunFailed, cpu, run, wall
 from studies.tables import TABLES, machine, write
-from studies.work_precision.figures import draw_all
+from studies.work_precision.figures import draw
 from studies.work_precision.points import points
 from studies.work_precision.tables import medians, promises, rows
 
@@ -51,35 +49,19 @@ def one_run(point, repeat, folder):
 HISTORY = ("cells", "dofs", "krylov_iterations", "estimate", "true_error", "l2_error", "effectivity", "force")
 
 
-def expected(point):
-    """Guessed seconds of a point's first run, for the time left on the progress bar."""
-    words = point.case.options.split()
-    given = dict(zip(words, words[1:]))
-    tolerance, degree = float(given.get("--tolerance", 0.04)), int(given.get("--degree", 2))
-    dofs = 1e5 * (0.01 / tolerance) ** 1.5 if degree == 2 else 2.5e5 * (0.04 / tolerance) ** 3
-    if given.get("--uniform", "").isdigit():
-        dofs = 2e3 * 8 ** (int(given["--uniform"]) + degree - 1)
-    return 3 + 5e-5 * dofs * (4 if "--true-error" in given else 1)
-
-
 def measure(wanted, folder, repeats):
-    """Run what has not been run, the shortest first: runs.jsonl grows by a line a run."""
-    path = folder / "runs.jsonl"
-    done = load(path)
-    count = {}
-    for record in done:
-        count.setdefault(record["command"], []).append(record)
-    total = sum(expected(point) for point in wanted)
-    form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} done, {remaining} left"
-    with tqdm(total=total, bar_format=form, dynamic_ncols=True) as bar, path.open("a") as file:
-        for point in sorted(wanted, key=expected):
-            runs = count.setdefault(point.case.command, [])
-            bar.set_description_str(f"{point.line}"[:32].ljust(32))
+    """Run what has not been run: runs.jsonl grows by a line a run."""
+    path, known = folder / "runs.jsonl", {}
+    for record in load(path):
+        known.setdefault(record["command"], []).append(record)
+    with path.open("a") as file:
+        for number, point in enumerate(wanted, 1):
+            runs = known.setdefault(point.case.command, [])
             while len(runs) < repeats and not any(_settled(r) for r in runs):
+                print(f"{number} of {len(wanted)}: {point.case.command}", flush=True)
                 runs.append(one_run(point, len(runs), folder))
                 file.write(json.dumps(runs[-1]) + "\n")
                 file.flush()
-            bar.update(expected(point))
 
 
 def _settled(record):
@@ -130,8 +112,9 @@ def main():
     for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
         write(folder / f"{name}.csv", table, made_by)
         print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
-    pictures = draw_all(found, folder, _told(runs))
-    print(f"results in {arguments.output}: runs.jsonl, points.csv, promises.csv, {', '.join(pictures)}")
+    if {"HERTZ-A", "INDENT-A"} <= {r.point.group for r in found if not r.failed}:
+        draw(found, folder, _told(runs))
+    print(f"results in {arguments.output}")
 
 
 def _told(runs):

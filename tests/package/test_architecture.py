@@ -199,18 +199,6 @@ def test_words_of_the_field(path):
             assert not re.search(word, line, re.IGNORECASE), f"line {number}: {word} (say {better})"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_docstrings(path):
-    """Modules, and all classes, functions and methods without underscore, say what they are."""
-    tree = tree_of(path)
-    assert ast.get_docstring(tree), "no module docstring"
-    scopes = [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_"))]
-    for scope in scopes:
-        for node in scope.body:
-            if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
-                assert ast.get_docstring(node), f"{node.name} in line {node.lineno} has no docstring"
-
-
 def test_the_checks_can_fail():
     """An import upward, a print, and an outer optional import are seen."""
     bad = ast.parse(

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -37,42 +38,34 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.parallel.mpi import together
 from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
-from fx_contact.problem import hexahedron
+from fx_contact.problem import block, join, root_mesh_from_shapes
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors, true_error
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import hertz_a
 
-STEEL = Material(young=1.0, poisson=0.3)
+STEEL, SOFT = Material(young=1.0, poisson=0.3), Material(young=2.0, poisson=0.3)
 COMM = MPI.COMM_WORLD
 
 
 def grid(n=1, order=1, low=(0.0, 0.0, 0.0), size=1.0):
     """Points and cells of n cells along z, each a cube."""
-    lattice = hexahedron.grid_points(order)
-    points = np.concatenate([lattice / order + [0, 0, k] for k in range(n)]) * size + low
-    keys = np.rint(points * 1e6).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return points[first], inverse.reshape(n, -1)
+    shape = block(low, np.add(low, size * np.array([1, 1, n])), (1, 1, n), order)
+    return shape.points, shape.cells
+
+
+def two_cells(*shift):
+    """Points and cells of a cube and its copy, shifted, which share no nodes."""
+    points, cells = grid()
+    return np.concatenate([points, points + shift]), np.concatenate([cells, cells + 8])
 
 
 def two_cubes(shift=0.0, order=1):
     """Two unit cubes, one above the other, the upper one moved sideways."""
-    lower, cells = grid(order=order)
-    upper = lower + [shift, 0, 1]
-    return RootMesh(
-        np.concatenate([lower, upper]),
-        np.concatenate([cells, cells + len(lower)]),
-        ("lower", "upper"),
-        np.array([0, 1], dtype=np.int32),
-        {
-            "base": np.array([[0, 0]]),
-            "under": np.array([[0, 5]]),
-            "over": np.array([[1, 0]]),
-            "top": np.array([[1, 5]]),
-        },
-    )
+    cube = block((0, 0, 0), (1, 1, 1), (1, 1, 1), order)
+    surfaces = {"base": "lower bottom", "under": "lower top", "over": "upper bottom", "top": "upper top"}
+    return root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(shift, 0, 1)}, surfaces)
 
 
 def press(*extra, **changes):
@@ -100,15 +93,10 @@ def leaning(*vertices, pressure=0.01, **changes):
 
 def far_apart(ratio, *held):
     """A cube held below, and far from it one smaller by a ratio, held at corners: (corner, x, y, z)."""
-    (points, cells), (small, _) = grid(), grid(low=(3.0, 0.0, 0.0), size=ratio)
-    mesh = RootMesh(
-        np.concatenate([points, small]),
-        np.concatenate([cells, cells + 8]),
-        ("large", "small"),
-        [0, 1],
-        {"base": [[0, 0]]},
-        {str(corner): [8 + corner] for corner, *_ in held},
-    )
+    _, cells = two_cells(3, 0, 0)
+    points = np.concatenate([grid()[0], grid(low=(3.0, 0.0, 0.0), size=ratio)[0]])
+    vertices = {str(corner): [8 + corner] for corner, *_ in held}
+    mesh = RootMesh(points, cells, ("large", "small"), [0, 1], {"base": [[0, 0]]}, vertices)
     conditions = Dirichlet("base", 0, 0, 0), *(Dirichlet(str(corner), *values) for corner, *values in held)
     return Scene("far apart", mesh, {"large": STEEL, "small": STEEL}, conditions)
 
@@ -118,56 +106,43 @@ def pressed_by(displacement):
     return press(dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", 0.0, 0.0, displacement)))
 
 
-def inverted():
-    points, cells = grid()
-    return RootMesh(points, cells[:, ::-1], ("a",), np.zeros(1, np.int32))
-
-
-def cracked():
-    """Two cells that touch without sharing their nodes."""
-    points, cells = grid()
-    return RootMesh(
-        np.concatenate([points, points + [0, 0, 1]]),
-        np.concatenate([cells, cells + 8]),
-        ("a",),
-        np.zeros(2, np.int32),
-    )
+def of(lower, upper):
+    """The two cubes of other materials."""
+    return press(materials={"lower": lower, "upper": upper})
 
 
 def hanging_roots():
     """A cell beside two half as high: a root mesh may not have hanging nodes."""
-    points = hexahedron.grid_points(1).astype(float)
-    small = points * [1, 1, 0.5] + [1, 0, 0]
-    both = np.concatenate([points, small, small + [0, 0, 0.5]])
-    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    return RootMesh(both[first], inverse.reshape(3, 8), ("a",), np.zeros(3, np.int32))
+    one, two = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), block((1, 0, 0), (2, 1, 1), (1, 1, 2), 1)
+    return root_mesh_from_shapes({"a": join(one, two)})
 
 
-def gmsh_box(recombine=True, order=1, extra=False, twice=False, triangles=False):
-    """A root mesh of a box, by Gmsh; `triangles`: beside a surface that is not recombined."""
+def box(recombine=True, order=1, extra=False, twice=False, triangles=False):
+    """A box in Gmsh; `triangles`: beside a surface that is not recombined."""
+    import gmsh
 
-    def build():
-        import gmsh
-
-        gmsh.clear()
-        gmsh.model.add("box")
-        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        if extra:
-            gmsh.model.occ.addBox(2, 0, 0, 1, 1, 1)
+    gmsh.clear()
+    gmsh.model.add("box")
+    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+    if extra:
+        gmsh.model.occ.addBox(2, 0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(3, [1], name="box")
+    if twice:
+        gmsh.model.addPhysicalGroup(3, [1], name="again")
+    if recombine:
+        gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
+    if triangles:
+        surface = gmsh.model.occ.addRectangle(0, 0, 2, 1, 1)
         gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(3, [1], name="box")
-        if twice:
-            gmsh.model.addPhysicalGroup(3, [1], name="again")
-        if recombine:
-            gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
-        if triangles:
-            surface = gmsh.model.occ.addRectangle(0, 0, 2, 1, 1)
-            gmsh.model.occ.synchronize()
-            gmsh.model.addPhysicalGroup(2, [surface], name="apart")
-        gmsh.model.mesh.generate(3)
-        gmsh.model.mesh.setOrder(order)
+        gmsh.model.addPhysicalGroup(2, [surface], name="apart")
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(order)
 
-    return root_mesh_from_gmsh(COMM, build)
+
+def gmsh_box(**how):
+    """The root mesh of a box in Gmsh."""
+    return root_mesh_from_gmsh(COMM, partial(box, **how))
 
 
 def too_many_ranks():
@@ -183,9 +158,10 @@ def small_hertz():
     return scenes.hertz(order=1, coarse=1, comm=COMM)
 
 
-def with_side(mesh):
-    """The same mesh with a name for a side of the lower cube, which shares an edge with its base."""
-    return replace(mesh, surfaces={**mesh.surfaces, "side": [[0, 1]]})
+def with_surface(name, rows, *conditions):
+    """The two cubes pressed together, with another surface."""
+    mesh = two_cubes()
+    return press(*conditions, mesh=replace(mesh, surfaces={**mesh.surfaces, name: np.atleast_2d(rows)}))
 
 
 def unheld():
@@ -193,12 +169,6 @@ def unheld():
     scene = small_hertz()
     conditions = [c for c in scene.dirichlet if c.where not in ("bottom", "top")] + [Dirichlet("top", z=0.01)]
     return replace(scene, dirichlet=tuple(conditions))
-
-
-def apart():
-    """Points and cells of two cubes that do not touch."""
-    points, cells = grid()
-    return np.concatenate([points, points + [3, 0, 0]]), np.concatenate([cells, cells + 8])
 
 
 #: A cube in Gmsh's format.
@@ -229,18 +199,24 @@ $EndElements
 """
 
 
-def from_file(data, name="cube.msh"):
-    """The root mesh of a file with the given text or bytes."""
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    path = Path(folder) / name
+@contextmanager
+def shared_folder():
+    """A folder for all ranks, for a while.  Collective."""
+    path = Path(COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None))
     try:
-        if COMM.rank == 0:
-            path.write_bytes(data if isinstance(data, bytes) else data.encode())
-        return root_mesh_from_file(COMM, path)
+        yield path
     finally:
         COMM.Barrier()
         if COMM.rank == 0:
-            shutil.rmtree(folder)
+            shutil.rmtree(path)
+
+
+def from_file(data, name="cube.msh"):
+    """The root mesh of a file with the given text or bytes."""
+    with shared_folder() as folder:
+        if COMM.rank == 0:
+            (folder / name).write_bytes(data if isinstance(data, bytes) else data.encode())
+        return root_mesh_from_file(COMM, folder / name)
 
 
 def with_units(length=1.0, shift=0.0):
@@ -272,25 +248,18 @@ def begin(change=lambda values: values, **others):
     return first(replace(small_hertz(), **others), beginning=replace(beginning, values=change(beginning.values)))
 
 
-def nan_on_last_rank(values):
-    """The same values, but for one that is no number."""
+def on_last_rank(value, elsewhere):
+    """One value on the last rank, another on the others, of which there must be some."""
+    if COMM.size == 1:
+        pytest.skip("one rank agrees with itself")
+    return value if COMM.rank == COMM.size - 1 else elsewhere
+
+
+def with_nan(values):
+    """The same values, but for one on the last rank that is no number."""
     values = values.copy()
     values[-1, -1, -1] = np.nan if COMM.rank == COMM.size - 1 else 0.0
     return values
-
-
-def of_one_rank():
-    """A beginning that each rank has for itself."""
-    if COMM.size == 1:
-        pytest.skip("one rank has no other communicator")
-    return Beginning.uniform(small_hertz(), 0, MPI.COMM_SELF)
-
-
-def unlike_levels():
-    """Root cells that only the last rank refines."""
-    if COMM.size == 1:
-        pytest.skip("one rank agrees with itself")
-    return Beginning.uniform(small_hertz(), int(COMM.rank == COMM.size - 1), COMM)
 
 
 def refine(marked):
@@ -302,13 +271,9 @@ def refine(marked):
 def go_on(**others):
     """A run of another scene that goes on from a checkpoint."""
     scene = small_hertz()
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    try:
+    with shared_folder() as folder:
         first(scene, checkpoint=folder)
         return first(replace(scene, **others), restart=Checkpoint(folder, scene, COMM))
-    finally:
-        COMM.Barrier()
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Unspeakable:
@@ -323,22 +288,11 @@ def finer():
     return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
 
 
-def never_converges():
-    solver = Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12)
-    list(adapt(scenes.hertz(order=1, coarse=4, comm=COMM), 0.5, COMM, solver=solver, max_steps=1))
-
-
-def unwritable_fields():
-    write_fields(next(adapt(small_hertz(), 0.5, COMM)), "/dev/null")
-
-
 #: Functions of no argument by the error that they must end with, and words of its message.
 CASES = {
     SceneError: [
         (lambda: Material(0.0, 0.3), "Young's modulus must be a positive number, got 0"),
         (lambda: Material(-1.0, 0.3), "positive number, got -1"),
-        (lambda: Material(np.nan, 0.3), "got nan"),
-        (lambda: Material("stiff", 0.3), "'stiff'"),
         (lambda: Material(1.0, 0.5), "between -1 and 0.5"),
         (lambda: Material(1.0, 0.7), "0.7"),
         (lambda: Enforcement("penalty", -1.0), "penalty factor must be a positive number"),
@@ -371,8 +325,8 @@ CASES = {
         (lambda: press(Dirichlet("base", z=1.0)), "component z on 'base'"),
         (lambda: Traction("top", (0, 1)), "three components"),
         (lambda: ContactPair("top", "top"), "itself"),
-        (lambda: RootMesh(*apart(), ("a",), [0, 0]), "falls into separate parts"),
-        (lambda: RootMesh(*apart(), ("a", "a"), [0, 1]), "different names"),
+        (lambda: RootMesh(*two_cells(3, 0, 0), ("a",), [0, 0]), "falls into separate parts"),
+        (lambda: RootMesh(*two_cells(3, 0, 0), ("a", "a"), [0, 1]), "different names"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 1], [0, 1]]}), "local face 0..5), none twice"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": np.zeros((0, 2), int)}), "at least one row"),
@@ -380,7 +334,6 @@ CASES = {
         (lambda: press(symmetry=0), "the number of copies, must be a whole number"),
         (lambda: press(contact_centre=(np.nan, 0, 0)), "contact_centre"),
         (lambda: press(dirichlet=Dirichlet("base", x=0.0)), "tuple of Dirichlet"),
-        (lambda: first(press(), "0.1"), "'0.1'"),
         (lambda: first(press(), max_steps=2.5), "2.5"),
         (lambda: first(press(), enforcement="penalty"), "Enforcement"),
         (lambda: first(press(), solver="ilu"), "Solver"),
@@ -412,10 +365,7 @@ CASES = {
         (lambda: root_mesh_from_file(COMM, "/tmp"), "Is a directory: '/tmp'"),
         (lambda: root_mesh_from_file(COMM, 5), "must be a path, got 5"),
         (lambda: root_mesh_from_file(COMM, "a" * 300 + ".msh"), "File name too long"),
-        (
-            lambda: press(materials={"lower": Material(1e9, 0.3), "upper": Material(1e-09, 0.3)}),
-            "check the units of the moduli",
-        ),
+        (lambda: of(Material(1e9, 0.3), Material(1e-09, 0.3)), "check the units of the moduli"),
         (lambda: Material(0.3, 210e9), "210000000000.0"),
         (lambda: with_units(length=1e-09), "body 'upper' is 1e-09 large"),
         (lambda: with_units(length=1e9), "body 'lower' is 1 large"),
@@ -426,7 +376,7 @@ CASES = {
         (lambda: scenes.hertz(displacement=5.0, comm=COMM), "along z differ by 5"),
         (lambda: scenes.hertz(displacement=1e7, comm=COMM), "check the units"),
         (
-            lambda: press(Dirichlet("side", z=0.5), mesh=with_side(two_cubes())),
+            lambda: with_surface("side", [0, 1], Dirichlet("side", z=0.5)),
             "component z on 'side' is prescribed as 0.5",
         ),
         (lambda: adapt(press(), 4, COMM), "4 % are 0.04"),
@@ -461,11 +411,9 @@ CASES = {
         (lambda: press(dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0),)), "nothing holds body 'upper'"),
         (lambda: leaning((0, 0.0, None)), "nothing holds body 'upper'"),
         (lambda: leaning((0, 0.0, 0.0)), "nothing holds body 'upper'"),
-        (lambda: far_apart(1e-05, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0)), "nothing holds body 'small'"),
+        (lambda: far_apart(1e-05, (0, 0.0, 0.0, 0.0), (1, None, 0.0, 0.0)), "nothing holds body 'small'"),
         (
-            lambda: replace(
-                scenes.shrink_fit(), dirichlet=(Dirichlet("z = 0", z=0.0), Dirichlet("rim", 0.0, 0.0, 0.0))
-            ),
+            lambda: replace(scenes.shrink_fit(), dirichlet=(Dirichlet("z = 0", z=0.0), Dirichlet("rim", 0, 0, 0))),
             "nothing holds body 'inner'",
         ),
         (lambda: scenes.shrink_fit((1.0, 0.5, 2.0)), "leaves no ring between the radii (1.0, 0.5, 2.0)"),
@@ -474,15 +422,18 @@ CASES = {
             lambda: begin(contact=(), dirichlet=(*small_hertz().dirichlet, Dirichlet("lower pole", z=0.0))),
             "other contact pairs",
         ),
-        (lambda: begin(nan_on_last_rank), "must be finite"),
+        (lambda: begin(with_nan), "must be finite"),
         (lambda: begin(lambda values: values[1:]), "8 or 27, 3 or more"),
         (lambda: begin(lambda values: values[..., :2]), "3 or more"),
         (lambda: begin(lambda _: "rest"), "array of float64, got 'rest'"),
-        (lambda: first(beginning=of_one_rank()), "communicator of 1 rank"),
+        (
+            lambda: first(beginning=Beginning.uniform(small_hertz(), 0, on_last_rank(MPI.COMM_SELF, MPI.COMM_SELF))),
+            "communicator of 1 rank",
+        ),
         (lambda: Beginning.uniform(small_hertz(), 30, COMM), "can be refined 14 times, got 30"),
         (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), "got 0.5"),
         (lambda: Beginning.uniform(small_hertz(), -1, COMM), "at least 0 and below 2^31, got -1"),
-        (unlike_levels, "number of refinements (0 on rank 0"),
+        (lambda: Beginning.uniform(small_hertz(), on_last_rank(1, 0), COMM), "number of refinements (0 on rank 0"),
         (lambda: Beginning.uniform(None, 1, COMM), "must be a Scene, got None"),
         (lambda: refine(lambda n: np.ones(max(n - 1, 0), bool)), "one for each of the"),
         (lambda: refine(lambda n: True), "got True"),
@@ -495,8 +446,8 @@ CASES = {
         (lambda: scenes.hertz(order=7, comm=COMM), "1 to 6, got 7"),
         (lambda: gmsh_box(order=7), "order 1 to 6"),
         (lambda: gmsh_box(recombine=False), "only hexahedra can be refined"),
-        (inverted, "root cell 0 of 1 is inverted"),
-        (cracked, "does not hold together near"),
+        (lambda: RootMesh(grid()[0], grid()[1][:, ::-1], ("a",), [0]), "root cell 0 of 1 is inverted"),
+        (lambda: RootMesh(*two_cells(0, 0, 1), ("a",), [0, 0]), "does not hold together near"),
         (hanging_roots, "does not hold together near"),
         (lambda: RootMesh(np.zeros((9, 3)), np.arange(9)[None], ("a",), [0]), "got shape (1, 9)"),
         (lambda: RootMesh(np.full((8, 3), np.nan), np.arange(8)[None], ("a",), [0]), "finite"),
@@ -533,7 +484,7 @@ CASES = {
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
         (lambda: press(mesh=two_cubes(shift=0.1)), "face 5 of root cell 0"),
         (lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))), "two contact pairs"),
-        (lambda: press(mesh=_with_surface(two_cubes())), "2 facets face 1"),
+        (lambda: with_surface("under", [[0, 5], [0, 1]]), "2 facets face 1"),
     ],
     SolveError: [
         (lambda: list(adapt(unheld(), 0.5, COMM)), "nothing holds body 'lower' once the contact opens"),
@@ -545,7 +496,13 @@ CASES = {
         (lambda: with_options(ksp_type="minres"), "must be one of cg, fcg"),
         (lambda: with_options(pc_type="bddc"), "PETSc cannot work with the solver's options"),
         (lambda: Beginning.uniform(small_hertz(), 12, COMM), "a forest of 549,755,813,888 leaves needs"),
-        (never_converges, "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky ("),
+        (
+            lambda: first(
+                scenes.hertz(order=1, coarse=4, comm=COMM),
+                solver=Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12),
+            ),
+            "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky (",
+        ),
     ],
     OutputError: [
         (lambda: draw_pressure(first(), "/dev/null/pressure.png"), "cannot draw"),
@@ -555,12 +512,12 @@ CASES = {
         (lambda: first(checkpoint=3), "must be a path, got 3"),
         (lambda: first(checkpoint="/dev/null/a"), "name another folder"),
         (lambda: RecordWriter("/dev/null/run", COMM), "name another folder"),
-        (unwritable_fields, "name another folder"),
+        (lambda: write_fields(first(), "/dev/null"), "name another folder"),
     ],
     CheckpointError: [
         (lambda: Checkpoint("no/such", small_hertz(), COMM), "No such file"),
         (lambda: go_on(mesh=finer()), "root mesh"),
-        (lambda: go_on(materials={"lower": STEEL, "upper": Material(2.0, 0.3)}), "materials"),
+        (lambda: go_on(materials={"lower": STEEL, "upper": SOFT}), "materials"),
     ],
     PartitionError: [(too_many_ranks, "run on fewer ranks")],
 }
@@ -667,12 +624,6 @@ CASES[SceneError] += [
 ]
 
 
-def _with_surface(mesh):
-    """The same mesh, the surface "under" one facet larger."""
-    surfaces = dict(mesh.surfaces, under=np.array([[0, 5], [0, 1]]))
-    return RootMesh(mesh.points, mesh.cells, mesh.bodies, mesh.body, surfaces)
-
-
 def test_the_good_scene_passes():
     """What the bad cases spoil is right: two cubes pressed together have the force of two bars in series."""
     *_, step = adapt(press(), 0.9, MPI.COMM_SELF, max_steps=1)
@@ -698,14 +649,14 @@ def test_error(kind, action, words):
 @pytest.mark.parametrize("direction", [None, (0, 0, 1)])
 def test_what_contact_holds(direction):
     """A body on a single facet is held by all its corners, and needs no more than two vertices besides."""
-    scene = leaning((0, 0.0, 0.0), (4, None, 0.0), contact=(ContactPair("under", "over", direction),))
+    scene = leaning((0, 0.0, 0.0), (1, None, 0.0), contact=(ContactPair("under", "over", direction),))
     assert abs(first(scene).record.force / 0.01 - 1) < 1e-6
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1e-4, 1e-5])
 def test_what_vertices_hold(ratio):
     """Three vertices hold a body, however small it is beside the others, and far from them."""
-    assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (4, None, 0.0, 0.0), (2, None, None, 0.0)).rigid_motions.free)
+    assert not len(far_apart(ratio, (0, 0.0, 0.0, 0.0), (1, None, 0.0, 0.0), (2, None, None, 0.0)).rigid_motions.free)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, Fraction])
@@ -714,7 +665,7 @@ def test_numbers_of_any_kind(kind):
     tolerance, stiff = kind(1) / 2, Material(kind(1), kind(1) / 4)
     enforcement = Enforcement("penalty", kind(2**10))
     solver = Solver(tolerance=kind(1) / 2**27, loose_tolerance=kind(1) / 2**10)
-    scene = press(materials={"lower": stiff, "upper": stiff})
+    scene = of(stiff, stiff)
     record = next(adapt(scene, tolerance, COMM, enforcement=enforcement, solver=solver)).record
     again = next(adapt(scene, 0.5, COMM, enforcement=enforcement, solver=solver)).record
     assert abs(json.loads(json.dumps(record.as_json()))["estimate"] / again.estimate - 1) < 1e-12
@@ -833,7 +784,7 @@ UNLIKE = [
     ({}, {"checkpoint": "/dev/null/a"}, "checkpoint (null on rank 0"),
     ({}, {"progress": 3}, "must be a function"),
     ({}, {"restart": "here"}, "must be a Checkpoint, got 'here'"),
-    ({}, {"scene": press(materials={"lower": STEEL, "upper": Material(2.0, 0.3)})}, "materials ({"),
+    ({}, {"scene": of(STEEL, SOFT)}, "materials ({"),
     ({}, {"scene": pressed_by(-0.02)}, "displacement conditions ([["),
     (
         {"scene": pressed_by(lambda x: 0 * x[0] - 0.01)},
@@ -947,20 +898,9 @@ def test_function_that_ends_the_program():
 
 def test_gmsh_model_of_rank_0():
     """Rank 0 builds a Gmsh model, so what the others give does not matter."""
-
-    def build():
-        import gmsh
-
-        gmsh.model.add("box")
-        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(3, [1], name="box")
-        gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
-        gmsh.model.mesh.generate(3)
-
-    assert root_mesh_from_gmsh(COMM, build if COMM.rank == 0 else None).bodies == ("box",)
+    assert root_mesh_from_gmsh(COMM, box if COMM.rank == 0 else None).bodies == ("box",)
     with pytest.raises(TypeError, match="not callable"):
-        root_mesh_from_gmsh(COMM, None if COMM.rank == 0 else build)
+        root_mesh_from_gmsh(COMM, None if COMM.rank == 0 else box)
 
 
 def test_what_the_bad_cases_spoil_is_good():
@@ -973,14 +913,11 @@ def test_what_the_bad_cases_spoil_is_good():
     )
     scene = Scene("lists", mesh, {"a": STEEL}, [Dirichlet("base", 0, 0, 0), Dirichlet("corner", x=0)])
     assert scene.mesh.points.dtype == np.float64 and scene.mesh.body.dtype == np.int32
-    folder = COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else None)
-    for name in ("a.geo", "a.msh", "a.txt"):
-        with pytest.raises(SceneError, match="is no mesh file of Gmsh"):
-            from_file(f'SystemCall "touch {folder}/run";\n', name)
-    assert not list(Path(folder).iterdir())
-    COMM.Barrier()
-    if COMM.rank == 0:
-        Path(folder).rmdir()
+    with shared_folder() as folder:
+        for name in ("a.geo", "a.msh", "a.txt"):
+            with pytest.raises(SceneError, match="is no mesh file of Gmsh"):
+                from_file(f'SystemCall "touch {folder}/run";\n', name)
+        assert not list(folder.iterdir())
 
 
 #: A program that fails on the last rank, before it calls anything that all ranks call together.

@@ -49,6 +49,8 @@ def raised(function):
 def missing(tree):
     """What the docstrings of a module do not say, as sentences."""
     whole = (ast.get_docstring(tree) or "").lower()
+    if not whole:
+        yield "the module has no docstring"
     for name, doc, functions in public(tree):
         if not doc:
             yield f"{name} has no docstring"
@@ -68,7 +70,7 @@ def test_complete(path):
 
 
 def test_the_test_can_fail():
-    """All three kinds of gap are seen, in functions, methods and classes."""
+    """All kinds of gap are seen, in modules, functions, methods and classes."""
     bad = """
 def f(comm):
     '''Says nothing of ranks.'''
@@ -80,5 +82,5 @@ class A:
     def __init__(self, x): check_number("x", x); raise OutputError
     def h(self): pass
 """
-    assert [line.split()[0] for line in missing(ast.parse(bad))] == ["f", "g", "A", "A", "A.h"]
+    assert [line.split()[0] for line in missing(ast.parse(bad))] == ["the", "f", "g", "A", "A", "A.h"]
     assert len(MODULES) > 40 and "SceneError" in ERRORS

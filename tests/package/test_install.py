@@ -55,7 +55,7 @@ def declared():
 def test_all_imports_are_declared():
     """Of pip and of conda; nothing is found that the project does not have."""
     modules = imported()
-    assert {"dolfinx", "tqdm", "matplotlib", "pyvista", "yaml"} <= modules
+    assert {"dolfinx", "gmsh", "matplotlib", "pyvista", "yaml"} <= modules
     for number, names in enumerate(declared()):
         missing = {name for name in modules if FROM.get(name, (name, name))[number] not in names}
         assert not missing, missing
@@ -69,15 +69,8 @@ def test_pip_install(tmp_path):
     shutil.copytree(TOP / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(TOP / name, tmp_path)
-    offline = [
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-        "--break-system-packages",
-        "--root",
-        tmp_path / "root",
-    ]
-    command = [sys.executable, "-m", "pip", "install", *offline, "."]
+    offline = "--no-deps --no-build-isolation --no-index --break-system-packages".split()
+    command = [sys.executable, "-m", "pip", "install", *offline, "--root", tmp_path / "root", "."]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert f"installed fx_contact-{fx_contact.__version__}" in done.stdout.replace("fx-contact", "fx_contact")

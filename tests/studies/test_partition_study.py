@@ -1,7 +1,6 @@
 """The partition study from end to end on small meshes: scores, kernels on the ranks, prediction, tables, pictures."""
 
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,14 +10,15 @@ from mpi4py import MPI
 
 from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz
+from studies.partition import run as partition_study
+from studies.partition.scaling_kernels import TIMES, counted, measure
+from studies.partition.scaling_model import STAGES
 from studies.tables import read
 
 
 @pytest.fixture
 def study(monkeypatch):
     """The module of the demo, with one small benchmark."""
-    from studies.partition import run as partition_study
-
     small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.3, 0.3), 2: (0.3, 0.3)}, 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
     monkeypatch.setattr(partition_study, "TOLERANCES", {1: (0.3, 0.3)})
@@ -28,10 +28,7 @@ def study(monkeypatch):
 @pytest.fixture(scope="module")
 def kernels():
     """The kernels as measured here, once."""
-    from studies.partition.scaling_kernels import counted, measure
-
-    counts = counted(WORLD, 0.3)
-    return replace(measure(0.3), **counts)
+    return counted(WORLD, 0.3) | measure(0.3)
 
 
 @pytest.mark.slow
@@ -52,8 +49,6 @@ def test_study(study, kernels, monkeypatch, tmp_path):
         assert row["reductions"] <= row["summed"] <= row["reductions"] * row["parts"], row
     _, rows = read(folder / "model.csv")
     assert [row["parts"] for row in rows] == [32]
-    from studies.partition.scaling_model import STAGES
-
     for row in rows:
         stages = [row[name] for name in STAGES]
         assert min(stages) > 0 and sum(stages) == pytest.approx(row["total"], rel=1e-5)  # six digits are kept
@@ -81,10 +76,7 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
 @pytest.mark.skipif(WORLD.size != 2, reason="two ranks show all")
 def test_kernels(kernels):
     """All kernels are measured to be positive; rows travel as soon as there are two ranks."""
-    from studies.partition.scaling_kernels import TIMES
-
-    assert len(TIMES) == 6
     for name in TIMES:
-        everywhere(getattr(kernels, name) > 0, name)
-    lengths, rows = kernels.exchanges
+        everywhere(kernels[name] > 0, name)
+    lengths, rows = kernels["exchanges"]
     assert lengths > 10 and (rows > lengths) == (WORLD.size > 1)

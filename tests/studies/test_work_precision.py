@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from conftest import WORLD
 
-from studies.work_precision.points import INDENT_A
+from studies.runs import Case, RunFailed, run
+from studies.work_precision import run as work_precision
+from studies.work_precision.figures import draw
+from studies.work_precision.points import INDENT_A, points, true_error_of_indentation
+from studies.work_precision.tables import medians, promises, rows, slope
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="the study is a serial program")
 
@@ -36,8 +40,6 @@ def line(point, repeat, wall, error):
 
 def test_commands_are_distinct():
     """No run is made twice, and the quick study is part of the full one."""
-    from studies.work_precision.points import points
-
     full, quick = points(False), points(True)
     commands = [point.case.command for point in full]
     assert len(set(commands)) == len(commands) > len(quick) > 9
@@ -48,10 +50,6 @@ def test_commands_are_distinct():
 @pytest.mark.slow
 def test_tables_and_plots(tmp_path):
     """Medians, a failure shown as one, and all plots that the results allow."""
-    from studies.work_precision.figures import draw_all
-    from studies.work_precision.points import points
-    from studies.work_precision.tables import medians, promises, rows
-
     wanted = points(True)
     runs = [
         line(point, repeat, wall, 0.01 * (number + 1))
@@ -67,18 +65,12 @@ def test_tables_and_plots(tmp_path):
     table = list(rows(found))
     assert [r["failed"] for r in table if r["command"] == broken] == ["SolveError: no"]
     assert len(table) == len(found) and list(promises(found))
-    names = draw_all(found, tmp_path, "a machine")
-    assert names == ["work_precision.png"]
-    assert all(
-        (tmp_path / name).with_suffix(kind).stat().st_size > 5000 for name in names for kind in (".png", ".svg")
-    )
+    draw(found, tmp_path, "a machine")
+    assert all((tmp_path / f"work_precision.{kind}").stat().st_size > 5000 for kind in ("png", "svg"))
 
 
 def test_measures():
     """Slope of a power law, and promises with the figures that they are held against."""
-    from studies.work_precision.points import points, true_error_of_indentation
-    from studies.work_precision.tables import medians, promises, slope
-
     x = np.array([1.0, 10.0, 300.0])
     assert slope(x, 5 * x**-0.4) == pytest.approx(-0.4)
     assert true_error_of_indentation(INDENT_A * 1.0004) == pytest.approx(0.02)
@@ -100,10 +92,7 @@ def test_measures():
 
 def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """What is in the file is not run again; a line cut short is; failures and long runs are not repeated."""
-    from studies.work_precision import run as work_precision
-    from studies.work_precision.points import points
-
-    wanted = sorted(points(True), key=work_precision.expected)[:3]
+    wanted = points(True)[:3]
     started = []
 
     def fake(point, repeat, folder):
@@ -126,8 +115,6 @@ def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_run_that_fails_or_hangs(tmp_path):
     """Errors of a demo come back as its own sentence; a run that takes too long is stopped."""
-    from studies.runs import Case, RunFailed, run
-
     with pytest.raises(RunFailed, match="SceneError: the tolerance must be"):
         run(Case("hertz", "--tolerance -1 --order 2 --coarse 2 --records-only", 1), tmp_path / "a")
     with pytest.raises(RunFailed, match="not done after 1 s"):
