@@ -48,6 +48,8 @@ class Floor(Contact):
 class FloorRows(RowKind):
     """A row for each node: n . u <= g, n downwards."""
 
+    SLIDES = True
+
     def apart(self, forest, leaf, face, points):
         x = forest.evaluate(forest.cell[leaf], points)
         return np.stack([0 * x[..., 0], 0 * x[..., 1], self.contact.height - x[..., 2]], axis=-1)
@@ -268,7 +270,7 @@ def test_three_kinds_in_a_stack(degree, method):
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_averaged_rows_are_the_same_anywhere(distribution):
+def test_averaged_rows_are_the_same_anywhere(distribution, monkeypatch):
     """Weights of a row add up to 1 and -1, and B u of a linear field is that of the node pairs, on any distribution."""
     scene = averaged(patch(cells=(2, 2, 1)))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=0.2))
@@ -283,6 +285,9 @@ def test_averaged_rows_are_the_same_anywhere(distribution):
     u = np.where(body[:, None] == 0, [0.1, 0.2, 0.7], [0.3, 0.0, -0.2]) + 0.0 * x
     everywhere(np.abs(rows.jump(u) - 0.9).max(initial=0.0) < 1e-12, "B u")
     everywhere(np.abs(rows.closing(u) - [-0.2, 0.2, 0.9]).max(initial=0.0) < 1e-12, "jump")
+    everywhere(np.abs(rows.sliding(u) - np.hypot(0.2, 0.2)).max(initial=0.0) < 1e-12, "sliding")
+    monkeypatch.setattr(AveragedRows, "SLIDES", True)
+    everywhere((rows.sliding(u) == 0).all(), "rows over a plane")
     total = WORLD.allreduce(float(rows.area.sum()))
     assert abs(total - 0.25) < 1e-12 and discrete(scene, forest).prolongation.owned > 0
 

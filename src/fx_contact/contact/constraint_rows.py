@@ -7,7 +7,7 @@ both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -72,6 +72,8 @@ class PressureCorrection(Protocol):
 
 class RowKind(ABC):
     """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
+
+    SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
 
     def __init__(self, scene: Scene, index: int) -> None:
         self.scene, self.index, self.contact = scene, index, scene.contact[index]
@@ -209,6 +211,13 @@ class ConstraintRows:
         sums = self.prolongation.zeros(3)
         np.add.at(sums, self.entries.node, force[self.entries.row][:, None] * self.values)
         return self.prolongation.summed(sums)
+
+    def sliding(self, u: FloatArray) -> FloatArray:
+        """Tangential distance of the sides, deformed, 0 in rows that slide: (n,) [m].  Collective; as `closing`."""
+        apart = self.separation(u)
+        tangential = apart - np.einsum("ni,ni->n", apart, self.normal)[:, None] * self.normal
+        slides = np.array([kind.SLIDES for kind in self.kinds])
+        return np.where(slides[self.contact], 0.0, np.linalg.norm(tangential, axis=1))
 
     def separation(self, u: FloatArray) -> FloatArray:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
