@@ -8,6 +8,7 @@ from conftest import WORLD
 from model_problems import side_by_side
 
 from fx_contact.adaptive.contact_figures import figures_of_contact
+from fx_contact.contact.constraint_rows import ConstraintRows
 
 
 @pytest.mark.parametrize("idle", [False, True])
@@ -21,7 +22,9 @@ def test_figures_of_all_ranks(idle):
         normal=np.tile([0.0, 0.6, 0.8], (each, 1)),
         position=np.stack([number, 0 * number, 0 * number + 5.0], axis=1).astype(float),
         area=np.full(each, 0.5),
+        kinds=[SimpleNamespace(contact=contact, index=index) for index, contact in enumerate(side_by_side().contact)],
     )
+    rows.force_components = lambda force: ConstraintRows.force_components(rows, force)
     solution = SimpleNamespace(
         force=1.0 + number, active=number > 0, pressure=2.0 + number, penetration=0.01 * (1.0 + number)
     )

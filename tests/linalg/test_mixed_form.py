@@ -126,7 +126,7 @@ def test_bound_is_of_both_residuals():
 def test_iterations_hardly_depend_on_poisson():
     """Twice as many as for steel at most, to the same relative error; forces tend to a limit."""
     last, force = {}, {}
-    for poisson in (0.3, 0.45, 0.499, 0.49999, 0.4999999):
+    for poisson in (0.3, 0.499, 0.49999, 0.4999999):
         step = solve(hertz(material=Material(1.0, poisson), coarse=2), 0.2)
         last[poisson], force[poisson] = step.record.krylov_iterations[-1], step.record.force
         assert step.record.preconditioner == "p-multigrid"
@@ -138,7 +138,7 @@ def test_iterations_hardly_depend_on_poisson():
 
 def test_pressures_of_rubber_have_no_checkerboard():
     """Contact pressures lie along Hertz's profile through the force, p0 (1 - r^2/a^2)^(1/2), at every node."""
-    step = solve(hertz(material=Material(1.0, 0.4999), order=6, coarse=2), 0.03)
+    step = solve(hertz(material=Material(1.0, 0.4999), order=6, coarse=2), 0.05)
     table = step.contact.gathered()
     if WORLD.rank == 0:
         modulus = 0.5 / (1 - 0.4999**2)
