@@ -29,16 +29,17 @@ alone = pytest.mark.skipif(WORLD.size > 1, reason="scores on one rank")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(WORLD.size != 2, reason="two minutes, on one number of ranks")
+@pytest.mark.skipif(WORLD.size != 2, reason="a minute, on one number of ranks")
 def test_scores():
-    """What `--quick` runs, each on one rank: right, rightly refused, or not right for the reason that is kept."""
+    """Every fourth of what `--quick` runs, on one rank each: right, rightly refused, or not for the reason kept."""
     _, kept = read(TOP / "studies/stability/scores.csv")
     known = {row["name"]: row["score"] for row in kept if row["score"] in ("noisy", "unreached", "error")}
-    mine = [stability.score(case) for case in list(CHOSEN.values())[WORLD.rank :: WORLD.size]]
+    cases = list(CHOSEN.values())[::4]
+    mine = [stability.score(case) for case in cases[WORLD.rank :: WORLD.size]]
     bad = [one for one in mine if one["score"] not in ("right", "refused", known.get(one["name"]))]
     everywhere(not bad, "\n".join(stability.line(one) for one in bad))
     good = WORLD.allreduce(sum(one["score"] in ("right", "refused") for one in mine))
-    assert good > 0.95 * len(CHOSEN) > 90
+    assert good > 0.95 * len(cases) > 20
 
 
 @alone
