@@ -10,6 +10,8 @@ from model_problems import side_by_side
 from fx_contact.adaptive.contact_figures import figures_of_contact
 from fx_contact.contact.constraint_rows import ConstraintRows
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 @pytest.mark.parametrize("idle", [False, True])
 def test_figures_of_all_ranks(idle):

@@ -11,6 +11,8 @@ from mpi4py import MPI
 from fx_contact.contact.active_set import ActiveSet
 from fx_contact.parallel.errors import SolveError
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100):
     """An ActiveSet of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""

@@ -24,6 +24,8 @@ from fx_contact.contact.enforcement import CAP
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.scenes import hertz
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def pairs_of(scene, enforcement=None, rounds=2, degree=1):
     """NodePairs on a randomly refined forest, along the contact-aware curve."""

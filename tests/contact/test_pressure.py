@@ -10,6 +10,8 @@ from fx_contact import Enforcement
 from fx_contact.contact.contact_facets import positions_across
 from fx_contact.contact.row_kinds import create_rows
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 SIZE = 0.5
 """Of the facets, squares, where nothing is refined at random [m]."""
 

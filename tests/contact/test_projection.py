@@ -21,6 +21,8 @@ from fx_contact import Material
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.projection import Projection
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def noisy(shape, salt):
     """Numbers in (-1, 1) that differ from rank to rank."""

@@ -16,6 +16,8 @@ from fx_contact.linalg.krylov import ConjugateGradients
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import preconditioner_options
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 @pytest.fixture(params=list(DISTRIBUTIONS))
 def problem(request):

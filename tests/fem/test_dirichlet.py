@@ -15,6 +15,8 @@ from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scenes import hertz, indentation
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 @pytest.mark.parametrize("make", [hertz, indentation])

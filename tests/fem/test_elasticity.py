@@ -41,6 +41,8 @@ from fx_contact.fem.supports import Supports
 from fx_contact.problem.boundary_conditions import Traction
 from fx_contact.problem.materials import Material
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def by_key(rows, keys):
     """Positions of the three unknowns of each vertex in a matrix ordered by key."""

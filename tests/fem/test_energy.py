@@ -7,6 +7,8 @@ from model_problems import DISTRIBUTIONS, STEEL, conforming_positions, discrete,
 
 from fx_contact import Material
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 #: Volumes of the two boxes [m^3].
 LOWER, UPPER = 4.0, 8.0
 

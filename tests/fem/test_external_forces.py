@@ -10,6 +10,8 @@ from model_problems import DISTRIBUTIONS, discrete, grown, pressed, roots, two_b
 from fx_contact import BodyForce, Pressure, Traction
 from fx_contact.fem.external_forces import body_force, finer_totals, load_and_totals
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 #: On the boxes [0, 2]^3 and [0, 2]^2 x [-1, 0]: each load, its body, its force and where that acts.
 LOADS = (
     (Traction("upper x high", (1.0, 2.0, -3.0)), 1, (4.0, 8.0, -12.0), (2.0, 1.0, 1.0)),

@@ -12,6 +12,8 @@ from fx_contact.fem.coarse_level import FLAT, strong_blocks
 from fx_contact.linalg.p_multigrid import solved_here, within_blocks
 from studies.boxes import DOWN, UP, Boxes
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def slab(aspect, poisson=0.3):
     """Three layers of flat cells on a rigid base, pressed in the middle."""

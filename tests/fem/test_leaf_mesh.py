@@ -29,6 +29,8 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import hertz
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 ORDERS = [1, 2, 3, 4, 6]
 
 

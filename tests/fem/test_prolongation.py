@@ -24,6 +24,8 @@ from fx_contact.fem.space import Space
 from fx_contact.problem import hexahedron
 from fx_contact.problem.lattice import edge_midpoints, face_centres
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 MESHES = dict(), dict(upper=(1, 2, 1), margin=1, flat_contact=False)
 
 

@@ -10,6 +10,8 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space, child_error
 from fx_contact.problem import hexahedron
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 
 def polynomial(points, degree):
     """A function of a degree in each coordinate, at points (..., 3)."""

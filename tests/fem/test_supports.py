@@ -14,6 +14,8 @@ from fx_contact.fem.dirichlet import find_supports, held_nodes, shared_forces
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 #: Unit normals of the planes, and of the side "top".
 NORMALS = np.linalg.inv(ALONG) / np.linalg.norm(np.linalg.inv(ALONG), axis=1)[:, None]
 

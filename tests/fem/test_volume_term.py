@@ -9,6 +9,8 @@ from mpi4py import MPI
 from fx_contact import Material
 from fx_contact.fem.supports import Supports
 
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
 #: Of the upper box, and its volume [m^3].
 RUBBER, UPPER = Material(1.0, 0.49), 8.0
 
