@@ -17,8 +17,10 @@ from fx_contact import (
     Enforcement,
     ErrorControl,
     Gap,
+    Material,
     MaxPressure,
     Reaction,
+    Scene,
     SceneError,
     adapt,
     solve,
@@ -30,6 +32,7 @@ from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
 from studies.goals.run import layers, square
@@ -92,15 +95,17 @@ class Leaves(list):
 
 
 @pytest.mark.parametrize("theta, marked", [(1.0, 0), (0.61, 0), (0.59, 1), (0.1, 2)])
-def test_an_error_is_corrected_by_the_effectivity(theta, marked):
+def test_an_error_is_corrected_by_the_effectivity(theta, marked, monkeypatch):
     """Of 2 N, 0.2 N may be wrong; 0.12 N are estimated, most of them of one cell."""
     leaf, errors = np.arange(4), np.array([0.1, 0.01, 0.009, 0.001]) / WORLD.size
     state = SimpleNamespace(forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=leaf)))
     dual = SimpleNamespace(relative=0.1, child_error=1 / 32)
     found = SimpleNamespace(dual=dual, error=errors, total=WORLD.allreduce(errors.sum()))
     functional = Functional(2.0, 2.0, penetration=np.ones(1))
-    goal = SimpleNamespace(name="force", tolerance=0.1, functional=lambda *_: functional)
-    (judged,) = judge_goals((goal,), SimpleNamespace(of=lambda *_: found), state, None, theta, ErrorControl())
+    monkeypatch.setattr(ContactForce, "functional", lambda *_: functional)
+    (judged,) = judge_goals(
+        (ContactForce("force", 0.1),), SimpleNamespace(of=lambda *_: found), state, None, theta, ErrorControl()
+    )
     record, times = judged.record, judged.refine
     assert (record.value, record.reached) == (2.0, marked == 0) and abs(record.error - 0.12 / theta) < 1e-12
     everywhere(np.count_nonzero(times) == marked, f"{times}")
@@ -128,15 +133,39 @@ def test_what_is_prescribed_has_no_error():
     assert [goal.error for goal in record.goals] == [0.0, None] and all(goal.reached for goal in record.goals)
 
 
-def test_reaction_and_contact_force(monkeypatch):
+def test_reaction_and_contact_force():
     """They balance each other, and so do their adjoint solutions: the errors are the same."""
-    monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)
     asked = ContactForce(POLES, ANY), Reaction("top", ANY), Reaction("top", ANY, (3, 0, 4))
     force, top, aside = once(hertz(order=2, coarse=2), asked).goals
     assert force.value > 0 and abs(force.value + top.value) < 1e-9 * force.value
     assert abs(force.error / top.error - 1) < 1e-3  # the tolerance of the adjoint solutions is 1e-6
     assert abs(aside.value / top.value - 0.8) < 1e-9 and abs(aside.error / top.error - 0.8) < 1e-3
     assert aside.allowed == pytest.approx(ANY * abs(top.value))
+
+
+def test_error_of_a_contact_force():
+    """With goals of the user there is one estimate for one force, without them a bound of it."""
+    scene, options = hertz(order=3, coarse=2), {"tolerance": 0.1}
+    plain = solve(scene, **options).record
+    asked = solve(scene, goals=(Reaction("top", ANY), ContactForce(POLES, ANY)), **options).record
+    assert plain.cells == asked.cells and plain.reached
+    reaction, force = asked.goals
+    assert reaction.error == pytest.approx(force.error, rel=1e-3)
+    assert force.error == pytest.approx(asked.pair_errors[0] * asked.force, rel=1e-12)
+    assert 1.05 < plain.pair_errors[0] / asked.pair_errors[0] < 3
+
+
+def test_goals_that_differ_in_the_last_digits():
+    """Each has its own value; points may be arrays."""
+    far = 1e6
+    bar = block((far, 0, 0), (far + 2, 1, 1), (2, 1, 1), 1)
+    held, pulled = Dirichlet("block left", x=0.0, y=0.0, z=0.0), Dirichlet("block right", x=0.02, y=0.0, z=0.0)
+    materials = {"block": Material(1.0, 0.0)}
+    scene = Scene("bar", root_mesh_from_shapes({"block": bar}), materials, (held, pulled))
+    points = np.array([[far + 1, 0.5, 0.5], [far + 2, 0.5, 0.5]])
+    record = solve(scene, 0.9, goals=[Displacement(point, (1, 0, 0), ANY) for point in points]).record
+    assert [goal.value for goal in record.goals] == pytest.approx([0.01, 0.02], rel=1e-6)
+    assert len({goal.name for goal in record.goals}) == 2
 
 
 def test_reaction_shared_by_conditions():
@@ -148,9 +177,8 @@ def test_reaction_shared_by_conditions():
 
 
 @pytest.mark.parametrize("make", [lambda **k: hertz(coarse=2, order=2, **k), lambda **k: indentation(coarse=2, **k)])
-def test_quarter_and_full_model(make, monkeypatch):
+def test_quarter_and_full_model(make):
     """Values are those of the whole, whatever is modelled, and errors of what is symmetric."""
-    monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)
     quarter, full = make(symmetry="quarter"), make(symmetry="full")
     (pair,) = (pair.name for pair in quarter.contact)
     goals = ContactForce(pair, ANY), Reaction("top", ANY), MaxPressure(pair, ANY)
@@ -160,9 +188,8 @@ def test_quarter_and_full_model(make, monkeypatch):
 
 
 @pytest.mark.ranks(2, 3)
-def test_same_on_any_number_of_ranks(monkeypatch):
+def test_same_on_any_number_of_ranks():
     """What all ranks find together is what one finds alone, where families of cells are cut too."""
-    monkeypatch.setattr("fx_contact.estimate.dual_weighted._LOOSE", 1e-6)
     point = Displacement((0.1, 0.2, 0.6), (1, 2, 3), ANY)
     goals = (
         ContactForce(POLES, ANY),

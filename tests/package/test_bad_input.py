@@ -111,6 +111,16 @@ def of(lower, upper):
     return press(materials={"lower": lower, "upper": upper})
 
 
+def one_name_twice():
+    """A stack whose two contacts have one name, from four names of surfaces."""
+    scene = scenes.stack()
+    pairs = ("a", "b on c"), ("a on b", "c")
+    old = [name for contact in scene.contact for name in contact.surfaces]
+    surfaces = dict(zip(("a", "b on c", "a on b", "c"), (scene.mesh.surfaces[name] for name in old)))
+    mesh = replace(scene.mesh, surfaces=scene.mesh.surfaces | surfaces)
+    return replace(scene, mesh=mesh, contact=tuple(ContactPair(*names, (0, 0, 1)) for names in pairs))
+
+
 def hanging_roots():
     """A cell beside two half as high: a root mesh may not have hanging nodes."""
     one, two = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), block((1, 0, 0), (2, 1, 1), (1, 1, 2), 1)
@@ -291,6 +301,7 @@ def finer():
 #: Functions of no argument by the error that they must end with, and words of its message.
 CASES = {
     SceneError: [
+        (one_name_twice, "two contacts have the name 'a on b on c': rename"),
         (lambda: Material(0.0, 0.3), "Young's modulus must be a positive number, got 0"),
         (lambda: Material(-1.0, 0.3), "positive number, got -1"),
         (lambda: Material(1.0, 0.5), "between -1 and 0.5"),

@@ -199,7 +199,7 @@ def _estimate(
     field = elasticity.field(solution.displacement)
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
     state = SolvedState(scene, forest, elasticity, field, discrete.problem.rows, solution, error.estimate)
-    return state, Goals(state, error, estimator, system, stages)
+    return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 
 
 def _check_solver(state: SolvedState, tolerance: float) -> None:

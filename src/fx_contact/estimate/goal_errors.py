@@ -1,7 +1,8 @@
 """Errors of the quantities of interest that the user asks for, and the cells to refine for them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -68,23 +69,30 @@ def judge_goals(
     """Values and estimated errors of goals, and the leaves to refine for them.
 
     Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  Closed rows
-    are taken to stay closed.  Goals of one quantity share an adjoint solution,
-    as good as the smallest tolerance needs.
+    are taken to stay closed.  Goals of one quantity share an adjoint solution.
 
     Args:
         duals: of the state; None: no errors are wanted yet.
         residual: (owned, 3), `nodal_residual` of the state [N].
         theta: effectivity by which estimated errors are divided [-].
     """
-    known: dict[str, tuple[Functional, Goal | None]] = {}
+    known: dict[Quantity, tuple[Functional, Goal | None]] = {}
     for quantity in sorted(goals, key=lambda goal: float(goal.tolerance)):
-        if quantity.name not in known:
+        key = _without_tolerance(quantity)
+        if key not in known:
             functional = quantity.functional(state, residual)
             goal = None
             if duals is not None and functional.depends(state.forest.comm):
                 goal = duals.of(functional, theta * quantity.tolerance * functional.size)
-            known[quantity.name] = functional, goal
-    return tuple(_judged(goal, *known[goal.name], duals is not None, state, theta, control) for goal in goals)
+            known[key] = functional, goal
+    return tuple(
+        _judged(goal, *known[_without_tolerance(goal)], duals is not None, state, theta, control) for goal in goals
+    )
+
+
+def _without_tolerance(quantity: Quantity) -> Quantity:
+    plain: Quantity = replace(cast(Any, quantity), tolerance=1.0)
+    return plain
 
 
 def _judged(

@@ -24,7 +24,7 @@ _SAME = 1e-6
 
 
 class Quantity(ABC):
-    """A quantity of interest; each kind is a frozen dataclass with a relative `tolerance` [-].
+    """A quantity of interest; each kind is a frozen dataclass, hashable, with a relative `tolerance` [-].
 
     Raises:
         SceneError: the tolerance is no positive number.
@@ -110,7 +110,7 @@ class Gap(OfPair):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_vector("the point of a Gap", self.point)
+        _set_vectors(self, point=self.point)
 
     @property
     def name(self) -> str:
@@ -172,7 +172,7 @@ class Displacement(Quantity):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_vector("the point of a Displacement", self.point)
+        _set_vectors(self, point=self.point, direction=self.direction)
         check_direction("the direction of a Displacement", self.direction)
 
     @property
@@ -233,6 +233,7 @@ class Reaction(Quantity):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.direction is not None:
+            _set_vectors(self, direction=self.direction)
             check_direction("the direction of a Reaction", self.direction)
 
     @property
@@ -282,15 +283,22 @@ def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]
     if not isinstance(goals, (tuple, list)):
         raise SceneError(f"goals must be a tuple of {kinds}, got {shown(goals)}")
     for goal in goals:
-        if not isinstance(goal, KINDS):
+        if not isinstance(goal, Quantity):
             raise SceneError(f"a goal must be one of {kinds}, got {shown(goal)}")
         goal.check(scene)
     return tuple(goals)
 
 
+def _set_vectors(quantity: Quantity, **vectors: Sequence[float]) -> None:
+    """Set attributes to tuples of three floats.  Raises SceneError: they are not three finite numbers."""
+    for name, vector in vectors.items():
+        check_vector(f"the {name} of a {type(quantity).__name__}", vector)
+        object.__setattr__(quantity, name, tuple(map(float, vector)))
+
+
 def _listed(point: Sequence[float]) -> str:
     """Three numbers as part of a name."""
-    return ", ".join(f"{x:g}" for x in point)
+    return ", ".join(f"{x:.12g}" for x in point)
 
 
 def _one(comm: MPI.Intracomm, rows: ConstraintRows, some: BoolArray, value: FloatArray) -> FloatArray:

@@ -87,6 +87,10 @@ class Scene:
         check_units(self)
         check_constrained(self)
         _ = self.mirrors  # raises an error for an impossible number of parts
+        names = [contact.name for contact in self.contact]
+        for name in names:
+            if names.count(name) > 1:
+                raise SceneError(f"two contacts have the name {name!r}: rename a surface")
 
     def __repr__(self) -> str:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
