@@ -421,9 +421,7 @@ COMPARED = [
         ("punch", punch, (2,)),
         ("stack of two", lambda: stack([Material(1.0, 0.3)] * 2), ()),
         ("stack of three", stack, ()),
-        ("stack of four", lambda: stack([Material(1.0, 0.3)] * 4), ()),
         ("tall cells", lambda: stack(cells=(5, 5, 3)), ()),
-        ("finer stack", lambda: stack(cells=(4, 4, 4)), ()),
     )
 ]
 
@@ -434,7 +432,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
     scene, count = make(), []
     first, second, *others = scene.materials
-    for ratio in 10.0 ** np.arange(-6, 7, 4):
+    for ratio in (1e-6, 1.0, 1e6):
         materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
         steps = adapt(replace(scene, materials=materials), 0.16, degree=1)
         count.append(iterations(*(step.record for step in steps)))

@@ -1,8 +1,8 @@
 """Every command and every block of code in the README and the documentation runs, in the order of the pages.
 
 What takes minutes is run in the smaller form that `SMALLER` tells: demos on coarse meshes, studies on a scene or two.
-Of tests names alone are collected (`--co`); of the studies in `LONG` the command line alone is read, by their own
-parsers, as are the command lines of all other studies as they are printed.  As it is printed, which takes hours:
+Of what is in `LONG` the command line alone is read, by its own parser, as are the command lines of all other studies
+and demos as they are printed; of tests the names are collected (`--co`).  As it is printed, which takes hours:
 
     ./with-dolfinx python3 -m pytest tests/demos/test_readme.py --as-printed
 """
@@ -49,13 +49,13 @@ SKIPPED = {
 #: What is run instead: coarse meshes; fields and pictures of the plain command alone, several ranks of that and of what
 #: keeps checkpoints, one of what goes on from them; studies of a scene or two, and results compared with themselves.
 SMALLER = (
+    (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"--tolerance \S+", "--tolerance 0.3"),
     (r"--true-error \S+", "--true-error 0.4"),
     (r"--coarse \d --uniform \d", "--uniform 1"),
     (r"(demos/(hertz|indentation)\.py)", r"\1 --coarse 2"),
     (r"--order [126]", "--order 2"),
     (r"(demos/\w+\.py) (?!.*--tolerance)", r"\1 --tolerance 0.3 "),
-    (r"(demos/(hertz|indentation)\.py) (?!.*--records-only)", r"\1 --records-only "),
     (r"mpirun -n \d (?=.*--records-only)(?!.*--checkpoint)|mpirun -n 3 (?=.*--restart)", ""),
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
     (r"(studies\.pictures\.run)$", r"\1 --quick --only stack"),
@@ -68,32 +68,34 @@ SMALLER = (
     (r"(mpirun -n \d )?(python3 studies/equivalence/records\.py) .*", r"\2 --only patch after.json"),
     (r"(studies/equivalence/compare\.py) .*", r"\1 after.json after.json"),
     (r"(studies\.stability\.compare) (\S+) .*", r"\1 \2 \2"),
-    (r"(mpirun -n \d )?python3 -m pytest", "python3 -m pytest --co -q"),
     (r"(studies\.mutations\.run).*", r"\1 --count 2 --list"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
-#: Studies that take minutes even in their smallest form; `test_notebooks` executes the notebooks.
+#: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
+#: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
 LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.forces|studies\.effectivity\.stress"
-LONG += r"|notebooks/execute\.py"
+LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"
-PARSED += r"((?:studies|tests|notebooks)[./](?!tables|.*compare)\S+)(.*)"
-#: Reads the command lines, one on each line of standard input, and says which ones their programs do not take.
+PARSED += r"((?:demos|studies|tests|notebooks)[./](?!tables|.*compare|.*own_gmsh)\S+)(.*)"
+#: Reads command lines, one on each line of standard input, and says which one its program does not take.
 READER = """
 import argparse, runpy, shlex, sys
 from pathlib import Path
 
-class Taken(Exception):
+class Taken(BaseException):
     pass
 
-def taken(*words, reads=argparse.ArgumentParser.parse_args):
-    reads(*words)
+def taken(*words, reads=argparse.ArgumentParser.parse_known_args):
+    if unknown := reads(*words)[1]:
+        sys.exit(f" unrecognized arguments: {unknown}")
     raise Taken
 
-argparse.ArgumentParser.parse_args = taken
+argparse.ArgumentParser.parse_known_args = taken
 for line in sys.stdin:
     sys.argv = shlex.split(line)
+    sys.modules.pop("common", None)  # of the demos, which reads the command line
     start = runpy.run_path if sys.argv[0].endswith(".py") else runpy.run_module
     sys.path.insert(0, str(Path(sys.argv[0]).parent))  # as of a script
     try:
@@ -102,7 +104,14 @@ for line in sys.stdin:
     except Taken:
         pass
     except SystemExit as end:
-        sys.exit(f"{line}{end}")
+        if end.code:
+            sys.exit(f"{line}{end}")
+"""
+#: Collects the tests that command lines of pytest select, and prints its exit codes.
+COLLECTOR = """
+import shlex, sys, pytest
+codes = [int(pytest.main(["--co", "-q", "-p", "no:cacheprovider", *shlex.split(line)])) for line in sys.stdin]
+print("\\n", *codes)
 """
 
 
@@ -221,16 +230,20 @@ def test_command(command, clone, request):
     ends_well(command, clone, request)
 
 
+def outcome_of(program, lines):
+    """A program that has read lines, at the top of the project."""
+    words, env = (sys.executable, "-c", program), outside()
+    return subprocess.run(words, input="\n".join(lines), capture_output=True, text=True, env=env, cwd=TOP)
+
+
 def refused(lines):
     """What the programs say of command lines that they do not take; "" if they take all."""
-    done = subprocess.run(
-        (sys.executable, "-c", READER), input="\n".join(lines), capture_output=True, text=True, env=outside(), cwd=TOP
-    )
+    done = outcome_of(READER, lines)
     return done.stderr if done.returncode else ""
 
 
 def test_arguments():
-    """Studies and other programs take the options and values that the pages give them."""
+    """Studies, demos and other programs take the options and values that the pages give them."""
     lines = parsed(dict.fromkeys(COMMANDS))
     assert len(lines) > 30 and len({line.split()[0] for line in lines}) > 12
     assert not refused(dict.fromkeys(lines))
@@ -243,13 +256,14 @@ def test_wrong_arguments_are_noticed(words):
     assert "unrecognized arguments" in refused([line]) or "invalid choice" in refused([line])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("words", ["-k no_such_test", "--kils 20"])
-def test_wrong_arguments_of_tests_are_noticed(words, clone):
-    """Tests that are not there, an option that pytest does not know."""
-    text = smaller(f"./with-dolfinx mpirun -n 2 python3 -m pytest tests/adaptive/test_checkpoint.py {words}")
-    code, _ = run(("./with-dolfinx", "sh", "-c", text), clone)
-    assert code in (4, 5), "pytest: usage error, nothing collected"
+def test_selected_tests():
+    """Command lines of pytest select tests; a name or an option that is not there is noticed."""
+    found = (re.fullmatch(r"(?:mpirun -n \d )?python3 -m pytest (.*)", bare(command)) for command in COMMANDS)
+    lines = [one[1] for one in found if one]
+    wrong = [f"tests/adaptive/test_checkpoint.py {words}" for words in ("-k no_such_test", "--kils 20")]
+    done = outcome_of(COLLECTOR, lines + wrong)
+    codes = [int(code) for code in done.stdout.splitlines()[-1].split()]
+    assert codes == [0] * len(lines) + [5, 4] and len(lines) > 3, "nothing collected: 5; usage error: 4"
 
 
 @pytest.mark.slow
@@ -323,9 +337,7 @@ def test_the_test_can_fail():
     for unknown in ("./with-dolfinx rm -rf x", "mpirun -n 2 python3 demos/none.py"):
         with pytest.raises(LookupError):
             reason(unknown)
-    assert (
-        smaller("demos/hertz.py --order 6")
-        == "python3 demos/hertz.py --records-only --tolerance 0.3 --coarse 2 --order 2"
-    )
+    assert smaller("demos/hertz.py --order 6") is None, "options alone"
+    assert smaller("demos/hertz.py") == "mpirun -n 2 python3 demos/hertz.py --tolerance 0.3 --coarse 2"
     assert len(COMMANDS) > 15 and len(BLOCKS) >= 3 and len(PRINTED) == 2
     assert sum(reason(command) is None for command in COMMANDS) > len(COMMANDS) / 2

@@ -161,14 +161,17 @@ def test_a_scene_with_an_unsure_reference():
 @alone
 def test_twins_are_kept_apart(monkeypatch):
     """Scenes have the twins that they have by themselves, whatever was solved before; one in common is solved once."""
-    first = NAMED["units-E/spheres-L-1e-9/1"]
-    alike = NAMED["units-E/spheres-L-1e-9/1e6"]
-    others = [NAMED["tilt/blocks/30-about-x"], replace(first, tolerance=0.5), replace(first, degree=1)]
+    first, alike = NAMED["tilt/blocks/10-about-x"], NAMED["tilt/blocks/45-about-x"]
+    others = [
+        NAMED["other-loads/pressure-beside-a-plate/0.02"],
+        replace(first, tolerance=0.5),
+        replace(first, degree=1),
+    ]
     kept = {}
     monkeypatch.setattr(stability, "_TWINS", kept)
     together = [stability.score(case) for case in (first, alike, *others)]
     assert len(kept) == 1 + len(others)
-    for case, one in zip((first, *others), (together[0], *together[2:])):
+    for case, one in zip(others, together[2:]):
         kept.clear()
         assert stability.score(case)["checks"] == one["checks"] and one["score"] == "right"
 
@@ -176,9 +179,8 @@ def test_twins_are_kept_apart(monkeypatch):
 @alone
 def test_a_twin_on_another_mesh_has_one():
     """A scene that is compared with itself on the same mesh would agree whatever it gives."""
-    for name in ("other-loads/beam-gap-over-deflection/0.9", "order/indentation/1"):
-        checks = stability.score(NAMED[name])["checks"]
-        assert all(deviation > 1e-6 for what, deviation, _, _ in checks if "against the twin" in what), name
+    checks = stability.score(NAMED["order/indentation/1"])["checks"]
+    assert all(deviation > 1e-6 for what, deviation, _, _ in checks if "against the twin" in what)
 
 
 @alone
