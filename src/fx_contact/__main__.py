@@ -1,7 +1,7 @@
 """Runner that ends all ranks when one fails: mpirun -n 2 python3 -m fx_contact program.py.
 
-Without it, the others would wait for a rank that ends before it imports this package, or while they are in MPI calls of
-their own.  mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is finalised before, which is collective.
+Without it the others wait for a rank that ends before its import of this package, or during MPI calls of their own.
+mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is finalised before, which is collective.
 """
 
 import runpy

@@ -74,7 +74,7 @@ def adapt(
             rotation", "no load".
         beginning: forest and displacement to start from; None: the root cells.
         checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
-        restart: checkpoint to continue with the next step, or with the same one again if that was the last.
+        restart: checkpoint; the run continues with its next step, or solves the last one again if there is none.
         progress: called on every rank with the number of the step and the stage (`timing.STAGES`) that begins; it must
             not raise.
 
@@ -91,7 +91,7 @@ def adapt(
         CheckpointError: the checkpoint is damaged, or of a run with another scene, degree, enforcement or geometry
             order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
-        CompilationError: there is no C compiler, or no folder for what it makes.
+        CompilationError: there is no C compiler, or no writable cache folder.
         ValidityError: nothing loads the scene, or strains or rotations are far from small (`validity`).
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Steps yielded before stay valid; an `FxContactError` holds the last state.

@@ -85,7 +85,7 @@ class Beginning:
         Collective on comm.
 
         Raises:
-            SceneError: scene or levels are none, or differ between ranks.
+            SceneError: scene or levels are invalid, or differ between ranks.
             SolveError: so many leaves would not fit into the memory.
         """
         check_comm(comm)
@@ -113,7 +113,7 @@ class Beginning:
             marked: (n,), leaves to refine, or how often to refine each.
 
         Raises:
-            SceneError: no step, or marked is no such array.
+            SceneError: the step is no Step, or marked is invalid.
             GeometryError: leaves of the finest level are marked.
             SolveError: the new forest would not fit into the memory.
         """

@@ -50,7 +50,7 @@ class CheckpointWriter:
 
     Raises:
         OutputError: the folder cannot be made, or holds a checkpoint that would be lost.
-        CheckpointError: a file with the name of a checkpoint is none, or cannot be read.
+        CheckpointError: an existing file of the same name is no checkpoint, or cannot be read.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class State:
     Attributes:
         values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
         estimate: its errors in the order of the leaves.
-        refine: (n,), how often to refine each leaf for contact, whatever the estimate says.
+        refine: (n,), number of refinements of each leaf for contact, beside those for the estimate.
     """
 
     forest: Forest
@@ -155,7 +155,7 @@ class Checkpoint:
         records: of all steps so far.
 
     Raises:
-        SceneError: folder or scene differ between ranks, or the scene is none.
+        SceneError: folder or scene differ between ranks, or the scene is no Scene.
         CheckpointError: there is none, it is not complete, damaged, of another format, or belongs to another scene.
     """
 

@@ -23,7 +23,7 @@ from mpi4py import MPI
 from fx_contact.parallel.errors import CheckpointError, writing
 from fx_contact.parallel.mpi import together
 
-#: Version of the content; up to 8 checkpoints were no archives.
+#: Version of the content; checkpoints up to version 8 were no archives.
 VERSION = 9
 #: First bytes of a ZIP file, and of checkpoints before version 9.
 _ZIP, _EARLIER = b"PK\3\4", b"fx-rows\n"
@@ -47,7 +47,7 @@ def write_checkpoint(
         path: in a folder that is there and that all ranks see.
         content: as JSON can hold it, the same on all ranks.
         arrays: by name, (n, ...), n of each rank.
-        allow: called by rank 0 before the new file replaces the old one; raises an error to keep that.
+        allow: called by rank 0 before the new file replaces the old one; raises an error to keep the old one.
 
     Raises:
         OutputError: the file cannot be written; the old one stays, the new one is removed.
@@ -122,7 +122,7 @@ class CheckpointFile:
         self.content, self._rows = about["content"], about["rows"]
 
     def array(self, name: str) -> npt.NDArray[Any]:
-        """This rank's share of an array: about as many rows for each rank, in the order of the ranks that wrote them.
+        """This rank's share of an array: blocks of nearly equal length, in the order of the ranks that wrote them.
 
         Collective on comm.  Raises CheckpointError if it cannot be read, or its checksum is wrong.
         """

@@ -10,12 +10,12 @@ from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.scene import Scene
 
-#: Largest relative difference of the semi-axes of the ellipse with the second moments of round contact, and of its
-#: radius from that of its area: the radius is then within 6 % of both semi-axes.  A sphere whose pole is beside the
-#: nodes has semi-axes 1 : 0.81, 0.88, 0.94 with 4, 26, 11 closed pairs, 1 : 0.998 with 142.
+#: Contact is round if b >= (1 - ROUND) a and A >= (1 - ROUND)^2 pi r^2.  a and b are the semi-axes of the ellipse
+#: with the second moments of the forces, r^2 = (a^2 + b^2) / 2, and A is the closed area: r is within 6 % of a and b.
+#: A sphere whose pole is beside the nodes has b / a = 0.81, 0.88, 0.94 with 4, 26, 11 closed pairs, 0.998 with 142.
 ROUND = 0.1
-#: Least length of the sum of the forces over the sum of their lengths of contact that has an axis: that of uniform
-#: pressure on a hemisphere; (1 + cos t) / 2 on a cap up to the angle t.
+#: Contact has an axis if |sum f| / sum |f| of its forces f is larger: the value of uniform pressure on a hemisphere;
+#: on a cap up to the angle t it is (1 + cos t) / 2.
 _AXIS = 0.5
 
 
@@ -27,13 +27,13 @@ class ContactFigures:
         active_pairs: closed node pairs.
         force: sum of `pair_forces` [N].
         pair_forces: normal contact force of each contact pair [N].
-        pair_alignments: length of the sum of each pair's forces over the sum of their lengths [-], 1 where they are
-            parallel; None: the pair is open.
+        pair_alignments: |sum f| / sum |f| of the forces f of each pair [-], 1 if they are parallel; None: the pair is
+            open.
         contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; without forces the middle
             of the bodies [m].
         contact_radius: radius of Hertz's contact with the same second moments of the forces about `contact_centre` [m];
-            None where they differ across the contact, or take more than the closed area (a flat punch), or where
-            several pairs have force; 0 without contact.
+            None if these differ across the contact, are too large for the closed area (a flat punch), or several
+            pairs have force; 0 without contact.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
     """
@@ -96,9 +96,9 @@ def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:
 def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float) -> bool:
     """True if the forces have the spread of round bodies across their resultant.
 
-    Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  The circle of that
-    radius has 0.59 to 1.08 times the closed area of spheres on meshes with four or more closed pairs in a quarter, 1.25
-    times that of uniform pressure on a circle, 1.31 times on a square, 1.67 times of a flat round punch.
+    Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  The area of that
+    circle over the closed area is 0.59 to 1.08 for spheres (four or more closed pairs in a quarter), 1.25 for uniform
+    pressure on a circle, 1.31 on a square, 1.67 for a flat round punch.
 
     Args:
         tensor: (3, 3), second moments of the forces [N m^2].

@@ -47,8 +47,8 @@ def sweep(
 ) -> "Sweep":
     """Solve scenes that depend on a number (approach, force, modulus), each to a prescribed accuracy.
 
-    Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before, on
-    its forest coarsened by two refinements; where the root mesh or the contact pairs of the scene change, anew.
+    Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before on
+    its coarsened forest (`carried_over`), or anew if the root mesh or the contact pairs of the scene change.
     Contact without friction has no history: the points may be solved in any order.
 
     Args:
@@ -56,7 +56,7 @@ def sweep(
         values: of the parameter, numbers.
         tolerance: prescribed relative error e in the energy norm of each point, (6) [-].
         folder: for `sweep.jsonl`, `sweep.csv` and the checkpoint of the last point; None: nothing is written.
-        restart: continue after the last point in that folder; `values` may be more than then.
+        restart: continue after the last point in that folder; further `values` may follow the old ones.
         options: of `adapt`, for each point; a `beginning` is for points that begin anew.
 
     Raises:
@@ -215,8 +215,8 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
     """The coarsened forest of a state, and its displacement there, a first guess.
 
     Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
-    with its siblings while their parent, where the solution is smooth, has at most this error after two refinements,
-    the most of one marking.  So a run has at least two meshes, and measures the effectivity of the estimator.
+    with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
+    error (smooth solution).  A run then has at least two meshes, and measures the effectivity of the estimator.
 
     Args:
         tolerance: prescribed accuracy e [-].

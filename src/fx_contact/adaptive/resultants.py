@@ -5,8 +5,8 @@ r = K u - L + B^T f.  The reaction of a condition is the sum of r_i over the com
 that of (x_i - c) x r_i.  Conditions that prescribe the same components share r_i (`fem.dirichlet.shared_forces`).
 
 On each body loads, contact forces and reactions add up to the solver's error, by the partition of unity.  So do their
-moments where the order of the leaves' geometry is at most the degree; elsewhere rotations are not among the
-displacements (an error of 3e-3 of the force times the radius on the coarsest Hertz mesh, of order 2, at degree 1).
+moments if the order q of the leaves' geometry is at most the degree p.  For q > p rotations are not among the
+displacements; on the coarsest Hertz mesh (q = 2, p = 1) the error is 3e-3 of the force times the radius.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Step(SolvedState):
     when first asked for, some of them collectively.
 
     Attributes:
-        start: (owned, 3), displacement carried from the step before, where the solve began [m].
+        start: (owned, 3), first guess of the solve, carried from the step before [m].
         history: with the effectivity measured by this step.
         stages: of this step, from the refinement that led to it.
         carried: (n, (p+1)^3, k) at the nodes of the leaves, further fields carried through refinement.
@@ -180,7 +180,7 @@ class Step(SolvedState):
     @cached_property
     @collective("self.forest.comm")
     def facet_tags(self) -> MeshTags:
-        """Tags of the facets on named surfaces; one on several has the last of them.  Collective."""
+        """Tags of the facets on named surfaces; a facet on several surfaces has the last one.  Collective."""
         topology = self.mesh.topology
         topology.create_entities(2)
         topology.create_connectivity(2, 3)
@@ -230,7 +230,7 @@ class Step(SolvedState):
 
 
 def check_step(step: object, contact: bool = False) -> None:
-    """Raises SceneError unless a value is a Step, if asked for with contact.  Local."""
+    """Raises SceneError unless a value is a Step, with contact pairs if `contact`.  Local."""
     if not isinstance(step, Step):
         raise SceneError(f"a Step is needed, as adapt yields them, got {shown(step)}")
     if contact and step.pairs is None:

@@ -127,7 +127,7 @@ class StepRecord(SolveRecord, ContactFigures):
         enforcement: `Enforcement.method`.
         control: `ErrorControl.mode`.
         contact_iterations: of the active set.
-        preconditioner: as asked for, or the one that took its place.
+        preconditioner: the chosen one, or its replacement.
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].
         pair_errors: estimated error of each pair's force, that of a goal `ContactForce`, relative to the force; None
             where it is 0 or nothing is known [-].

@@ -5,9 +5,9 @@ a share of |grad u| / 2. The largest strain grows without bound at the edge of a
 mean strain, weighted by the strain energy, does not depend on the mesh and is twice the omitted share of the energy.
 The rotation, weighted by the volume, is that of a rigid or a bent body.
 
-Sliding. Nodes face each other as long as they have slid by little against the length on which the gap changes: the
-radius of the contact, or between parallel surfaces that of the surfaces.  A body that slides in another of its own
-curvature turns, and shows as a large rotation first.
+Sliding. The pairing of nodes is valid for sliding that is small against the length on which the gap changes: the
+radius of the contact, or of parallel surfaces.  A body that slides in another one of the same curvature turns: its
+large rotation is found first.
 """
 
 from collections.abc import Sequence
@@ -123,11 +123,11 @@ def _initial_overlap(scene: Scene) -> float:
 def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
     """All violated assumptions of a solution, the same on all ranks.
 
-    Collective on state.forest.comm.  Raises SceneError if a load that is a function is not finite somewhere.
+    Collective on state.forest.comm.  Raises SceneError for a function of a load that is not finite somewhere.
 
     Args:
-        state: its estimate with the energies of the cells.
-        load_totals: (k, nbodies, 6), of the loads, as from `load_and_totals`.
+        state: with the energies of the cells in `estimate`.
+        load_totals: (k, nbodies, 6), resultants of the k loads on each body, as from `load_and_totals`.
     """
     warnings = [*load_warnings(state.scene), *_large_deformations(state)]
     rows = state.pairs
@@ -138,7 +138,7 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
 
 
 def _large_deformations(state: SolvedState) -> list[ModelWarning]:
-    """Large mean strain or rotation of a body, of the largest of each."""
+    """The largest mean strain and rotation of a body, if they exceed `LARGE`."""
     forest, names = state.forest, state.forest.mesh.bodies
     body = forest.mesh.body[forest.cell[state.elasticity.leaf_mesh.leaf]]
     strain, rotation, volume = cell_strains(state.field.function)

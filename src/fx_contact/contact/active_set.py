@@ -1,10 +1,10 @@
 """The active set of closed rows: first guess and updates.
 
 All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
-SIAM J. Optim. 13(3), 2002).  If a set comes back, single rows change, the lowest key first, until fewer rows are wrong
-than ever before.  Contact is a linear complementarity problem with a positive definite matrix, for which single changes
-end (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal, J. J. Judice, L. N. Vicente,
-Math. Comput. 63, 1994).
+SIAM J. Optim. 13(3), 2002).  If a set recurs, single rows change, the lowest key first, until the number of wrong
+rows has a new minimum.  Contact is a linear complementarity problem with a positive definite matrix: single changes
+terminate (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal, J. J. Judice,
+L. N. Vicente, Math. Comput. 63, 1994).
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ class ActiveSet:
     Collective on the prolongation's comm.
 
     Args:
-        scene: to support bodies that an active set leaves loose; None: not checked.
+        scene: to support bodies that an active set leaves unconstrained; None: not checked.
         u: (owned, 3), displacement [m].
         most: updates.
 
@@ -31,10 +31,10 @@ class ActiveSet:
         updates: number of active sets.
     """
 
-    #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a loose body.
+    #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
     _BANDS = 4.0 ** -np.arange(12, -1, -1)
-    #: Penetrations and gaps up to this part of the largest displacement are rounding, 1e4 times that of a double, as of
-    #: rows that were closed on the coarser mesh.
+    #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
+    #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
 
     def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int) -> None:
@@ -66,7 +66,7 @@ class ActiveSet:
         return self._supporting(wanted, trial / self._rows.capped_stiffness)
 
     def check_supported(self) -> None:
-        """Check that the rows that support the bodies press.  Local.  Raises SolveError: they pull."""
+        """Check the supporting rows of unconstrained bodies.  Local.  Raises SolveError: they are in tension."""
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
@@ -85,10 +85,10 @@ class ActiveSet:
         return bool(same.any())
 
     def update(self, wanted: BoolArray) -> None:
-        """Change all rows that are wrong, or one of them if all lead back to a set that was tried.
+        """Change all wrong rows, or a single one if the set would recur.
 
         Raises:
-            SolveError: there were too many updates, or a body is supported by rows that pull alone.
+            SolveError: there were too many updates, or only rows in tension support a body.
         """
         if self.cycles(wanted):
             self.check_supported()
@@ -111,7 +111,7 @@ class ActiveSet:
         self._tried.append(wanted)
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
-        """An active set with the rows closest to touching that support loose bodies."""
+        """An active set with the rows closest to touching that support unconstrained bodies."""
         self._loose = self._loose_bodies(active)
         if self._loose:
             top, bottom = self._max(penetration), -self._max(-penetration)

@@ -26,7 +26,7 @@ class ContactProblem:
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
         rows: B and D; None: no contact.
-        scene: to move its bodies into contact, and to find those that an active set leaves loose; None: neither.
+        scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
     """
@@ -41,7 +41,7 @@ class ContactProblem:
     volume: VolumeTerm | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
-        """The linear solver of K, which owns the matrix.  Collective on matrix.comm."""
+        """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""
         return LinearSolver(self.matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 

@@ -53,7 +53,10 @@ class ContactSolution:
 def solve_contact(
     problem: ContactProblem, start: FloatArray, options: SolveOptions, stages: Stages
 ) -> ContactSolution:
-    """The solution of `solve_system`, whose system is freed.  Collective on problem.matrix.comm."""
+    """The solution of `solve_system`, whose system is freed.
+
+    Collective on problem.matrix.comm.  Raises SolveError as `solve_system`.
+    """
     with PetscObjects(problem.matrix.mat, problem.coarse) as objects:
         return solve_system(problem, start, options, stages, objects)[0]
 
@@ -73,7 +76,7 @@ def solve_system(
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, too many active sets, a loose body, or prescribed penetrations.
+        SolveError: a linear solve fails, too many active sets, an unconstrained body, or prescribed penetrations.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem

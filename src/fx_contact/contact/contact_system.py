@@ -14,8 +14,8 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
-#: Penetrations and gaps of closed rows up to this part of the approach are errors of the linear solver (100 times its
-#: default tolerance), up to this part of the largest displacement rounding (1e4 times that of a double).
+#: Errors of penetrations and gaps of closed rows: of the linear solver, relative to the approach (100 times its
+#: default tolerance); by rounding, relative to the largest displacement (1e4 times that of a double).
 _OF_APPROACH, _OF_DISPLACEMENT = 1e-6, 1e-12
 
 
@@ -32,7 +32,7 @@ class LinearSystem:
             self.solver.set_up()
 
     def solve(self, load: FloatArray, u: FloatArray, tolerance: float) -> FloatArray:
-        """The displacement [m] for a load [N], from a first guess [m], all (owned, 3)."""
+        """The displacement [m] for a load [N], from a first guess [m], all (owned, 3).  Raises SolveError."""
         return self._supports.tangential(self.solver.solve(Equations(load), u, tolerance))
 
     def dual(
@@ -104,7 +104,7 @@ class ContactSystem:
         return Equations(load + PenaltyTerm(jump, in_matrix).load(), term, projection)
 
     def solve(self, active: BoolArray, u: FloatArray, tolerance: float) -> FloatArray:
-        """The displacement for closed rows (n,), from a first guess, both (owned, 3) [m]."""
+        """The displacement for closed rows (n,), from a first guess, both (owned, 3) [m].  Raises SolveError."""
         late = tolerance <= self._options.tolerance and self._disturbs(active)
         if not self._is_set_up or late or self.solver.is_slow:
             self._set_up(active)
@@ -131,7 +131,7 @@ class ContactSystem:
         self._in_matrix, self._is_set_up = active, True
 
     def _disturbs(self, active: BoolArray) -> bool:
-        """Rows that are not projected have another status in the preconditioner: outliers of the spectrum."""
+        """True if rows without projection have another status in the preconditioner: outliers of the spectrum."""
         return self._any((self._in_matrix != active) & ~(active & self._projected))
 
     def dual(
@@ -144,6 +144,9 @@ class ContactSystem:
             penetration: (n,), d [m].
             tolerance: of z, relative to its energy norm; not below that of the solver [-].
             z: first guess; None: 0.
+
+        Raises:
+            SolveError: as `LinearSolver.solve`, or as `Projection`.
         """
         jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
         guess = np.zeros_like(load) if z is None else z
@@ -166,7 +169,7 @@ class ContactSystem:
     def trial(self, u: FloatArray) -> FloatArray:
         """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Projected rows that other rows keep from closing count as open.
+        Projected rows that other rows keep from closing count as open.  Raises SolveError as `Projection`.
         """
         force = PenaltyTerm(self._jump, self._capped).forces(u)
         if self._projection is None:

@@ -31,8 +31,8 @@ def move_bodies(
 ) -> FloatArray:
     """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
 
-    A displacement that is 0 where nothing is prescribed has the energy of one layer of cells: for a stiff body on a
-    soft one a thousand times that of the solution, a dozen iterations of PCG.
+    A displacement that is 0 at free nodes has the energy of one layer of cells.  For a stiff body on a soft one this
+    is a thousand times the energy of the solution, and takes a dozen iterations of PCG.
 
     Collective on matrix.comm.
 

@@ -13,10 +13,15 @@ from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_facets import facet_shares
 from fx_contact.parallel.arrays import FloatArray
 
-#: Largest change of a nodal pressure [-].  Errors of HERTZ-A, order 6, with 33, 121 and 463 closed pairs: of the
-#: largest pressure by force over area 1.33, 0.32, 0.083 %; here, with any limit from 0.02 to 0.4 or none, 0.51, 0.10,
-#: 0.026 %; in the L2 norm by force over area 3.54, 2.14, 0.86 %; here 3.44, 2.10, 0.85 %; without a limit 3.51, 2.22,
-#: 0.94 %, and in INDENT-A pressures below 0 beside the edge.
+#: Largest change of a nodal pressure [-].  Errors [%] of HERTZ-A, order 6, with 33, 121 and 463 closed pairs:
+#:
+#:                                   largest pressure      L2 norm
+#:     force over area               1.33, 0.32, 0.083     3.54, 2.14, 0.86
+#:     corrected                     0.51, 0.10, 0.026     3.44, 2.10, 0.85
+#:     corrected without a limit     0.51, 0.10, 0.026     3.51, 2.22, 0.94
+#:
+#: Limits from 0.02 to 0.4 give the same largest pressure.  Without a limit INDENT-A has pressures below 0 beside the
+#: edge.
 _MOST = 0.1
 
 

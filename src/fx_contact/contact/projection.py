@@ -12,7 +12,7 @@ from fx_contact.parallel.errors import SolveError
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    W weighs each body by its modulus: the softer body follows the stiffer one, which keeps P^T K P as well conditioned
+    W weighs each body by its modulus: the softer body follows the stiffer one.  P^T K P is then as well conditioned
     as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
 
     Collective on the prolongation's comm.
@@ -23,6 +23,9 @@ class Projection:
     Attributes:
         closed: (n,), the rows with B P = 0.
         rigid: closed rows have no penalty.
+
+    Raises:
+        SolveError: in all products, if the Gram system is not solved in `_ITERATIONS` iterations.
     """
 
     #: Most iterations and relative residual of the Gram system.  Node pairs take as many iterations as a node has

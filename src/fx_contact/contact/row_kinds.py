@@ -1,7 +1,7 @@
 """Rows of all contacts of a scene, each made by the kind that the type of the contact asks for.
 
-A new kind of contact is a subclass of `Contact` (what the scene asks for), a subclass of `RowKind` (its rows), and an
-entry here.
+A new kind of contact is a subclass of `Contact` (its definition in a scene), a subclass of `RowKind` (its rows), and
+an entry here.
 """
 
 from dataclasses import replace
@@ -41,7 +41,10 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
 
 
 def needed_keys(scene: Scene, space: Space) -> Int64Array:
-    """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.  Collective."""
+    """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.
+
+    Collective.  Raises SceneError as `kinds_of`.
+    """
     return np.concatenate([np.empty(0, dtype=np.int64), *(kind.needed(space) for kind in kinds_of(scene))])
 
 

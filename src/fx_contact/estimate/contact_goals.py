@@ -54,8 +54,8 @@ def contact_error(
 ) -> ContactError:
     """The errors of contact in a step, and the leaves to refine for contact and goals.
 
-    Collective on state.forest.comm.  By the judged `force_goals` and those of the user.  Without `between` errors of
-    contact are not controlled.
+    Collective on state.forest.comm.  `forces` are the judged `force_goals`, `of_user` the goals of the user.  Without
+    `between` errors of contact are not controlled.
     """
     comm, pairs = state.forest.comm, range(len(state.scene.contact))
     missed = np.zeros(len(state.forest), dtype=bool) if between is None else between.penetrated()

@@ -1,19 +1,23 @@
 """Errors of quantities of interest: dual-weighted residual estimates.
 
-J(u) is to be linear as long as the closed node pairs stay closed.  Then it has a dual solution z,
+J(u) is linear for a fixed set of closed node pairs.  Its dual solution z satisfies
 
     K z + B^T m = l,    B z = d on the closed pairs,    z = w at prescribed components.
 
-A displacement or a gap has l = J'; the force of a contact pair d = 1 on its closed node pairs; the reaction at a place
-w = 1 there, in its direction.  With the solutions u_h and z_h on a mesh, and the gap g_I that a step takes for g
-between the nodes, on which z has the contact pressure p_z,
+    displacement, gap          l = J'
+    force of a contact pair    d = 1 on its closed node pairs
+    reaction at a place        w = 1 there, in its direction
 
-    |J(u) - J(u_h)| = |a(u - u_h, z - z_h)| <= sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA,
+With the solutions u_h and z_h on a mesh, the gap g and its interpolant g_I between the nodes, the contact pressure
+p_z of z, and the families P of cells T of one parent,
 
-over families P of cells T that have one parent
-(J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001; reactions:
-W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003, chapter 11).
-So a light contact is refined where its force is made, wherever that is, and whatever else stores energy.
+    |J(u) - J(u_h)| <= sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA.
+
+A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
+
+Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
+reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
+chapter 11.
 """
 
 from dataclasses import dataclass, replace
@@ -34,8 +38,8 @@ from fx_contact.problem.lattice import leaf_side
 
 #: Tolerances of the dual solution, relative to its energy norm.  An error of z changes the estimate by about
 #: xi(u) |z - z_h|_A at most (Cauchy-Schwarz): by less than 0.32 of that in 14 runs of hertz, indentation, punch, stack,
-#: spheres, cylinders and shrink_fit at both degrees.  The loose one takes 2 or 3 iterations, the other one 9 to 24.  It
-#: is enough for a bound: the estimate plus that change.  A penalty's share needs the other one.
+#: spheres, cylinders and shrink_fit at both degrees.  _LOOSE takes 2 or 3 iterations and suffices for a bound, the
+#: estimate plus this change, on any number of ranks; _TIGHT takes 9 to 24.  The share of a penalty needs _TIGHT.
 _LOOSE, _TIGHT = 0.2, 1e-6
 
 
@@ -58,7 +62,7 @@ class Functional:
     prescribed: FloatArray | None = None
 
     def depends(self, comm: MPI.Intracomm) -> bool:
-        """The dual problem has data on any rank.  Collective."""
+        """True if the dual problem has data on any rank.  Collective."""
         data = self.load, self.penetration, self.prescribed
         return bool(comm.allreduce(any(array is not None and bool(array.any()) for array in data), op=MPI.LOR))
 
@@ -116,12 +120,12 @@ class Goals:
     def of(self, functional: Functional, allowed: float) -> Goal:
         """A quantity of interest and its error.
 
-        Collective.  Within a family the products (e_u, e_z)_T have both signs where z is that of a point, and cancel:
-        the sum of |(e_u, e_z)_T| is up to three times as much.  Over wide distances they must not be trusted to do so:
-        summed with their signs over all cells, those of a gap beside Hertz's contact are 0.01 to 0.6 of its error.
+        Collective.  For the z of a point the products (e_u, e_z)_T of a family have both signs and cancel: the sum of
+        |(e_u, e_z)_T| is up to three times as large.  Over larger distances cancellation is not reliable: the sum
+        over all cells is 0.01 to 0.6 of the error for a gap beside Hertz's contact.
 
         Args:
-            allowed: error up to which no leaves are refined, so that a bound is enough.
+            allowed: error up to which no leaves are refined, and a bound suffices.
         """
         load, penetration = self._data(functional)
         y: FloatArray | None = None
@@ -135,7 +139,7 @@ class Goals:
         return goal
 
     def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray) -> Goal:
-        """The error by a dual solution less what is prescribed, (owned, 3), and its contact forces (n,)."""
+        """The error by y = z - w, (owned, 3), and the contact forces (n,) of z."""
         elasticity, pairs = self._state.elasticity, self._state.pairs
         z = y if functional.prescribed is None else y + functional.prescribed
         dual = self._estimator.error(elasticity.field(z), loaded=False)
@@ -147,9 +151,9 @@ class Goals:
         return Goal(functional.value, error, total, dual.estimate, z, pressure)
 
     def _data(self, functional: Functional) -> tuple[FloatArray, FloatArray]:
-        """The load (owned, 3) and the jump (n,) of the dual problem less what is prescribed.
+        """The load (owned, 3) and the jump (n,) of the problem of y = z - w.
 
-        z = w + y with K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
+        K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
         """
         elasticity, pairs = self._state.elasticity, self._state.pairs
         shape = self._state.solution.displacement.shape
@@ -164,7 +168,7 @@ class Goals:
 
 
 def gap_functional(state: SolvedState, weight: FloatArray) -> Functional:
-    """The mean gap of rows by weights (n,), 1 in all on all ranks [-].  Collective on state.forest.comm."""
+    """The mean gap of rows by weights (n,), of sum 1 over all ranks [-].  Collective on state.forest.comm."""
     assert state.pairs is not None
     left = np.maximum(-state.solution.penetration, 0.0)
     value = state.forest.comm.allreduce(float((weight * left).sum()))

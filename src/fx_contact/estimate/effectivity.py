@@ -46,6 +46,6 @@ class RefinementHistory:
         return replace(self, effectivity=theta, compared=True)
 
     def loss_rate(self, estimate: Estimate) -> float | None:
-        """Loss of xi^2 by the last refinement over that of a smooth solution, at most 1; None: unknown.  Local."""
+        """Loss of xi^2 by the last refinement / loss of a smooth solution, at most 1; None: unknown.  Local."""
         lost = self.error2 - estimate.error_global**2
         return min(lost / self.expected_loss, 1.0) if self.expected_loss and lost > 0 else None

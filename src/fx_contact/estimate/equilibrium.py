@@ -32,7 +32,7 @@ def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
 
 
 def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, supports: Supports) -> float:
-    """Largest unbalanced force on a body, over all contact forces, loads, or a hundredth of the reactions [-].
+    """Largest unbalanced force on a body over max(contact forces, loads, reactions / 100), sums of magnitudes [-].
 
     Collective on state.forest.comm.  Loads, contact forces and reactions add up to the residuals in free directions.
 
@@ -50,7 +50,7 @@ def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, suppo
 
 
 def check_balance(state: SolvedState, residual: FloatArray, load: FloatArray, supports: Supports) -> None:
-    """Check the balance, which bodies from afar lose in rounding, by `unbalanced`.
+    """Check the balance by `unbalanced`; rounding disturbs it for bodies that begin far apart.
 
     Collective on state.forest.comm.  Raises SolveError: more than `MOST` is not balanced.
     """

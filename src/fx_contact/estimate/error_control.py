@@ -26,8 +26,8 @@ class ErrorControl:
     xi / (e omega) <= 1 (6).  It uses none of the parameters below, and controls no errors of contact.
 
     The mode "contact" uses the measured effectivity theta of the estimator, and refines cells once or twice by the
-    threshold that the tolerance needs.  The tolerance is also that of the forces of contact pairs, of the penetration
-    between nodes and of that of a penalty (`contact_goals`).
+    threshold that the tolerance needs.  It also controls the forces of contact pairs, the penetration between nodes
+    and that of a penalty (`contact_goals`).
 
     Attributes:
         mode: "contact" or "energy".
@@ -63,7 +63,7 @@ class ErrorControl:
 
     @property
     def of_contact(self) -> bool:
-        """The mode controls errors of contact too."""
+        """True if the mode controls errors of contact too."""
         return self.mode == "contact"
 
     def begin(self) -> RefinementHistory:

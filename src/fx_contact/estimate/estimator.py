@@ -55,7 +55,7 @@ class DisplacementError:
 
     Attributes:
         stress: sigma*, six components a node [Pa].
-        squares: (k, ncells), xi_T^2 by (3), at degree 2 and by the element residual [J].
+        squares: (k, ncells), xi_T^2 by (3) and, at degree 2, by the element residual [J].
         residual: (ncells, 9), element residual [J/m]; None at degree 1.
         bubbles: (ncells, 9), its solution [m]; None at degree 1.
     """

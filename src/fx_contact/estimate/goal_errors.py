@@ -21,11 +21,11 @@ class GoalRecord:
 
     Attributes:
         value: of the bodies with their mirror images, [N], [m] or [Pa].
-        error: estimated error, in that unit; None: not estimated, before the energy error meets its tolerance, or for
-            the force and pressure of an open pair, and a gap that is closed.
+        error: estimated error, in that unit; None: not estimated, since the energy error exceeds its tolerance, or
+            for the force and pressure of an open pair and a closed gap.
         allowed: error that the tolerance allows, in that unit.
         tolerance: relative [-].
-        reached: the error is estimated and within the tolerance, or is none: that of the force of an open pair.
+        reached: True if the estimated error is within the tolerance, or for the force of an open pair (no error).
     """
 
     name: str
@@ -68,8 +68,8 @@ def judge_goals(
 ) -> tuple[JudgedGoal, ...]:
     """Values and estimated errors of goals, and the leaves to refine for them.
 
-    Collective on state.forest.comm.  The error is that of `dual_weighted` over theta.  Closed rows
-    are taken to stay closed.  Goals of one quantity share an adjoint solution.
+    Collective on state.forest.comm.  The error is that of `dual_weighted` over theta, for a fixed set of closed rows.
+    Goals of one quantity share an adjoint solution.
 
     Args:
         duals: of the state; None: no errors are wanted yet.

@@ -1,4 +1,4 @@
-"""Gap and penetration between the nodes of contact facets, which node-to-node contact does not resist, nor xi show."""
+"""Gap and penetration between the nodes of contact facets: neither constrained node to node nor estimated by xi."""
 
 import numpy as np
 from scipy.integrate import simpson
@@ -21,10 +21,10 @@ _CHUNK = 64
 
 
 class GapBetweenNodes:
-    """The gap g between the nodes of contact facets, beside g_I, bilinear between neighbouring nodes at either degree.
+    """The gap g between the nodes of contact facets, and g_I, bilinear between neighbouring nodes at either degree.
 
-    Collective on state.forest.comm.  Any penetration counts away from closed rows; on closed facets, and those next to
-    them, g - g_I times a pressure.
+    Collective on state.forest.comm.  On closed facets and their neighbours g - g_I times a pressure counts, on others
+    any penetration.
 
     Args:
         state: with rows.

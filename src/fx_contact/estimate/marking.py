@@ -1,4 +1,4 @@
-"""Threshold marking: the largest errors are refined until the error is expected to be what is allowed."""
+"""Threshold marking: the cells with the largest errors are refined until the expected error is the allowed one."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def for_tolerance(
 ) -> tuple[Int8Array, float]:
     """Cells to refine for xi <= e omega, by the highest threshold that is expected to suffice.
 
-    Collective on comm.  It aims at `control.target` times e omega, at degree 2 at a quarter of the present xi at least,
-    as by refining all cells of a smooth solution.  If that of criterion (2) is too high, it is `_equidistributing`.
+    Collective on comm.  The aim is an error of `control.target` e omega; at degree 2 at least xi / 4, that after
+    uniform refinement of a smooth solution.  If threshold (2) is too high, the threshold is `_equidistributing`.
 
     Args:
         tolerance: e [-].

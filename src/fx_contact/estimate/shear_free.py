@@ -45,7 +45,7 @@ class ShearFree:
 
 
 def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:
-    """Nodes of plane facets without traction of which only the normal displacement is prescribed.
+    """Nodes of plane facets with prescribed normal displacement, free tangential displacement and no traction.
 
     Collective on forest.comm.
     """

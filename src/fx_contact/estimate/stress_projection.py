@@ -33,7 +33,7 @@ def projected_stress(
 ) -> fem.Function:
     """L2 projection of sigma_h on continuous functions of the displacement's degree, six components (`VOIGT`) [Pa].
 
-    Collective.
+    Collective.  Raises CompilationError as `compiled`.
     """
     prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)

@@ -32,6 +32,7 @@ class StressRecovery:
 
     Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming nodes with 2 x 2 x 2 Gauss points: at
     degree 2 the mean, weighted by volume, of stresses extrapolated from superconvergent points.  Bodies share no node.
+    Raises CompilationError as `compiled`.
     """
 
     def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:

@@ -4,8 +4,8 @@ Conforming functions of degree 1 are conforming functions of degree 2, on hangin
 interpolation I takes the values of the former at the conforming nodes of the latter, and the coarse matrix is I^T K I,
 here assembled at degree 1.  Source: E. M. Ronquist, A. T. Patera, J. Sci. Comput. 2(4), 1987.
 
-A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  A smoother that solves for all nodes
-along the short axes of flat cells at once takes as many iterations as on cubes (W. Hackbusch, Multi-Grid Methods and
+A cell of the sides h_x, h_y, h_z couples its nodes along x by about 1 / h_x^2.  With a block smoother for the nodes
+along the short axes of flat cells the number of iterations is that on cubes (W. Hackbusch, Multi-Grid Methods and
 Applications, 1985, section 10.1).
 """
 
@@ -25,8 +25,7 @@ from fx_contact.parallel.arrays import Int64Array
 from fx_contact.parallel.mpi import hashed
 from fx_contact.problem import hexahedron
 
-#: Length of a cell over its length along an axis from which on the nodes along this axis are a block
-#: (`studies.cost.flat`).
+#: An axis of a cell is short if the longest axis has at least this many times its length (`studies.cost.flat`).
 FLAT = 3.0
 
 
@@ -67,8 +66,8 @@ def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     Collective.  A block may have nodes of several ranks; None: no cell of any rank is flat.
 
     Returns:
-        (owned,), block of each owned node: a random number, whose remainder by comm.size is the rank of one of its
-        nodes, which solves for the block.
+        (owned,), block of each owned node: a random number.  Its remainder by comm.size is the rank that solves for
+        the block, the owner of one of its nodes.
     """
     prolongation, leaf_mesh = elasticity.prolongation, elasticity.leaf_mesh
     space, comm = prolongation.space, prolongation.comm

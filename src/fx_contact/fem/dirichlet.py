@@ -33,8 +33,8 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
     Collective on forest.comm.
 
     Raises:
-        SceneError: a function fails or is not finite at a node, or two conditions prescribe different values at one
-            node, or one across a symmetry plane.
+        SceneError: a function fails or is not finite at a node, two conditions prescribe different values at a node,
+            or one prescribes a displacement across a symmetry plane.
     """
     conditions = [condition for condition in scene.conditions if isinstance(condition, Dirichlet)]
     with together(forest.comm):

@@ -26,7 +26,7 @@ class DisplacementField:
 class Integral:
     """A linear form or a functional, compiled once and integrated for any fields in the place of its coefficients.
 
-    Collective on comm.
+    Collective on comm.  Raises CompilationError as `compiled`.
     """
 
     def __init__(

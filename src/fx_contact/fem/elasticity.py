@@ -58,6 +58,9 @@ class Elasticity:
         lame: the two Lame coefficients, constant on cells [Pa].
         argument: coefficient in the place of a displacement in an `Integral`.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
+
+    Raises:
+        CompilationError: as `compiled`; also in methods that integrate.
     """
 
     def __init__(
@@ -150,7 +153,7 @@ class Elasticity:
     def change_norm(self, conforming: FloatArray) -> float:
         """Energy norm [J^(1/2)] of the difference (owned, 3) [m] of solutions on this mesh and on a coarser one.
 
-        Collective.  Without projected volume strains, which are other ones on the coarser mesh.
+        Collective.  Without projected volume strains, which differ on the coarser mesh.
         """
         if not self.projects:
             return self.energy_norm(conforming)
@@ -187,6 +190,9 @@ class Elasticity:
             copied: as in `create_matrix`.
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to project on oblique planes; None: not projected.
+
+        Raises:
+            SolveError: the matrix would not fit into the memory.
         """
         comm, imap = self.prolongation.comm, self.prolongation.index_map
         graph = node_couplings(self.prolongation, self.cells)

@@ -41,8 +41,8 @@ def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tup
     Collective on forest.comm.  Raises errors as `load`.
 
     Returns:
-        The forces; (k, nbodies, 6), of the k = tractions + body forces of the scene, in this order, and of each body:
-        force [N] and moment about the origin [N m] of this rank's leaves, by the same Gauss rule.
+        The forces; (k, nbodies, 6), force [N] and moment about the origin [N m] of each load on this rank's leaves of
+        each body, by the same Gauss rule.  The k loads are the tractions, then the body forces of the scene.
     """
     space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
     forces = np.zeros((len(space), 3))
@@ -62,7 +62,7 @@ def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tup
 
 
 def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
-    """Force of each load that is a function, by a finer rule than that of `load_and_totals`.
+    """Force of each load given by a function, by a finer rule than in `load_and_totals`.
 
     Collective on the mesh's communicator.  Raises errors as `load`.  The rule has a Gauss point more along each axis,
     on facets in each of two halves: a jump inside a leaf lies between different points of the two rules.

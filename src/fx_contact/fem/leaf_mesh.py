@@ -1,7 +1,7 @@
 """The dolfinx mesh of a forest with geometry of order q, and the map from its cells to the leaves.
 
-Geometry nodes are shared by entity of the leaf mesh: the vertex of a fine leaf and the middle node of a coarse edge at
-the same place are two nodes, as dolfinx requires on meshes with hanging nodes.
+Geometry nodes are shared by entity of the leaf mesh, as dolfinx requires on meshes with hanging nodes: the vertex of
+a fine leaf and the middle node of a coarse edge at the same place are two nodes.
 """
 
 from dataclasses import dataclass

@@ -80,7 +80,8 @@ class Space:
     def functions_at(self, cell: int, coordinates: FloatArray) -> tuple[Int32Array, FloatArray]:
         """Nodes (k,) and values (k,) of shape functions at a point (3,) of a root cell, in coordinates in [0, 1].
 
-        Local.  k = (p+1)^3 on the one rank of the point's leaf, the highest along each axis, else 0.
+        Local.  k = (p+1)^3 on the one rank that has the leaf with the point, else 0.  Of several leaves with the
+        point the highest along each axis counts.
         """
         forest, place = self.forest, SIDE * coordinates
         inside = np.minimum(np.floor(place), SIDE - 1) - forest.anchor

@@ -87,7 +87,7 @@ class Supports:
     def in_frames(self) -> Supports:
         """Supports in orthonormal frames R aligned with the planes, with P R in the place of P.
 
-        R turns by the smallest rotation the axis nearest to the normal, or to the line in which planes meet, into that.
+        R is the smallest rotation that turns the nearest axis into the normal, or into the line in which planes meet.
         Normal directions become prescribed components with value 0, which suits multigrid.
         """
         if not self.oblique:

@@ -1,7 +1,7 @@
 """The volume strain of nearly incompressible bodies, projected in each cell.
 
-The volume strain is projected in each cell on the polynomials q of degree p - 1 in reference coordinates, since the
-cells would lock.  Its energy is
+The volume strain is projected in each cell on the polynomials q of degree p - 1 in reference coordinates, which
+prevents locking.  Its energy is
 
     lambda m^T M^-1 m,    m_i = int q_i div u,    M_ij = int q_i q_j.
 
@@ -27,7 +27,7 @@ Compile = Callable[[ufl.core.expr.Expr, IntArray | None], fem.Form]
 class VolumeProjection:
     """Projection of the divergence of displacements of degree p.
 
-    Collective on the mesh's communicator.
+    Collective on the mesh's communicator.  Raises CompilationError as `compiled`.
 
     Attributes:
         space: discontinuous polynomials of degree p - 1.

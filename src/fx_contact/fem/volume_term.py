@@ -1,4 +1,4 @@
-"""The volume strains of nearly incompressible bodies beside the matrix, with pressures of their own.
+"""The volume term of nearly incompressible bodies beside the matrix, with pressures as unknowns.
 
 K = A + D^T C D.  D u are the moments of div u with polynomials of degree p - 1, orthonormal in each cell; the matrix A
 is too soft by C = lambda - lambda_A.  K u = f is solved as

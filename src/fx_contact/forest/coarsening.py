@@ -16,7 +16,8 @@ def coarsened(forest: Forest, level: IntArray, kind: str = "contact-sfc") -> For
     """The coarsest forest in which each leaf of `forest` has at least the given level.
 
     Collective on forest.comm.  It is refined from the root cells by the rules of `Forest.refined`: siblings, balance
-    and partners may keep a leaf.  The levels (n,) are at most those of the leaves.
+    and partners may keep a leaf.  The levels (n,) are at most those of the leaves.  Raises SceneError for an unknown
+    kind of partition, SolveError as `Forest.refined`.
     """
     comm = forest.comm
     result = Forest.of_roots(comm, forest.mesh, forest.pairing, forest.contact_surfaces)

@@ -49,7 +49,7 @@ class Homes:
     def _on_curve(self, cuts: Int64Array, cell: IntArray, points: Int32Array) -> Int32Array:
         """Parts (n,) that contain the finest leaf whose high corner is the point (n, 3).
 
-        Of the eight leaves at a point this one gives the fewest partners, up to 40 at 8192 parts (studies/partition).
+        Of the eight leaves at a point this one gives the fewest partners, up to 41 at 8192 parts (studies/partition).
         """
         keys = self._curve.keys(cell, np.maximum(points - 1, 0))
         return np.searchsorted(cuts, keys, side="right").astype(np.int32)
@@ -61,7 +61,7 @@ def _root_places(mesh: RootMesh, lattice: Lattice, pairing: Pairing) -> tuple[Pl
 
 
 class Places:
-    """The lowest root cell with a lattice point, if possible one with a paired facet there; facing points share it.
+    """Root cells of lattice points: the lowest with a paired facet there, else the lowest; facing points share it.
 
     Local.
     """

@@ -1,13 +1,13 @@
 """Partitions of the leaves, computed anew after each refinement.
 
     contact-sfc      Hilbert curve; facing leaves form a super-element with the weight of both (section 3 of the paper)
-    equidistributed  facing leaves on a share of the ranks of their own, all leaves in blocks of equal length (the
+    equidistributed  facing leaves on ranks of their own, the others on the rest, in blocks of equal length (the
                      paper's earlier method)
     sfc              Hilbert curve that ignores contact: pairs may be split
     graph            PT-SCOTCH on the graph of the leaves, facing leaves contracted, after a partition by the curve
 
-A partition is a sequence of stages, each of which redistributes units in the order of the space-filling curve: leaves,
-or super-elements of facing leaves, which have the curve key of one of them.
+A partition is a sequence of stages.  Each redistributes units in the order of the space-filling curve: leaves, or
+super-elements of facing leaves with the curve key of one of them.
 """
 
 from collections.abc import Callable
@@ -65,8 +65,7 @@ class Units:
         return create_leaf_graph(self._forest).contracted(self.of_leaf, len(self))
 
 
-#: Maps the units, the number of parts and the present part (m,) of each unit to its new part (m,) and, if the stage
-#: cuts the curve, the cuts (parts - 1,).
+#: (units, number of parts, present parts (m,)) -> (new parts (m,), cuts (parts - 1,) of the curve or None).
 Stage: TypeAlias = Callable[[Units, int, Int32Array], tuple[Int32Array, Int64Array | None]]
 #: Any values (n, ...) carried by the leaves.
 LeafValues: TypeAlias = npt.NDArray[Any]
@@ -88,8 +87,8 @@ def by_graph(units: Units, parts: int, _present: Int32Array) -> tuple[Int32Array
 def dealt_out(units: Units, parts: int, present: Int32Array) -> tuple[Int32Array, None]:
     """Stage: units with contact on some parts, in proportion to their weight, the other units on the rest.
 
-    Collective on units.comm.  The units of each present part are cut into a block for each new part, the first one for
-    the part of the same number, so that remainders spread.
+    Collective on units.comm.  The units of each present part are cut into one block for each new part.  The first
+    block goes to the part of the same number, which spreads the remainders.
     """
     mine = np.array([units.weights[units.contact].sum(), units.weights.sum()])
     contact, total = units.comm.allreduce(mine, op=MPI.SUM)

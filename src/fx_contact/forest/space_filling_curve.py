@@ -76,8 +76,8 @@ def cut_curve(comm: MPI.Intracomm, keys: Int64Array, weights: Int64Array, parts:
     """Cuts of a weighted curve into parts of nearly equal weight; equal keys stay together.
 
     Collective on comm.  Bisection for all cuts at once: each round is one reduction of the weights below all distinct
-    thresholds, few at first.  A cut is found once the weight between its bounds, less than twice the lightest weight,
-    is that of one key.  Each rank has a share of the keys (n,), non-negative, in any order, with positive weights (n,).
+    thresholds, few at first.  A cut is found once its bounds enclose one key: a weight below twice the lightest one.
+    Each rank has a share of the keys (n,), non-negative, in any order, with positive weights (n,).
 
     Returns:
         (parts - 1,), ascending: part p holds the keys k with cuts[p-1] <= k < cuts[p].

@@ -22,12 +22,12 @@ _RESERVED = set(
     "ksp_rtol ksp_atol ksp_divtol ksp_max_it ksp_convergence_test ksp_converged_maxits ksp_error_if_not_converged "
     "ksp_initial_guess_nonzero ksp_norm_type ksp_pc_side".split()
 )
-#: Preconditioners that do not approximate the inverse of the matrix, so that the natural norm is not that of the
-#: energy, and one that needs the entries of the operator, which may have a term beside its matrix.
+#: Preconditioners that do not approximate the inverse of the matrix: their natural norm is not that of the energy.
+#: The last one needs the entries of the operator, which may have a term beside its matrix.
 _UNFIT = (PETSc.PC.Type.NONE, PETSc.PC.Type.MAT, PETSc.PC.Type.LMVM, PETSc.PC.Type.EISENSTAT)
 #: Allowed growth of the residual: that of a good first guess is small against those of the first iterations.
 _NO_LIMIT = 1e30
-#: Most runs of PCG in one solve, where the first guess has more energy than the solution.
+#: Most runs of PCG in one solve; it restarts after a first guess with more energy than the solution.
 _RUNS = 3
 
 _Callback = Callable[[PETSc.Vec, PETSc.Vec], None]
@@ -92,7 +92,7 @@ class KrylovSolver:
 class KrylovMethod(ABC):
     """A Krylov method for `Equations`, stopped by the energy norm omega (4) of the error.
 
-    Collective.  The stiffness A is symmetric positive definite, the matrix A or close to it, for the preconditioner;
+    Collective.  The stiffness A is symmetric positive definite; the matrix of the preconditioner is A or close to it.
     `pressures` is the number of this rank's unknowns beside the displacement.
     """
 

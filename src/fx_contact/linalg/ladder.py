@@ -13,8 +13,8 @@ from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditi
 from fx_contact.parallel.memory import shortage
 
 #: (iterations of one solve, bytes per unknown) at which Cholesky factors take over if their entries need no more.
-#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations; in bodies that bend PCG takes 400 to more than 2000,
-#: on flat cells of others 7 to 14, FGMRES 19 to 48 (`studies.cost.preconditioners`, `studies.cost.flat`).
+#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations.  In bending PCG takes 400 to more than 2000; on flat
+#: cells without bending PCG takes 7 to 14, FGMRES 19 to 48 (`studies.cost.preconditioners`, `studies.cost.flat`).
 FACTORISATION_CHECKS = {"default": ((50, 4.5e3), (200, 6e3)), "flat cells": ((30, 4.5e3), (200, 6e3))}
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")

@@ -30,8 +30,8 @@ _ADVICE = (
 class LinearSolver:
     """Solves `Equations` with a stiffness A: PCG, or FGMRES if a volume term stands beside the matrix.
 
-    The entries of the matrix may change; `set_up` then builds the preconditioner.  Cholesky factors in the place of
-    FGMRES include the volume term: in thin bodies that bend the Schur complement is approximated badly.
+    The entries of the matrix may change; `set_up` then builds the preconditioner.  Cholesky factors that replace
+    FGMRES include the volume term, since S is a poor approximation of the Schur complement in thin bodies in bending.
 
     Collective on matrix.comm.
 
@@ -97,11 +97,11 @@ class LinearSolver:
 
     @property
     def is_slow(self) -> bool:
-        """True if the last solve took so many more iterations than the first that a new set-up is cheaper.  Local."""
+        """True if a new set-up is cheaper: the last solve took more than 2 n + 20 iterations, the first n.  Local."""
         return self._first is not None and self.iterations[-1] > 2 * self._first + 20
 
     def residual(self, equations: Equations, u: FloatArray) -> FloatArray:
-        """Residual forces (owned, 3) [N] of the last solution u (owned, 3) [m], perhaps for another term."""
+        """Residual forces (owned, 3) [N] of the last solution u (owned, 3) [m], also for another term."""
         return self._method.residual(self._given(equations, u), u)
 
     def solve(self, equations: Equations, u: FloatArray, tolerance: float) -> FloatArray:

@@ -46,9 +46,10 @@ class BlockMatrix:
         return result
 
     def _in_hypre_format(self) -> PETSc.Mat:
-        """A copy in hypre's format, with the same entries for good.
+        """A copy in hypre's format, with a fixed sparsity pattern.
 
-        All preallocated ones must be set, zeros too (`penalty_term.reserve`): PETSc reads rows to their allocated ends.
+        All preallocated entries must be set, zeros too (`penalty_term.reserve`): PETSc reads rows to their allocated
+        ends.
         """
         result = PETSc.Mat().create(self.mat.comm)
         result.setSizes(self.mat.getSizes(), bsize=3)

@@ -5,12 +5,12 @@ K = A + D^T C D is not assembled.  M is a preconditioner of the matrix A, S an a
     [ A   D^T  ] [u]   [f]                          [ M  D^T ]^-1
     [ D  -C^-1 ] [s] = [0],     preconditioned by   [ 0  -S  ]
 
-Iterations hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6), 2000).  With
-the residuals r and q of the rows, as K >= A and K >= D^T C D, the error e of the displacement has
+Iterations hardly depend on lambda (M. F. Murphy, G. H. Golub, A. J. Wathen, SIAM J. Sci. Comput. 21(6), 2000).  As
+K >= A and K >= D^T C D, the residuals r and q of the rows bound the error e of the displacement:
 
     (e^T K e)^(1/2)  <=  (r^T A^-1 r)^(1/2) + |C^(1/2) q|  ~  |r|_M + |C^(1/2) q|.
 
-FGMRES stops when that bound is at most tol omega(u), or rounding.
+FGMRES stops when this bound is at most tol omega(u), or rounding.
 """
 
 from abc import abstractmethod
@@ -26,8 +26,8 @@ from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
 
-#: Iterations after which FGMRES restarts: more than it needs except on flat cells.  Each keeps two vectors, a hundred
-#: 200 * 8 * 28 / 24 = 1.9 kB an unknown, about as much as the matrix.
+#: Iterations after which FGMRES restarts: more than it needs except on flat cells.  With two vectors of 28 / 24
+#: entries an unknown for each iteration it needs 200 * 8 * 28 / 24 = 1.9 kB an unknown, about as much as the matrix.
 _RESTART = 100
 
 
@@ -104,7 +104,7 @@ class FlexibleGmres(KrylovMethod):
         return super().residual(equations, u) - self._volume.forces(self._pressure)
 
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
-        """As `KrylovMethod.solve`; the bound costs a preconditioner, so a small residual comes first."""
+        """As `KrylovMethod.solve`.  The bound costs a product with M^-1 and is computed at small residuals only."""
         self._begin(equations)
         strains = self._volume.strains(u)
         self._pressure = self._first_pressure(strains)

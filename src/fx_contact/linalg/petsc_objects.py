@@ -15,7 +15,7 @@ from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.errors import FxContactError, SceneError, SolveError
 from fx_contact.parallel.mpi import together
 
-#: Time that a rank on which PETSc has failed waits for the others, which may hang in PETSc [s].
+#: Waiting time of a rank after a failure of PETSc for the others, which may hang in PETSc [s].
 _TIMEOUT = 10.0
 
 _Thing = TypeVar("_Thing")
@@ -24,8 +24,8 @@ _Thing = TypeVar("_Thing")
 class PetscObjects:
     """Objects with `destroy` and `incRef`, freed at the end of a `with` block, also by an error of this package.
 
-    Collective.  Errors of this package are raised on all ranks.  Any other may have come to this rank alone, which must
-    not wait for the rest: then nothing is freed.
+    Collective.  Errors of this package are raised on all ranks.  Any other error may be raised on this rank alone,
+    which must not wait for the others: then nothing is freed.
     """
 
     def __init__(self, *things: Any) -> None:
@@ -91,7 +91,7 @@ def clear_hypre_errors() -> None:
 
 
 class PetscOptions:
-    """The options of one PETSc object: defaults, which another `pc_type` of the user replaces, and given by the user.
+    """The options of one PETSc object: those of the user, and defaults unless the user has another `pc_type`.
 
     Collective on comm.  PETSc ignores the case of names; here they are in small letters, without prefix.  `of_user` are
     those given and those of the command line.
@@ -131,7 +131,7 @@ class PetscOptions:
                 database.delValue(name)
 
     def check_read(self) -> None:
-        """Raises SceneError if an option of the user has not been read on any rank: solvers inside others are on some.
+        """Raises SceneError if no rank has read an option of the user; inner solvers are on some ranks only.
 
         Collective on comm.
         """

@@ -82,9 +82,8 @@ class Solver:
 
     Attributes:
         preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.
-            If PCG fails with it, Cholesky factors follow if they fit into the memory, else "boomeramg-robust".  For
-            nearly incompressible bodies at degree 2 it is that of the matrix of the mixed form (`mixed_form`), for
-            FGMRES.
+            After a failure Cholesky factors replace it, or for lack of memory "boomeramg-robust".  For nearly
+            incompressible bodies at degree 2 it is that of the matrix of the mixed form (`mixed_form`), for FGMRES.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
             displacement's energy norm omega (4) [-].  That norm weighs penetrations with k_N, so the same tolerance
             holds for any penalty.  The default leaves an error below 1e-7 in the contact force, beside rounding (up to

@@ -9,8 +9,8 @@ and stops, from a first guess u_0, when
 
     |r|_M <= max(tol w, tol |r_0|_M, eps |D^(1/2) u_0|),    w = omega(u_0),  D = diag A,  eps = 1e-14 (rounding).
 
-If the solution has less than half the energy norm of this bound, omega(u) < max(w, |r_0|_M) / 2, PCG restarts with
-w = omega(u).  As omega(u) >= omega(u_0) - |u - u_0|_A, omega(u) is seldom needed.
+If omega(u) < max(w, |r_0|_M) / 2, PCG restarts with w = omega(u).  The lower bound omega(u_0) - |u - u_0|_A mostly
+excludes this, so that omega(u) is seldom computed.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ EnergyNorm = Callable[[FloatArray], float]
 
 
 class StoppingRule:
-    """The error that a solution may have, by omega and D, (owned, 3) [N/m].  Collective on comm."""
+    """The allowed error of a solution, by omega and D, (owned, 3) [N/m].  Collective on comm."""
 
     def __init__(self, comm: MPI.Intracomm, energy_norm: EnergyNorm, diagonal: FloatArray) -> None:
         self._comm, self.energy_norm, self._root = comm, energy_norm, np.sqrt(np.abs(diagonal))

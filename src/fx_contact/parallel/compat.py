@@ -59,10 +59,10 @@ def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbou
 
 
 def stay(rank: int, corners: int = 8) -> Callable[..., Any]:
-    """Partitioner for `dolfinx.mesh.create_mesh` that leaves every cell, with so many corners, on its rank.
+    """Partitioner for `dolfinx.mesh.create_mesh` that leaves every cell, of so many corners, on its rank.
 
     Local.  Otherwise dolfinx would compute a dual graph and move all geometry nodes.  dolfinx 0.9 to 0.11 call the
-    partitioner with the cells, main with their dual graph.
+    partitioner with the cells, the main branch of dolfinx with their dual graph.
     """
 
     def destination(_comm: MPI.Intracomm, _parts: int, first: Any, *others: Any) -> Any:

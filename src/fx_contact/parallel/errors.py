@@ -1,4 +1,4 @@
-"""Typed errors: each message says what is wrong, where, and what to do.
+"""Typed errors: each message has the cause, the place and a remedy.
 
 All derive from `FxContactError` and are raised on all ranks of a communicator (`parallel.mpi.together`), so that a
 caller can catch them without risking a hang.

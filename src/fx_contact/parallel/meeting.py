@@ -2,8 +2,8 @@
 
 A meeting is a nonblocking reduction of the checksums of the calls' names; if these differ, the names are gathered.  It
 uses a duplicate of the user's communicator, apart from messages of the user and from PETSc's collectives at the end of
-a program.  The meetings of PETSc's world begin at the import of the package, so that a rank that ends before its first
-call is told from a late one.
+a program.  The meetings of PETSc's world begin at the import of the package: the end of a rank before its first call
+is then distinguished from lateness.
 """
 
 import atexit

@@ -33,7 +33,7 @@ def give_back() -> None:
 def check_memory(comm: MPI.Intracomm, what: str, needed: float, advice: str) -> None:
     """Raises SolveError if a host lacks memory for the bytes that its ranks are about to allocate.
 
-    Collective on comm.  The message begins with `what` needs them.
+    Collective on comm.  The message begins with `what`.
     """
     short = shortage(comm, needed)
     if short is not None:

@@ -4,8 +4,9 @@ A lattice point is named by an int64 key that every rank computes alike.  Values
 computed from the key: one exchange there, one back.  Homes are near the leaves that have the keys (`forest.homes`), or
 given by a hash.  No rank stores more than its share of the keys.
 
-Collectives of this package use the user's communicator, never one of dolfinx or PETSc: one of Python objects makes
-mpi4py attach a lock, whose removal may hang where Python frees a communicator of dolfinx while it handles an exception.
+Collectives of this package use the user's communicator, never one of dolfinx or PETSc.  For collectives of Python
+objects mpi4py attaches a lock to the communicator.  Its removal may hang if Python frees a communicator of dolfinx
+during an exception.
 """
 
 import pickle
@@ -28,10 +29,14 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 @contextmanager
 def together(comm: MPI.Intracomm, timeout: float | None = None) -> Iterator[None]:
-    """Run a block of local code; an error on any rank is raised on every rank, by default that of the lowest one.
+    """Run a block of local code; an error on any rank is raised on every rank.
 
     Collective on comm.  The block must not communicate, unless there is a timeout [s]: if the other ranks do not leave
     it in time, the failed one prints its error and aborts all.
+
+    Raises:
+        Exception, SystemExit: that of the block on this rank, else that of the lowest rank with one, as a
+            RuntimeError if it cannot be pickled.
     """
     error: BaseException | None = None
     try:

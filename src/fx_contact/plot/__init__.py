@@ -1,7 +1,7 @@
 """Pictures of a step or a run, as PNG files.  Plotting libraries are imported when a picture is drawn.
 
-Functions that draw are collective; rank 0 draws, into the PNG of a path, or on the axes or the plotter that it is given
-as `ax` or `plotter`, and all ranks return the path, or what was given.  OutputError: the picture cannot be written.
+Functions that draw are collective.  Rank 0 draws into the PNG of a path, or on its axes `ax` or plotter `plotter`;
+all ranks return the path, or the given object.  OutputError: the picture cannot be written.
 """
 
 from fx_contact.plot.bodies import draw_bodies

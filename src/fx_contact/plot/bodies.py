@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Fields on the surfaces, and their names in the picture.
 _FIELDS = {"pressure": "contact pressure", "stress": "von Mises stress"}
-#: Right, up and towards the eye, which is higher than in other pictures so that lower bodies are seen from above.
+#: Right, up and towards the eye, higher than in other pictures to show lower bodies from above.
 _AXES = view_axes(EYE + [0, 0, 1.6], np.array([0.0, 0, 1]))
 #: Share of the surface with a stress above the scale: singular at edges, its maximum grows with every level.
 _SATURATED = 0.005

@@ -32,7 +32,7 @@ def draw_on_first(
     canvas: Callable[[Path], AbstractContextManager[Canvas]],
     given: Canvas | None = None,
 ) -> Path | Canvas | None:
-    """Draw a picture on rank 0, on what is given there or, with `axes_for` or `plotter_for`, into a file.
+    """Draw a picture on rank 0, on the axes or plotter given there or, with `axes_for` or `plotter_for`, into a file.
 
     Collective on comm.
 

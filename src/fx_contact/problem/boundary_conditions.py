@@ -1,7 +1,7 @@
 """Boundary conditions and loads: displacements, symmetry planes, tractions, pressures, body forces.
 
-Values are numbers, checked when the condition is made, or functions of an array (3, n) of positions, as in dolfinx,
-checked when they are evaluated.  All is local.
+Values are numbers, checked when the condition is made, or functions of positions (3, n) as in dolfinx, checked when
+evaluated.  All is local.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None
 def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
     """Values (n, components) of a condition or load at points (n, 3) [m].
 
-    Raises SceneError, which begins with `what`, if a function gives another shape, or numbers that are not finite.
+    Raises SceneError, its message beginning with `what`, for values of another shape or not finite.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))

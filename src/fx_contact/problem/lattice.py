@@ -1,7 +1,7 @@
 """Canonical keys of lattice points: the same on every rank, without communication.
 
-Each root cell has an integer lattice with 2^15 intervals a side, twice as fine as the finest leaves, so that midpoints
-of leaf edges and faces are lattice points too.  The key of a lattice point combines the root entity (vertex, edge, face
+Each root cell has an integer lattice with 2^15 intervals a side, twice as fine as the finest leaves: midpoints of
+leaf edges and faces are lattice points too.  The key of a lattice point combines the root entity (vertex, edge, face
 or cell) whose interior contains it with its integer coordinates in the entity's frame, which starts at its lowest root
 vertex.  In an int64 a vertex takes one number, an edge 2^15, a face 2^30, a cell 2^45.  All functions are local.
 """

@@ -28,7 +28,7 @@ SMALLEST = 1e-60
 
 
 def check_mesh(mesh: RootMesh) -> None:
-    """Raises GeometryError or SceneError, as `RootMesh`, unless a mesh, its arrays taken, can be refined."""
+    """Raises GeometryError or SceneError, as `RootMesh`, unless a mesh, after `take_arrays`, can be refined."""
     _check_shapes(mesh)
     _check_jacobian(mesh)
     _check_conforming(mesh)

@@ -47,9 +47,9 @@ class Scene:
         body_forces: those on one body add up.
 
     Raises:
-        SceneError: an unknown body or place, a body without material, a prescribed displacement that is not finite,
-            across a symmetry plane, or different from another one at a node, a symmetry plane that is not plane, a
-            number of parts that does not follow from the symmetry planes, an unconstrained body.
+        SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
+            that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
+            that is not plane; a number of parts that does not follow from the symmetry planes.
     """
 
     name: str

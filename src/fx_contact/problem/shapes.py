@@ -94,7 +94,10 @@ class Shape:
         return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
 
     def turned(self, axis: Axis, degrees: float) -> Shape:
-        """The shape turned about an axis, counter-clockwise from its tip.  Raises Errors of `rotation`."""
+        """The shape turned about an axis, counter-clockwise from its tip.
+
+        Raises SceneError or GeometryError as `rotation`.
+        """
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
     def mirrored(self, axis: str) -> Shape:
@@ -153,7 +156,8 @@ def root_mesh_from_shapes(
 
     Raises:
         SceneError: an unknown body or side, or as `RootMesh`.
-        GeometryError: shapes of different orders, a place without edges or corners, or as `RootMesh`.
+        GeometryError: no dict of Shapes, different orders, a place without edges or corners, a predicate without
+            truth values, or as `RootMesh`.
     """
     if not bodies or not all(isinstance(shape, Shape) for shape in bodies.values()):
         raise GeometryError(f"bodies must be a dict of at least one name and Shape, got {shown(bodies)}")
@@ -175,7 +179,12 @@ def root_mesh_from_shapes(
     order = hexahedron.order_of(cells.shape[1])
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
-        """Rows (cell, local edge or corner) of each place, each edge or corner once."""
+        """Rows (cell, local edge or corner) of each place, each edge or corner once.
+
+        Raises:
+            SceneError: an unknown body.
+            GeometryError: a place without edges or corners, or a predicate without truth values.
+        """
         result = {}
         for name, (where, place) in (places or {}).items():
             check_name("body", where, bodies)

@@ -23,8 +23,8 @@ _SIDES = (BOTTOM, FRONT, LEFT, RIGHT, BACK, TOP)
 #: Distances of the inner block's corners on an axis, a diagonal and a space diagonal over the radius.
 _ON_AXIS, _ON_DIAGONAL, _ON_SPACE_DIAGONAL = 0.5, 0.55 / np.sqrt(2), 0.6 / np.sqrt(3)
 
-#: Default order of the cell maps; leaves use no higher order than they need.  Two cells of order 3 along a quarter of
-#: an arc have an error of 1.5 % in the curvature, which matters for small contact areas.
+#: Default order of the cell maps; leaves use no higher order than they need.  Two cells of order 3 along an eighth of
+#: a circle have an error of 1.5 % in the curvature, which matters for small contact areas.
 ORDER = MAX_ORDER
 
 
@@ -32,7 +32,7 @@ def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], ord
     """A box along the axes with two opposite corners and numbers of cells along x, y, z.
 
     Its sides are "left" and "right" (x), "front" and "back" (y), "bottom" and "top" (z).
-    Raises SceneError for no three numbers, GeometryError for an order out of range, or no volume.
+    Raises SceneError unless corners and cells have three numbers, GeometryError for an invalid order or no volume.
     """
     for what, corner in (("the low corner of a block", low), ("the high corner of a block", high)):
         check_vector(what, corner)

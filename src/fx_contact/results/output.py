@@ -74,8 +74,8 @@ class RecordWriter:
         there = [_step_of(line, finished) for line in lines.splitlines()]
         if None in there:
             raise OutputError(
-                f"line {there.index(None) + 1} of {str(self.path)!r} is of another run, or of a step which the run "
-                "that goes on has not done: name the output folder of that run, or a new one"
+                f"line {there.index(None) + 1} of {str(self.path)!r} is of another run, or of a step that the "
+                "continued run has not done: name the output folder of that run, or a new one"
             )
         if not lines:
             self.path.write_bytes(b"")

@@ -26,7 +26,7 @@ def function_on(mesh: Mesh, element: Any, name: str, values: npt.NDArray[Any]) -
 
 
 def write_vtx(comm: MPI.Intracomm, path: Path, functions: list[fem.Function], time: float) -> None:
-    """Write functions of one element, apart from components, into one file, for ADIOS2 a folder, that replaces another.
+    """Write functions of one element and any number of components into one file (of ADIOS2: a folder), replacing it.
 
     Collective on comm.  Raises OutputError if the file cannot be written, or there is no space for it: then an existing
     one is kept.  On a full disk ADIOS2 ends the program or hangs, so the free space is checked first.

@@ -87,6 +87,6 @@ def patch(
 ) -> Scene:
     """Contact patch test: a `stack` of two blocks of side and height 1, with uniform pressure p = u / (h/E1 + h/E2).
 
-    Local.  Other arguments as in `stack`.
+    Local.  Other arguments as in `stack`.  Raises errors as `stack`.
     """
     return stack((lower, upper), displacement, order=order, cells=cells)

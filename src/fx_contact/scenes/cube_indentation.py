@@ -49,7 +49,7 @@ def indentation(
 def cube_on_block(order: int, coarse: int, symmetry: str, side: float, end: Placement | None = None) -> RootMesh:
     """Root mesh of "cube" on a "block" three times as wide, with matching meshes; `end` moves the cube's nodes.
 
-    Local.  Other arguments as in `indentation`.
+    Local.  Other arguments as in `indentation`.  Raises errors of `block` and `Shape.placed`.
     """
     quarter = symmetry == "quarter"
     low, bodies = 0.0 if quarter else -1.0, {}

@@ -31,6 +31,9 @@ def columns_mesh(
 
     Args:
         place: maps the name of a body and points (3, n) [-] of it to their positions [m].
+
+    Raises:
+        SceneError, GeometryError: as `block`, `Shape.placed` and `RootMesh`.
     """
     bodies = {
         name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, name))
