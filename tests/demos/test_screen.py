@@ -65,6 +65,7 @@ def test_silence_elsewhere(tmp_path):
     [
         *((demo, "--partition foo", "unknown partition 'foo'") for demo in REPORTING),
         ("manufactured", "--control foo", "unknown mode of the error control 'foo'"),
+        ("hertz", "--true-error 0", "--true-error must be a positive number, got 0.0"),
     ],
 )
 def test_records_before_a_wrong_option(tmp_path, monkeypatch, capsys, demo, words, message):
