@@ -288,6 +288,14 @@ def finer():
     return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
 
 
+def not_a_number():
+    """A step whose displacement is spoilt on the last rank."""
+    step = first(press())
+    if COMM.rank == COMM.size - 1:
+        step.displacement.x.array[:] = np.nan
+    return step
+
+
 #: Functions of no argument by the error that they must end with, and words of its message.
 CASES = {
     SceneError: [
@@ -502,6 +510,11 @@ CASES = {
                 solver=Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12),
             ),
             "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky (",
+        ),
+        (lambda: not_a_number().stress, "projection of the stress has not converged in 200 iterations: its relative"),
+        (
+            lambda: write_fields(not_a_number(), "no/such"),
+            "its relative residual is nan instead of 1e-08; check that",
         ),
     ],
     OutputError: [
