@@ -58,6 +58,16 @@ def test_pressure(axes):
     assert below.get_xlabel() == "radius / contact radius of Hertz" and axes.get_ylabel() == "contact pressure"
 
 
+@pytest.mark.parametrize("active, radius", [(True, None), (False, 0.0)])
+def test_pressure_of_one_pair(axes, active, radius):
+    """Where no closed pair is away from the contact's centre all pairs are drawn."""
+    points, normal = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.tile([0.0, 0.0, 1.0], (2, 1))
+    shown = SimpleNamespace(points=points, normal=normal, pressure=np.zeros(2), active=np.array([active, False]))
+    record = step_record(0, contact_centre=(0.0, 0.0, 0.0), contact_radius=radius, dofs=10, estimate=0.5)
+    _draw_pressure(axes, shown, record, None)
+    assert np.allclose(lines(axes)["node pairs"], [(0, 0), (2, 0)])
+
+
 def test_sweep(axes):
     """In the order of the values, with the names of both."""
     _draw_sweep(axes, np.array([(2.0, 30.0), (1.0, 10.0)]), "max_pressure", "depth [m]", True)

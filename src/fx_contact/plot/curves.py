@@ -54,7 +54,7 @@ def _draw_pressure(
     height = np.einsum("ni,ni->n", arm, table.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - height**2, 0))
     closed = record.contact_radius  # None: the contact is not round
-    reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed)
+    reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed) or radius.max(initial=0.0)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
     axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
