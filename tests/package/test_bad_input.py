@@ -316,6 +316,8 @@ CASES = {
         (lambda: first(press(), partition_kind="sfx"), "'contact-sfc'"),
         (lambda: Solver("boomer"), "'boomeramg', 'p-multigrid', 'ilu'"),
         (lambda: Solver(tolerance=2.0), "0.001 at most"),
+        (lambda: Solver(options=3), "the solver's options must be a dict of PETSc options by name, got 3"),
+        (lambda: Solver(options={3: 1}), "by name, got {3: 1}"),
         (lambda: scenes.hertz(radius=-1.0, comm=COMM), "radius"),
         (lambda: scenes.hertz(symmetry="half", comm=COMM), "there are 'quarter', 'full'"),
         (lambda: scenes.hertz(coarse=0, comm=COMM), "coarse"),
