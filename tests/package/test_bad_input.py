@@ -42,6 +42,7 @@ from fx_contact.problem import block, join, root_mesh_from_shapes
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors, true_error
+from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import hertz_a
 
@@ -352,6 +353,7 @@ CASES = {
         (lambda: Solver(tolerance=0.0001, loose_tolerance=1e-08), "must lie between tolerance 0.0001 and 1"),
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
+        (lambda: contact_functions(first(unpaired())), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
         (lambda: draw_stress(first(), "s.png", zoom=0), "zoom of a picture must be"),
         (lambda: draw_stress(first(unpaired()), "s.png", zoom=2), "has no contact pairs"),
@@ -541,6 +543,7 @@ CASES[SceneError] += [
         (partial(action, "step", 0.1), "a Step is needed")
         for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_fields)
     ),
+    (lambda: contact_functions("step"), "a Step is needed"),
     *(
         (partial(adapt, press(), 0.1, COMM, degree=degree), f"displacements must be 1 or 2, got {degree!r}")
         for degree in (0, 3, 1.0, True, "2", None)
