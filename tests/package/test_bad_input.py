@@ -37,7 +37,15 @@ from fx_contact.parallel.errors import (
     SolveError,
 )
 from fx_contact.parallel.mpi import together
-from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import (
+    draw_bodies,
+    draw_convergence,
+    draw_mesh,
+    draw_partition,
+    draw_pressure,
+    draw_stress,
+    draw_sweep,
+)
 from fx_contact.problem import block, join, root_mesh_from_shapes
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
@@ -355,6 +363,16 @@ CASES = {
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
         (lambda: contact_functions(first(unpaired())), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
+        (
+            lambda: draw_bodies(first(), "b.png", factor="a"),
+            "the factor of the displacements must be a finite number",
+        ),
+        (lambda: draw_bodies(first(), "b.png", apart=np.nan), "the distance apart must be a finite number, got nan"),
+        (lambda: draw_pressure(first(), "p.png", 3), "exact solution must be a Hertz or ContactReference, got 3"),
+        (lambda: contact_errors(first(), 3), "the reference must be a ContactReference, got 3"),
+        (lambda: draw_convergence([1], "c.png", COMM), "the records must be a list, each a StepRecord, got [1]"),
+        (lambda: draw_convergence(3, "c.png", COMM), "the records must be a list, each a StepRecord, got 3"),
+        (lambda: draw_sweep([1], "c.png", COMM), "the points must be a list, each a SweepRecord or SweepPoint, got"),
         (lambda: draw_stress(first(), "s.png", zoom=0), "zoom of a picture must be"),
         (lambda: draw_stress(first(unpaired()), "s.png", zoom=2), "has no contact pairs"),
         (lambda: true_error(first(), "x"), "got 'x'"),
