@@ -341,6 +341,7 @@ CASES = {
         (lambda: press(materials={"lower": STEEL, "upper": STEEL, "third": STEEL}), "'third'"),
         (lambda: press(materials={"lower": STEEL}), "'upper'"),
         (lambda: Dirichlet("base"), "prescribes nothing"),
+        (lambda: Dirichlet(3, x=0), "the place of a displacement condition must be a name, got 3"),
         (lambda: press(Dirichlet("base", z=1.0)), "component z on 'base'"),
         (lambda: Traction("top", (0, 1)), "three components"),
         (lambda: ContactPair("top", "top"), "itself"),
