@@ -514,8 +514,15 @@ CASES = {
         (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
         (lambda: press(mesh=two_cubes(shift=0.1)), "face 5 of root cell 0"),
-        (lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))), "two contact pairs"),
+        (
+            lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
+            "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
+        ),
         (lambda: with_surface("under", [[0, 5], [0, 1]]), "2 facets face 1"),
+        (
+            lambda: with_surface("over", [[1, 0], [0, 5]]),
+            "root cell 0 is on both sides of 'under on over'; leave it out",
+        ),
     ],
     SolveError: [
         (lambda: list(adapt(unheld(), 0.5, COMM)), "nothing holds body 'lower' once the contact opens"),
