@@ -52,7 +52,7 @@ from fx_contact import (  # noqa: E402
     StepRecord,
     TrueError,
 )
-from fx_contact.adaptive.settings import DEGREE  # noqa: E402
+from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
 from fx_contact.results import (  # noqa: E402
     Hertz,
     RecordWriter,
@@ -162,8 +162,10 @@ def parse(options: argparse.ArgumentParser) -> argparse.Namespace:
 def settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Keyword arguments of `adapt` from a command line.
 
-    Collective on COMM.
+    Collective on COMM.  Raises SceneError for a `--true-error` that is no tolerance, before the run.
     """
+    if given.true_error is not None:
+        check_tolerance("--true-error", given.true_error)
     stiffness = given.penalty, given.node_stiffness
     method = given.enforcement or ("exact" if stiffness == (None, None) else "penalty")
     return {

@@ -54,8 +54,9 @@ def main(given: argparse.Namespace) -> None:
     material = Material(given.young, given.poisson)
     scene = crossed_cylinders(given.radius, given.displacement, material, given.order, given.coarse)
     asked = settings(given, scene)
+    run = adapt(scene, **asked)  # checks its arguments before the report replaces an old one
     report = Report(given, asked["restart"])
-    for step in adapt(scene, **asked):
+    for step in run:
         report.add(step)
 
     force = step.record.force

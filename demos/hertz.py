@@ -36,8 +36,9 @@ def main(given: argparse.Namespace) -> None:
     scene = hertz(order=given.order, **bodies)
 
     asked = settings(given, scene)
+    run = adapt(scene, **asked)  # checks its arguments before the report replaces an old one
     report = Report(given, asked["restart"])
-    for step in adapt(scene, **asked):
+    for step in run:
         report.add(step)
 
     force = step.record.force

@@ -31,8 +31,9 @@ def main(given: argparse.Namespace) -> None:
         symmetry=given.symmetry,
     )
     asked = settings(given, scene)
+    run = adapt(scene, **asked)  # checks its arguments before the report replaces an old one
     report = Report(given, asked["restart"])
-    for step in adapt(scene, **asked):
+    for step in run:
         report.add(step)
 
     if not given.records_only:

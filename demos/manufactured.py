@@ -28,11 +28,12 @@ if __name__ == "__main__":
     options.add_argument("--quiet", action="store_true", help="print errors only")
     given = options.parse_args()
     with plain_errors(COMM):
+        known = {name: getattr(given, name) for name in ("degree", "order", "coarse", "uniform")}
+        run = adapt_manufactured(given.tolerance, COMM, control=ErrorControl(given.control), **known)
         records = RecordWriter(given.output, COMM)
         show = print if COMM.rank == 0 and not given.quiet else lambda *_, **__: None
         show("     dofs  hanging  estimate    true  effectivity      L2")
-        known = {name: getattr(given, name) for name in ("degree", "order", "coarse", "uniform")}
-        for step in adapt_manufactured(given.tolerance, COMM, control=ErrorControl(given.control), **known):
+        for step in run:
             r = step.record
             records.write(r)
             figures = f"{r.estimate:8.2%}  {r.true_error:6.2%}  {r.effectivity:11.3f}  {r.l2_error:6.3%}"

@@ -46,8 +46,9 @@ def main(given: argparse.Namespace) -> None:
     asked = settings(given, scene)
     if not given.restart:
         asked["beginning"] = refined_around_axis(scene)
+    run = adapt(scene, **asked)  # checks its arguments before the report replaces an old one
     report = Report(given, asked["restart"])
-    for step in adapt(scene, **asked):
+    for step in run:
         report.add(step)
 
     if not given.records_only:

@@ -47,8 +47,9 @@ def main(given: argparse.Namespace) -> None:
     material = Material(young=given.young, poisson=given.poisson)
     scene = shaft_in_bore(given.play, given.load, material, given.order, given.coarse)
     asked = settings(given, scene)
+    run = adapt(scene, **asked)  # checks its arguments before the report replaces an old one
     report = Report(given, asked["restart"])
-    for step in adapt(scene, **asked):
+    for step in run:
         report.add(step)
 
     if not given.records_only:

@@ -9,6 +9,7 @@ from model_problems import side_by_side
 
 from fx_contact.adaptive.contact_figures import figures_of_contact
 from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.scenes import patch
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -39,3 +40,21 @@ def test_figures_of_all_ranks(idle):
     assert np.allclose(found.contact_centre, [force @ np.arange(n) / force.sum(), 0.0, 5.0])
     assert np.isclose(found.max_pressure, 1.0 + n) and np.isclose(found.max_penetration, 0.01 * n)
     assert found.contact_radius is None, "two contact pairs"
+
+
+@pytest.mark.parametrize("points, radius", [(0, 0.0), (1, None), (8, 0.5 * np.sqrt(2.5))])
+def test_radius(points, radius):
+    """Of equal forces on a circle it is that of Hertz's pressure; a single closed pair has a force and no radius."""
+    angle = np.linspace(0, np.pi / 2, points if WORLD.rank == 0 else 0)  # of a quarter model
+    n, ring = len(angle), 0.5 if points > 1 else 0.0
+    rows = SimpleNamespace(
+        contact=np.zeros(n, dtype=int),
+        normal=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        position=np.stack([ring * np.cos(angle), ring * np.sin(angle), np.ones(n)], axis=1),
+        area=np.full(n, 0.5),
+        force_components=lambda force: force,
+    )
+    solution = SimpleNamespace(force=np.full(n, 3.0), active=np.ones(n, bool), pressure=angle, penetration=angle)
+    found = figures_of_contact(patch(cells=(1, 1, 2)), rows, solution, WORLD)
+    assert found.active_pairs == points and found.force == 4 * 3.0 * points
+    assert found.contact_radius == (radius if points < 2 else pytest.approx(radius))

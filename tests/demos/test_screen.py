@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import subprocess
 import sys
 import termios
@@ -11,6 +12,9 @@ import pytest
 from conftest import WORLD, outside
 
 DEMO = Path(__file__).parents[2] / "demos" / "hertz.py"
+
+#: Demos with `common.Report`.
+REPORTING = [path.stem for path in sorted(DEMO.parent.glob("*.py")) if "Report(given" in path.read_text()]
 
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a demo is a process of its own")
 
@@ -54,6 +58,29 @@ def test_silence_elsewhere(tmp_path):
     assert "largest pressure" in out and err == ""
     assert said(tmp_path / "b", "--quiet", terminal=True) == ("", "")
     assert (tmp_path / "b" / "steps.jsonl").stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    "demo, words, message",
+    [
+        *((demo, "--partition foo", "unknown partition 'foo'") for demo in REPORTING),
+        ("manufactured", "--control foo", "unknown mode of the error control 'foo'"),
+        ("hertz", "--true-error 0", "--true-error must be a positive number, got 0.0"),
+    ],
+)
+def test_records_before_a_wrong_option(tmp_path, monkeypatch, capsys, demo, words, message):
+    """A run that does not begin leaves the records of the one before as they are."""
+    records = tmp_path / "steps.jsonl"
+    records.write_text("before\n")
+    path = DEMO.with_stem(demo)
+    command = [str(path), *f"--order 2 --coarse 2 --output {tmp_path} {words}".split()]
+    monkeypatch.setattr(sys, "argv", command)
+    monkeypatch.syspath_prepend(path.parent)
+    monkeypatch.delitem(sys.modules, "common", raising=False)
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(path), run_name="__main__")
+    assert ended.value.code == 1 and message in capsys.readouterr().err
+    assert records.read_text() == "before\n"
 
 
 @pytest.mark.slow

@@ -37,11 +37,20 @@ from fx_contact.parallel.errors import (
     SolveError,
 )
 from fx_contact.parallel.mpi import together
-from fx_contact.plot import draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import (
+    draw_bodies,
+    draw_convergence,
+    draw_mesh,
+    draw_partition,
+    draw_pressure,
+    draw_stress,
+    draw_sweep,
+)
 from fx_contact.problem import block, join, root_mesh_from_shapes
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors, true_error
+from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import hertz_a
 
@@ -298,6 +307,14 @@ def finer():
     return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
 
 
+def not_a_number():
+    """A step whose displacement is spoilt on the last rank."""
+    step = first(press())
+    if COMM.rank == COMM.size - 1:
+        step.displacement.x.array[:] = np.nan
+    return step
+
+
 #: Functions of no argument by the error that they must end with, and words of its message.
 CASES = {
     SceneError: [
@@ -319,6 +336,8 @@ CASES = {
         (lambda: first(press(), partition_kind="sfx"), "'contact-sfc'"),
         (lambda: Solver("boomer"), "'boomeramg', 'p-multigrid', 'ilu'"),
         (lambda: Solver(tolerance=2.0), "0.001 at most"),
+        (lambda: Solver(options=3), "the solver's options must be a dict of PETSc options by name, got 3"),
+        (lambda: Solver(options={3: 1}), "by name, got {3: 1}"),
         (lambda: scenes.hertz(radius=-1.0, comm=COMM), "radius"),
         (lambda: scenes.hertz(symmetry="half", comm=COMM), "there are 'quarter', 'full'"),
         (lambda: scenes.hertz(coarse=0, comm=COMM), "coarse"),
@@ -333,6 +352,7 @@ CASES = {
         (lambda: press(materials={"lower": STEEL, "upper": STEEL, "third": STEEL}), "'third'"),
         (lambda: press(materials={"lower": STEEL}), "'upper'"),
         (lambda: Dirichlet("base"), "prescribes nothing"),
+        (lambda: Dirichlet(3, x=0), "the place of a displacement condition must be a name, got 3"),
         (lambda: press(Dirichlet("base", z=1.0)), "component z on 'base'"),
         (lambda: Traction("top", (0, 1)), "three components"),
         (lambda: ContactPair("top", "top"), "itself"),
@@ -353,7 +373,18 @@ CASES = {
         (lambda: Solver(tolerance=0.0001, loose_tolerance=1e-08), "must lie between tolerance 0.0001 and 1"),
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
+        (lambda: contact_functions(first(unpaired())), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
+        (
+            lambda: draw_bodies(first(), "b.png", factor="a"),
+            "the factor of the displacements must be a finite number",
+        ),
+        (lambda: draw_bodies(first(), "b.png", apart=np.nan), "the distance apart must be a finite number, got nan"),
+        (lambda: draw_pressure(first(), "p.png", 3), "exact solution must be a Hertz or ContactReference, got 3"),
+        (lambda: contact_errors(first(), 3), "the reference must be a ContactReference, got 3"),
+        (lambda: draw_convergence([1], "c.png", COMM), "the records must be a list, each a StepRecord, got [1]"),
+        (lambda: draw_convergence(3, "c.png", COMM), "the records must be a list, each a StepRecord, got 3"),
+        (lambda: draw_sweep([1], "c.png", COMM), "the points must be a list, each a SweepRecord or SweepPoint, got"),
         (lambda: draw_stress(first(), "s.png", zoom=0), "zoom of a picture must be"),
         (lambda: draw_stress(first(unpaired()), "s.png", zoom=2), "has no contact pairs"),
         (lambda: true_error(first(), "x"), "got 'x'"),
@@ -494,8 +525,15 @@ CASES = {
         (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
         (lambda: press(mesh=two_cubes(shift=0.1)), "face 5 of root cell 0"),
-        (lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))), "two contact pairs"),
+        (
+            lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
+            "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
+        ),
         (lambda: with_surface("under", [[0, 5], [0, 1]]), "2 facets face 1"),
+        (
+            lambda: with_surface("over", [[1, 0], [0, 5]]),
+            "root cell 0 is on both sides of 'under on over'; leave it out",
+        ),
     ],
     SolveError: [
         (lambda: list(adapt(unheld(), 0.5, COMM)), "nothing holds body 'lower' once the contact opens"),
@@ -513,6 +551,11 @@ CASES = {
                 solver=Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12),
             ),
             "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky (",
+        ),
+        (lambda: not_a_number().stress, "projection of the stress has not converged in 200 iterations: its relative"),
+        (
+            lambda: write_fields(not_a_number(), "no/such"),
+            "its relative residual is nan instead of 1e-08; check that",
         ),
     ],
     OutputError: [
@@ -537,6 +580,7 @@ CASES[SceneError] += [
         (partial(action, "step", 0.1), "a Step is needed")
         for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_fields)
     ),
+    (lambda: contact_functions("step"), "a Step is needed"),
     *(
         (partial(adapt, press(), 0.1, COMM, degree=degree), f"displacements must be 1 or 2, got {degree!r}")
         for degree in (0, 3, 1.0, True, "2", None)

@@ -10,6 +10,7 @@ from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.parallel.errors import CheckpointError
 from fx_contact.parallel.validation import percent
 from fx_contact.plot import draw_mesh, draw_pressure
+from fx_contact.plot.canvas import axes_for, draw_on_first, plotter_for
 from fx_contact.problem import RootMesh, block, root_mesh_from_shapes
 from fx_contact.results import REFERENCES, RecordWriter, write_fields
 from fx_contact.scenes import patch, stack
@@ -56,9 +57,21 @@ def test_folders_are_no_files(step, tmp_path, name):
 
 @pytest.mark.parametrize("draw", [draw_mesh, draw_pressure])
 def test_pictures_are_png(step, tmp_path, draw):
-    """A name that no picture can have is named, with one that it can."""
-    with pytest.raises(OutputError, match="picture.xyz', let its name end in .png"):
-        draw(step, WORLD.bcast(tmp_path) / "picture.xyz")
+    """A name that no picture can have is named, with the ending that it can have, before anything is drawn."""
+    with pytest.raises(OutputError, match="must end in .png, got .*picture.xyz'"):
+        draw(step, WORLD.bcast(tmp_path) / "new" / "picture.xyz")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("ending, canvas", [(".png", plotter_for), (".svg", axes_for)])
+def test_errors_while_drawing_stay(tmp_path, ending, canvas):
+    """An error of what draws is not one of the name of the file."""
+
+    def draw(_):
+        raise ValueError("not drawn")
+
+    with pytest.raises(ValueError, match="not drawn"):
+        draw_on_first(WORLD, WORLD.bcast(tmp_path) / f"a{ending}", draw, canvas)
 
 
 def test_meshes_are_frozen():

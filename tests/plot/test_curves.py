@@ -5,9 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from model_problems import step_record
+from mpi4py import MPI
 
+from fx_contact.adaptive.load_path import SweepPoint
+from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.plot.canvas import add_length
-from fx_contact.plot.curves import _draw_convergence, _draw_pressure, _draw_sweep
+from fx_contact.plot.curves import _draw_convergence, _draw_pressure, _draw_sweep, draw_sweep
 
 
 @pytest.fixture
@@ -58,11 +61,32 @@ def test_pressure(axes):
     assert below.get_xlabel() == "radius / contact radius of Hertz" and axes.get_ylabel() == "contact pressure"
 
 
+@pytest.mark.parametrize("active, radius", [(True, None), (False, 0.0)])
+def test_pressure_of_one_pair(axes, active, radius):
+    """Where no closed pair is away from the contact's centre all pairs are drawn."""
+    points, normal = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.tile([0.0, 0.0, 1.0], (2, 1))
+    shown = SimpleNamespace(points=points, normal=normal, pressure=np.zeros(2), active=np.array([active, False]))
+    record = step_record(0, contact_centre=(0.0, 0.0, 0.0), contact_radius=radius, dofs=10, estimate=0.5)
+    _draw_pressure(axes, shown, record, None)
+    assert np.allclose(lines(axes)["node pairs"], [(0, 0), (2, 0)])
+
+
 def test_sweep(axes):
     """In the order of the values, with the names of both."""
     _draw_sweep(axes, np.array([(2.0, 30.0), (1.0, 10.0)]), "max_pressure", "depth [m]", True)
     assert np.allclose(axes.lines[0].get_data(), [(1, 2), (10, 30)])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("depth [m]", "max pressure") and axes.get_xscale() == "log"
+
+
+def test_points_of_a_sweep(axes):
+    """Points as `sweep` yields them are drawn as their records are."""
+    figures = {"begun": "anew", "solves": 1, "unknowns": 0, "cpu_seconds": 0.0}
+    records = [
+        SweepRecord(point=point, value=float(point), record=step_record(0, force=2.0 + point), **figures)
+        for point in range(2)
+    ]
+    draw_sweep([SweepPoint(1.0, None, records[1]), records[0]], comm=MPI.COMM_SELF, ax=axes)
+    assert np.allclose(axes.lines[0].get_data(), [(0, 1), (2, 3)])
 
 
 @pytest.mark.parametrize("scale, length", [(1.0, 0.2), (3.0, 1.0), (0.013, 0.005), (240.0, 50.0)])

@@ -101,6 +101,7 @@ def test_every_field_counts():
     scenes = {("scene", name): replace(SCENE, **{name: value}) for name, value in OF_SCENE.items()}
     for part, (place, entries) in OF_PARTS.items():
         scenes |= {(part.__name__, name): with_part(part, place, **{name: value}) for name, value in entries.items()}
+    scenes["a plane that is held"] = replace(SCENE, dirichlet=(*SCENE.dirichlet[:2], Dirichlet("top", z=0.0)))
     assert not [name for name, scene in scenes.items() if scene_parts(scene) == before]
 
 

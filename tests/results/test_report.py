@@ -1,6 +1,7 @@
 """Text on a run, against figures made up."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,8 +68,19 @@ def test_state_of_contact():
 
 
 def test_warnings_of_forces():
-    """Those whose error is above the tolerance, by their number; a force that is 0, or has no error, has none."""
-    record = step_record(0, tolerance=0.1, pair_forces=[1.0, 2.0, 0.0, 3.0, 4.0], pair_errors=[0.1, 0.11, 5, None, 2])
+    """Those whose error is above the tolerance, by name or number; a force that is 0, or has no error, has none."""
+    figures = {"pair_errors": [0.1, 0.11, 5, None, 2], "pair_leaves": [0, 1234, 0, 0, 0]}
+    record = step_record(0, tolerance=0.1, pair_forces=[1.0, 2.0, 0.0, 3.0, 4.0], **figures)
     first, second = force_warnings(record)
-    assert first.startswith("contact pair 1: the estimated error of its force is 11%;")
-    assert second.startswith("contact pair 4: the estimated error of its force is 100%;")
+    assert first == (
+        "contact pair 1: the estimated error of its force is 11%; 1,234 leaves are marked for it: allow more steps"
+    )
+    assert second.startswith(
+        "contact pair 4: the estimated error of its force is 100%; no leaf is refined for errors"
+    )
+    of_pairs = tuple(SimpleNamespace(kind="contact", name=f"a on {name}") for name in "bcdef")
+    named = replace(record, resultants=(*of_pairs, SimpleNamespace(kind="balance", name="a")))
+    assert [line.split(":")[0] for line in force_warnings(named)] == [
+        "contact pair 'a on c'",
+        "contact pair 'a on f'",
+    ]

@@ -17,6 +17,8 @@ ROUND = 0.1
 #: Contact has an axis if |sum f| / sum |f| of its forces f is larger: the value of uniform pressure on a hemisphere;
 #: on a cap up to the angle t it is (1 + cos t) / 2.
 _AXIS = 0.5
+#: Largest square of the radius, over the closed area, that is rounding: all force is at one pair.
+_POINT = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +34,8 @@ class ContactFigures:
         contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; without forces the middle
             of the bodies [m].
         contact_radius: radius of Hertz's contact with the same second moments of the forces about `contact_centre` [m];
-            None if these differ across the contact, are too large for the closed area (a flat punch), or several
-            pairs have force; 0 without contact.
+            None if these differ across the contact, are 0 (one closed pair), are too large for the closed area (a flat
+            punch), or several pairs have force; 0 without contact.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
     """
@@ -69,6 +71,7 @@ def figures_of_contact(
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)
     radius = float(np.sqrt(2.5 * moments[-1] / total)) if total else 0.0
+    is_round = is_round and radius**2 > _POINT * area
     return ContactFigures(
         active_pairs=int(active),
         force=float(total * scene.symmetry),

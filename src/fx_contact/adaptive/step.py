@@ -112,7 +112,10 @@ class Step(SolvedState):
     @cached_property
     @collective("self.forest.comm")
     def stress(self) -> fem.Function:
-        """L2 projection of the stress, a 3 x 3 tensor, continuous inside each body [Pa].  Collective."""
+        """L2 projection of the stress, a 3 x 3 tensor, continuous inside each body [Pa].
+
+        Collective.  Raises SolveError if the projection does not converge.
+        """
         elasticity, six = self.elasticity, self._projected_stress
         degree = elasticity.prolongation.space.degree
         result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", degree, (3, 3))), name="stress")
@@ -123,7 +126,10 @@ class Step(SolvedState):
     @property
     @collective("self.forest.comm")
     def nodal_stress(self) -> FloatArray:
-        """`stress` at the nodes of this rank's leaves, in the order of `VOIGT`: (n, (p+1)^3, 6) [Pa].  Collective."""
+        """`stress` at the nodes of this rank's leaves, in the order of `VOIGT`: (n, (p+1)^3, 6) [Pa].
+
+        Collective.  Raises SolveError as `stress`.
+        """
         return self.elasticity.at_leaves(self._projected_stress)
 
     @cached_property

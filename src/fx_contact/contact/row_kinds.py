@@ -54,7 +54,8 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
     Collective on prolongation.comm, with the `needed_keys`.
 
     Raises:
-        SceneError: a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a Prolongation that lacks nodes.
+        SceneError: a contact of an unknown type, a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a
+            Prolongation that lacks nodes.
     """
     kinds = kinds_of(scene)
     parts = [kind.columns(prolongation, enforcement) for kind in kinds]

@@ -22,6 +22,7 @@ from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
 #: Relative residual of the projection, and most iterations; 20 to 40 are taken.
@@ -33,7 +34,8 @@ def projected_stress(
 ) -> fem.Function:
     """L2 projection of sigma_h on continuous functions of the displacement's degree, six components (`VOIGT`) [Pa].
 
-    Collective.  Raises CompilationError as `compiled`.
+    Collective.  Raises CompilationError as `compiled`, SolveError if the iteration does not converge, as for a
+    displacement that is not finite.
     """
     prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
@@ -77,6 +79,12 @@ def _solved(comm: MPI.Intracomm, mass: Callable[[FloatArray], FloatArray], load:
         scaled = scale * residual
         before, size = size, dot(residual, scaled)
         direction = scaled + _ratio(size, before) * direction
+    else:
+        raise SolveError(
+            f"the projection of the stress has not converged in {_MOST} iterations: its relative residual is "
+            f"{np.sqrt(size.max() / start.max()):.1e} instead of {_TOLERANCE:g}; check that the displacement is finite "
+            "and that no cell is nearly inverted"
+        )
     return x
 
 

@@ -56,7 +56,8 @@ class Elasticity:
         cells: (ncells, (p+1)^3), nodes in the Space of each local cell.
         node_of_block: (nblocks,), the node of each local block of `function_space`; several blocks may have one.
         lame: the two Lame coefficients, constant on cells [Pa].
-        argument: coefficient in the place of a displacement in an `Integral`.
+        argument: coefficient in the place of a displacement in an `Integral`; its values are scratch, those of the
+            displacement that was integrated last.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
 
     Raises:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_count, check_name, check_number
+from fx_contact.parallel.validation import check_count, check_name, check_number, shown
 
 #: PETSc options of the preconditioners, by name; the first is the fastest of those measured.
 PRECONDITIONERS: dict[str, dict[str, Any]] = {
@@ -95,7 +95,8 @@ class Solver:
             under the prefix `fx_`, overrides them.
 
     Raises:
-        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1.
+        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1; options that
+            are no dict.
     """
 
     preconditioner: str | None = None
@@ -121,3 +122,7 @@ class Solver:
             )
         for name in ("max_krylov", "max_contact"):
             check_count(f"the solver's {name}", getattr(self, name))
+        if not isinstance(self.options, dict) or not all(isinstance(name, str) for name in self.options):
+            raise SceneError(
+                f"the solver's options must be a dict of PETSc options by name, got {shown(self.options)}"
+            )

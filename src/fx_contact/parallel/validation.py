@@ -4,7 +4,7 @@ All are local: the value is the same on all ranks, or the caller raises on all o
 """
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
@@ -69,6 +69,19 @@ def check_label(what: str, value: object) -> None:
     """Raises SceneError unless a value is a non-empty string."""
     if not isinstance(value, str) or not value:
         raise SceneError(f"{what} must be a name, got {shown(value)}")
+
+
+def check_kind(what: str, value: object, *kinds: type) -> None:
+    """Raises SceneError unless a value is an object of one of some classes."""
+    if not isinstance(value, kinds):
+        raise SceneError(f"{what} must be a {' or '.join(kind.__name__ for kind in kinds)}, got {shown(value)}")
+
+
+def check_kinds(what: str, values: object, *kinds: type) -> None:
+    """Raises SceneError unless a value is a list of objects of some classes."""
+    if not isinstance(values, Sequence) or not all(isinstance(value, kinds) for value in values):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise SceneError(f"{what} must be a list, each a {wanted}, got {shown(values)}")
 
 
 def check_comm(comm: object) -> None:

@@ -72,6 +72,8 @@ def draw_bodies(
     check_name("field", field, _FIELDS)
     check_step(step, contact=field == "pressure")
     check_number("the zoom of a picture", zoom, positive=True)
+    check_number("the factor of the displacements", factor)
+    check_number("the distance apart", apart)
     if top is not None:
         check_number("the top of a colour scale", top, positive=True)
     mesh = step.scene.mesh

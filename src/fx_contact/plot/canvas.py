@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 Canvas = TypeVar("Canvas")
 
+#: Endings of files that matplotlib and pyvista write, and those of matplotlib alone.
+_PICTURES, _VECTOR_GRAPHICS = (".png", ".jpg", ".jpeg", ".tif", ".tiff"), (".pdf", ".svg", ".eps")
+
 
 def draw_on_first(
     comm: MPI.Intracomm,
@@ -37,7 +40,8 @@ def draw_on_first(
     Collective on comm.
 
     Raises:
-        OutputError: the picture cannot be written, or neither a path nor axes nor a plotter are given.
+        OutputError: the picture cannot be written or its name is that of no picture, or neither a path nor axes nor a
+            plotter are given.
     """
     if comm.bcast(given is not None):
         with together(comm):
@@ -46,7 +50,7 @@ def draw_on_first(
                 draw(given)
         return given
     path = shared_path(comm, "the name of a picture", path, OutputError)
-    if not path.suffix:  # matplotlib and pyvista would append one
+    if path.suffix not in _PICTURES + _VECTOR_GRAPHICS * (canvas is axes_for):
         raise OutputError(
             f"the name of a picture must end in .png, got {str(path)!r}: if this is a folder, name a file"
         )
@@ -56,8 +60,6 @@ def draw_on_first(
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with canvas(path) as new:
                     draw(new)
-            except ValueError as error:
-                raise OutputError(f"cannot draw {str(path)!r}, let its name end in .png: {error}") from error
             except OSError as error:
                 raise OutputError(f"cannot draw {str(path)!r}: {error}; name another output folder") from error
     return path

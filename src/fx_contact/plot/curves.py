@@ -9,13 +9,14 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.load_path import SweepPoint
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_comm, check_name
+from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name
 from fx_contact.plot.canvas import axes_for, draw_on_first
 from fx_contact.results.analytic import Hertz
 from fx_contact.results.reference_values import ContactReference
@@ -37,10 +38,12 @@ def draw_pressure(
     Collective on the step's communicator; rank 0 draws, into the PNG of the path or on `ax`, which is returned.
 
     Raises:
-        SceneError: no step, or one without contact.
+        SceneError: no step, or one without contact; an exact solution of another kind.
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=True)
+    if exact is not None:
+        check_kind("the exact solution", exact, Hertz, ContactReference)
     table = step.contact.gathered()
     draw = partial(_draw_pressure, table=table, record=step.record, exact=exact)
     return draw_on_first(step.forest.comm, path, draw, axes_for, ax)
@@ -54,7 +57,7 @@ def _draw_pressure(
     height = np.einsum("ni,ni->n", arm, table.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - height**2, 0))
     closed = record.contact_radius  # None: the contact is not round
-    reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed)
+    reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed) or radius.max(initial=0.0)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
     axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
@@ -102,10 +105,11 @@ def draw_convergence(
     on all ranks.
 
     Raises:
-        SceneError: comm is no communicator.
+        SceneError: comm is no communicator, or a record is none.
         OutputError: there is no record, or the picture cannot be written.
     """
     check_comm(comm)
+    check_kinds("the records", records, StepRecord)
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
     return draw_on_first(comm, path, partial(_draw_convergence, records=records), axes_for, ax)
@@ -132,7 +136,7 @@ def _draw_convergence(axes: "Axes", records: Sequence[StepRecord]) -> None:
 
 @collective("comm")
 def draw_sweep(
-    points: Sequence[SweepRecord],
+    points: Sequence[SweepRecord | SweepPoint],
     path: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
@@ -152,15 +156,17 @@ def draw_sweep(
         logarithmic: scale of both axes.
 
     Raises:
-        SceneError: comm is no communicator, or there is no such entry.
+        SceneError: comm is no communicator, a point is none, or there is no such entry.
         OutputError: there is no point, or the picture cannot be written.
     """
     check_comm(comm)
+    check_kinds("the points", points, SweepRecord, SweepPoint)
     if not points:
         raise OutputError("no curve to draw: there is no point of a sweep")
-    numbers = [name for name, value in vars(points[0].record).items() if isinstance(value, (int, float))]
+    known = [point.record if isinstance(point, SweepPoint) else point for point in points]
+    numbers = [name for name, value in vars(known[0].record).items() if isinstance(value, (int, float))]
     check_name("entry of a record", quantity, numbers)
-    rows = np.array([(point.value, getattr(point.record, quantity)) for point in points])
+    rows = np.array([(point.value, getattr(point.record, quantity)) for point in known])
     draw = partial(_draw_sweep, rows=rows, quantity=quantity, label=label, logarithmic=logarithmic)
     return draw_on_first(comm, path, draw, axes_for, ax)
 

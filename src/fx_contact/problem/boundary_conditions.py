@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number, check_vector, shown
+from fx_contact.parallel.validation import check_label, check_number, check_vector, shown
 
 if TYPE_CHECKING:
     from fx_contact.problem.root_mesh import RootMesh
@@ -32,7 +32,7 @@ COMPONENTS = "xyz"
 class Dirichlet:
     """Prescribed displacement components on a surface, along a curve or at a vertex of the root mesh.
 
-    Raises SceneError if no component is given, or one is neither a finite number nor a function.
+    Raises SceneError if the place has no name, no component is given, or one is neither a finite number nor a function.
 
     Attributes:
         x, y, z: displacement [m], constant or a function of the undeformed position; None where the component is free.
@@ -44,6 +44,7 @@ class Dirichlet:
     z: ScalarValue | None = None
 
     def __post_init__(self) -> None:
+        check_label("the place of a displacement condition", self.where)
         if not self.held.any():
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
         for component, value in self._given:

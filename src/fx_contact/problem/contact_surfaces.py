@@ -28,11 +28,17 @@ class ContactSurfaces:
         for index, contact in enumerate(contacts):
             for side, name in enumerate(contact.surfaces):
                 cell, face = mesh.surface(name).T
-                taken = self.contact[cell, face] >= 0
-                if taken.any():
+                taken = self.contact[cell, face]
+                if (taken >= 0).any():
+                    at = int((taken >= 0).argmax())
+                    other, place = contacts[taken[at]], f"face {face[at]} of root cell {cell[at]}"
+                    if taken[at] == index:
+                        raise PairingError(
+                            f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
+                        )
                     raise PairingError(
-                        f"face {face[taken][0]} of root cell {cell[taken][0]} is in two contact pairs, the second one "
-                        f"({', '.join(map(repr, contact.surfaces))}); split the surface so that each facet is in one"
+                        f"{place} is in two contact pairs, {other.name!r} and {contact.name!r}; split the surface so "
+                        "that each facet is in one"
                     )
                 self.contact[cell, face], self.side[cell, face] = index, side
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_contact.problem.boundary_conditions import ObliquePlane, ScalarValue, Traction, VectorValue, evaluated
+from fx_contact.problem.boundary_conditions import ScalarValue, SymmetryPlane, Traction, VectorValue, evaluated
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 
@@ -17,8 +17,12 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
         "root mesh": mesh_digest(scene.mesh),
         "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
         "displacement conditions": [
-            [c.where, "oblique plane"] if isinstance(c, ObliquePlane) else _given(scene, c.where, 1, c.x, c.y, c.z)
-            for c in scene.conditions
+            (
+                [c.surface, "symmetry plane"]
+                if isinstance(c, SymmetryPlane)
+                else _given(scene, c.where, 1, c.x, c.y, c.z)
+            )
+            for c in scene.dirichlet
         ],
         "contact pairs": [c.data for c in scene.contact],
         "tractions": [

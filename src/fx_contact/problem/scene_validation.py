@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
@@ -69,18 +68,9 @@ def check_constrained(scene: Scene) -> None:
 
 
 def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
-    """Bodies (n,) opposite facets (n, 2) of first surfaces: of partners or nearest facets, -1 for an obstacle."""
-    mesh, surfaces = scene.mesh, scene.contact_surfaces
-    partner = scene.pairing.partner[first[:, 0], first[:, 1], 0].astype(np.int64)
-    result = np.where(partner >= 0, mesh.body[partner], -1).astype(np.int64)
-    of = surfaces.contact[first[:, 0], first[:, 1]]
-    second = surfaces.facets(1)
-    for index in np.unique(of[partner < 0]):
-        ours, others = of == index, second[surfaces.contact[second[:, 0], second[:, 1]] == index]
-        if len(others):
-            centres = (mesh.facet_points(facets).mean(axis=1) for facets in (others, first[ours]))
-            result[ours] = mesh.body[others[cKDTree(next(centres)).query(next(centres))[1], 0]]
-    return result
+    """Bodies (n,) of the partners of facets (n, 2) of first surfaces, -1 where they have none: an obstacle."""
+    partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
+    return np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:

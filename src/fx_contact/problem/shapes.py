@@ -18,8 +18,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
-from fx_contact.parallel.errors import GeometryError
-from fx_contact.parallel.validation import check_name, check_number, check_vector, shown
+from fx_contact.parallel.errors import GeometryError, SceneError
+from fx_contact.parallel.validation import check_kinds, check_label, check_name, check_number, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 
@@ -74,9 +74,10 @@ class Shape:
             where: predicate that all nodes of its facets satisfy; None: any.
 
         Raises:
-            SceneError: an unknown side.
-            GeometryError: no facet is there, or the function does not give truth values.
+            SceneError: an unknown side, or a name that is none.
+            GeometryError: no facet is there, or `where` is no function that gives truth values.
         """
+        check_label("a side", name)
         rows = np.unique(np.concatenate([self.side(side) for side in sides]), axis=0) if sides else self.boundary
         if where is not None:
             inside = _holds(name, where, self.points)
@@ -96,7 +97,7 @@ class Shape:
     def turned(self, axis: Axis, degrees: float) -> Shape:
         """The shape turned about an axis, counter-clockwise from its tip.
 
-        Raises SceneError or GeometryError as `rotation`.
+        Raises SceneError for no axis or an angle that is no number, GeometryError for an axis of length zero.
         """
         return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
 
@@ -122,8 +123,9 @@ def join(*shapes: Shape) -> Shape:
     """One shape made of several of one order that touch, or of one whose ends meet.
 
     Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
-    Raises GeometryError for different orders, or no shape at all.
+    Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
     """
+    check_kinds("what is joined", shapes, Shape)
     if len({shape.order for shape in shapes}) != 1:
         raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in shapes]}")
     points, cells, first = _concatenated(shapes)
@@ -155,11 +157,18 @@ def root_mesh_from_shapes(
             corners that do.
 
     Raises:
-        SceneError: an unknown body or side, or as `RootMesh`.
-        GeometryError: no dict of Shapes, different orders, a place without edges or corners, a predicate without
-            truth values, or as `RootMesh`.
+        SceneError: an unknown body or side, surfaces, curves or vertices of another form, or as `RootMesh`.
+        GeometryError: bodies that are no shapes or of different orders, a place without edges or corners, a predicate
+            without truth values, or as `RootMesh`.
     """
-    if not bodies or not all(isinstance(shape, Shape) for shape in bodies.values()):
+    for what, given in (("surfaces", surfaces), ("curves", curves), ("vertices", vertices)):
+        if not isinstance(given, Mapping | None):
+            raise SceneError(f"{what} must be a dict by name, got {shown(given)}")
+    if (
+        not isinstance(bodies, Mapping)
+        or not bodies
+        or not all(isinstance(shape, Shape) for shape in bodies.values())
+    ):
         raise GeometryError(f"bodies must be a dict of at least one name and Shape, got {shown(bodies)}")
     if len({shape.order for shape in bodies.values()}) > 1:
         orders = ", ".join(f"{name!r} of order {shape.order}" for name, shape in bodies.items())
@@ -173,8 +182,10 @@ def root_mesh_from_shapes(
     }
     if surfaces is not None:
         parts = {name: [part] if isinstance(part, str) else part for name, part in surfaces.items()}
-        for side in (side for part in parts.values() for side in part):
-            check_name("side", side, known, "the bodies have")
+        for name, part in parts.items():
+            check_kinds(f"the sides of surface {name!r}", part, str)
+            for side in part:
+                check_name("side", side, known, "the bodies have")
         known = {name: np.unique(np.concatenate([known[p] for p in part]), axis=0) for name, part in parts.items()}
     order = hexahedron.order_of(cells.shape[1])
 
@@ -186,7 +197,10 @@ def root_mesh_from_shapes(
             GeometryError: a place without edges or corners, or a predicate without truth values.
         """
         result = {}
-        for name, (where, place) in (places or {}).items():
+        for name, given in (places or {}).items():
+            if not isinstance(given, (tuple, list)) or len(given) != 2:
+                raise SceneError(f"{name!r} must be given as (body, function of positions), got {shown(given)}")
+            where, place = given
             check_name("body", where, bodies)
             nodes = cells[:, local]
             there = _holds(name, place, points)[nodes].all(axis=2) & (body == list(bodies).index(where))[:, None]
@@ -217,14 +231,14 @@ def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int6
 
 
 def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
-    """Images (n, 3) of points (n, 3).  Raises GeometryError unless they are positions."""
-    image = place(points.T.copy())
+    """Images (n, 3) of points (n, 3).  Raises GeometryError unless they are positions that a function gives."""
+    image = place(points.T.copy()) if callable(place) else place
     result: FloatArray
     try:
         result = np.stack(np.broadcast_arrays(*image, np.empty(len(points)))[:-1], axis=1).astype(np.float64)
     except (TypeError, ValueError):
         result = np.empty((0, 0))
-    if result.shape != points.shape or not np.isfinite(result).all():
+    if not callable(place) or result.shape != points.shape or not np.isfinite(result).all():
         raise GeometryError(
             f"{what} must be a function of points of shape {points.T.shape} that gives finite x, y and z, got "
             f"{shown(image)}"
@@ -234,8 +248,8 @@ def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
 
 def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
     """Values (n,) of a user's predicate; GeometryError unless they are truth values."""
-    inside = np.asarray(where(points.T.copy()))
-    if inside.shape != (len(points),) or inside.dtype != bool:
+    inside = np.asarray(where(points.T.copy()) if callable(where) else where)
+    if not callable(where) or inside.shape != (len(points),) or inside.dtype != bool:
         raise GeometryError(
             f"the place of {name!r} must be a function that gives a truth value for each of {len(points)} points, "
             f"got {shown(inside)}"

@@ -6,6 +6,7 @@ Lengths are in the unit of the mesh.  All functions are local.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 
@@ -36,10 +37,10 @@ def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], ord
     """
     for what, corner in (("the low corner of a block", low), ("the high corner of a block", high)):
         check_vector(what, corner)
-    check_vector("the numbers of cells along x, y and z", cells)
+    check_vector("the numbers of cells", cells)  # of all solids, whatever their directions
     for count in cells:
-        check_count("the number of cells along x, y or z", count)
-    if isinstance(order, bool) or order not in range(1, MAX_ORDER + 1):
+        check_count("each number of cells", count)
+    if isinstance(order, bool) or not isinstance(order, Integral) or order not in range(1, MAX_ORDER + 1):
         raise GeometryError(f"the order of a shape must be 1 to {MAX_ORDER}, got {shown(order)}")
     if any(a >= b for a, b in zip(low, high)):
         raise GeometryError(f"a block from {tuple(low)} to {tuple(high)} has no volume: give the low corner first")

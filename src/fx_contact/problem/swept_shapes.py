@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
-from fx_contact.parallel.validation import check_count, check_number, check_vector
+from fx_contact.parallel.errors import GeometryError
+from fx_contact.parallel.validation import check_count, check_number, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.shapes import Axis, Shape, images, join, rotation
 
@@ -35,9 +36,14 @@ def sweep_side(
             three arrays (n,), or numbers.
         layers: number of cells along the path.
 
-    Raises SceneError for an unknown side or number of layers, GeometryError if the function gives no positions.
+    Raises SceneError for an unknown side or number of layers, GeometryError unless the path is a function that gives
+    positions.
     """
     check_count("the number of layers", layers)
+    if not callable(path):
+        raise GeometryError(
+            f"the path must be a function of positions and of a number from 0 to 1, got {shown(path)}"
+        )
     order, rows = shape.order, shape.side(side)
     used, facets = np.unique(shape.facet_nodes(rows), return_inverse=True)
     facets = facets.reshape(len(rows), -1)

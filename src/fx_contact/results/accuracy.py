@@ -23,6 +23,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
+from fx_contact.parallel.validation import check_kind
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.reference_values import ContactReference
@@ -71,13 +72,14 @@ def energy_distance(step: Step, values: FloatArray) -> float:
 def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
     """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
 
-    Collective on the step's communicator.  Raises SceneError for no step or one without contact.
+    Collective on the step's communicator.  Raises SceneError for no step, one without contact, or no reference.
 
     Returns:
         `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
         L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
     """
     check_step(step, contact=True)
+    check_kind("the reference", reference, ContactReference)
     found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
     result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
     if len(reference.profile):

@@ -8,7 +8,7 @@ from basix import CellType
 from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
-from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step import Step, check_step
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.compat import stay
@@ -31,7 +31,11 @@ def contact_functions(step: Step) -> dict[str, fem.Function]:
         `displacement` [m]; `pressure` [Pa]; `closed`, 1 for a closed pair and 0 for an open one; open `gap` [m];
         `body`, as numbered in the root mesh; and of the leaf behind the facet `level`, `rank` and `indicator`
         [J^(1/2)].
+
+    Raises:
+        SceneError: no step, or one without contact.
     """
+    check_step(step, contact=True)
     forest, space = step.forest, step.elasticity.prolongation.space
     leaf_order, degree = step.leaf_mesh.order, step.record.degree
     order = max(leaf_order, degree)

@@ -113,8 +113,8 @@ def write_fields(step: Step, folder: str | Path) -> None:
     Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the projected stress [Pa] (`point_fields`);
     `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both
     sides of the contact surfaces, if there are any (`contact_functions`).
-    Raises SceneError for no step, OutputError if a file cannot be written, or there is no space for it: then an
-    existing one is kept.
+    Raises SceneError for no step, SolveError as `Step.stress`, OutputError if a file cannot be written, or there is no
+    space for it: then an existing one is kept.
     """
     check_step(step)
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf

@@ -34,12 +34,18 @@ def table_row(record: StepRecord) -> str:
 
 def force_warnings(record: StepRecord) -> list[str]:
     """Warnings about contact pairs whose force has a larger error than the tolerance, from the last step."""
-    return [
-        f"contact pair {index}: the estimated error of its force is {min(error, 1):.0%}; no leaf is refined for forces "
-        "below the square of the tolerance times the largest"
-        for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors))
-        if force and error and error > record.tolerance
-    ]
+    names = [repr(one.name) for one in record.resultants or () if one.kind == "contact"]
+    lines = []
+    for index, (force, error) in enumerate(zip(record.pair_forces, record.pair_errors)):
+        if force and error and error > record.tolerance:
+            leaves, name = record.pair_leaves[index], names[index] if names else index
+            reason = (
+                f"{leaves:,} leaves are marked for it: allow more steps"
+                if leaves
+                else "no leaf is refined for errors of forces below the square of the tolerance times the largest force"
+            )
+            lines.append(f"contact pair {name}: the estimated error of its force is {min(error, 1):.0%}; {reason}")
+    return lines
 
 
 def model_warnings(record: StepRecord) -> list[str]:
