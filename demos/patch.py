@@ -34,7 +34,7 @@ def refined_around_axis(scene: Scene) -> Beginning:
 
 def deviations(step: Step) -> dict[str, float]:
     """Deviations from the exact solution: of the force, and of the pressure in the L2 norm over the surface."""
-    off, area = step.contact.pressure - PRESSURE, step.pairs.area
+    off, area = step.contact.pressure - PRESSURE, step.rows.area
     total, whole = COMM.allreduce(np.array([area @ off**2, area.sum()]), op=MPI.SUM)
     return {"force": step.record.force / PRESSURE - 1, "pressure": float(np.sqrt(total / whole) / PRESSURE)}
 

@@ -107,7 +107,7 @@ def low_order_refined(step, elasticity, supports):
 
 def cost(step, solver, below=create_coarse_level):
     """Iterations, and CPU microseconds an unknown, of one set-up and one solve."""
-    elasticity, rows, prolongation = step.elasticity, step.pairs, step.elasticity.prolongation
+    elasticity, rows, prolongation = step.elasticity, step.rows, step.elasticity.prolongation
     supports = find_supports(step.scene, step.forest, prolongation)
     multigrid = solver.preconditioner in (None, "p-multigrid")
     coarse = below(elasticity, supports) if multigrid else None

@@ -89,7 +89,7 @@ def _measured(tolerance, degree):
     *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=degree)
     record = step.record
     cells, dofs, seconds, iterations = record.cells, record.dofs, record.cpu_seconds, sum(record.krylov_iterations)
-    blocks = step.elasticity.stiffness(step.pairs)
+    blocks = step.elasticity.stiffness(step.rows)
     blocks.mat.assemble()
     matrix = blocks.in_format_of("hypre")
     x, y = matrix.createVecs()

@@ -122,7 +122,7 @@ def test_conditions_that_press_vertices_into_each_other(method):
     step = next(adapt(pinned(scene, -0.005, -0.005 - 1e-9), 0.3, enforcement=enforcement))
     # Pins that just meet carry what is theirs themselves: of one facet in four what a corner has by Simpson's rule.
     assert abs(step.record.force / 0.005 - (1 - 1 / 36 / 4)) < 3e-3
-    at_pins = (np.abs(step.pairs.position - [0.0, 0.0, 1.0]) < 1e-9).all(axis=1)
+    at_pins = (np.abs(step.rows.position - [0.0, 0.0, 1.0]) < 1e-9).all(axis=1)
     assert WORLD.allreduce(int((at_pins & step.solution.active).sum())) == 1
     everywhere((step.solution.force[at_pins] == 0).all(), "a force of what the pins overlap by rounding")
 
@@ -507,6 +507,6 @@ def test_forces_act_along_the_normals(degrees):
     *_, step = adapt(oblique(degrees), 0.25)
     *_, across = adapt(oblique(degrees, (0.0, 0.0, 2.0)), 0.25)
     normal = [np.sin(np.radians(-degrees)), 0.0, np.cos(np.radians(degrees))]
-    everywhere(np.abs(across.pairs.normal - normal).max(initial=0) < 1e-12, "another normal")
+    everywhere(np.abs(across.rows.normal - normal).max(initial=0) < 1e-12, "another normal")
     assert abs(across.record.max_pressure / step.record.max_pressure - 1) < 1e-6
     assert abs(across.record.force / (step.record.force * normal[2]) - 1) < 1e-6

@@ -243,7 +243,7 @@ def test_averaged_rows_of_spheres(degree, tolerance):
     last = steps[-1]
     assert len(steps) > 2 and last.record.reached and last.record.hanging_nodes > 0
     assert last.record.pair_errors[0] is not None
-    per_row = np.bincount(last.pairs.entries.row, minlength=len(last.pairs))
+    per_row = np.bincount(last.rows.entries.row, minlength=len(last.rows))
     assert WORLD.allreduce(int(per_row.max(initial=0)), op=max) > 8
     assert abs(last.record.force / pairs.force - 1) < 2 * tolerance**2
     assert abs(last.record.max_pressure / pairs.max_pressure - 1) < tolerance

@@ -276,9 +276,9 @@ def test_dual_forces(asked, method):
     scene, enforcement = films(order=1, weight=1.0), Enforcement(method)
     *_, step = adapt(scene, 0.3, enforcement=enforcement, max_steps=2)
     goal, *_ = asked[-1]
-    area = step.pairs.area
+    area = step.rows.area
     stiffness = -WORLD.allreduce(float((goal.pressure * area).sum()))
-    total, springs = WORLD.allreduce(np.array([area.sum(), step.pairs.stiffness.sum()]))
+    total, springs = WORLD.allreduce(np.array([area.sum(), step.rows.stiffness.sum()]))
     springs = 0.0 if method == "exact" else total / springs
     assert abs(stiffness * (2 * 0.05 + springs) - 1) < 0.02
 

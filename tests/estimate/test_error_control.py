@@ -233,7 +233,7 @@ def test_a_run_of_the_mode_energy():
         assert np.array_equal(leaves(finer.forest), leaves(forest.refined(marked)[0]))
     last = steps[-1].record
     assert last.reached and last.ratio <= 1 and last.control == "energy"
-    assert last.assumed_effectivity == 1 and last.pair_errors == [None] and last.unseen_contact is None
+    assert last.assumed_effectivity == 1 and last.pair_errors == [None] and last.penetrated_leaves is None
 
 
 def test_the_mode_energy_may_stop_on_the_first_mesh():

@@ -78,10 +78,10 @@ def test_a_goal_is_refined_for():
 def test_the_load_of_a_gap_is_its_derivative():
     """A displacement changes the mean gap of open pairs by its product with the load."""
     step = next(adapt(hertz(order=3, coarse=2), 0.3, max_steps=1))
-    weight = np.where(step.solution.active, 0.0, step.pairs.area)
+    weight = np.where(step.solution.active, 0.0, step.rows.area)
     change = 1e-3 * np.sin(np.arange(step.solution.displacement.size)).reshape(-1, 3)
     load = gap_functional(step, weight).load
-    ends = WORLD.allreduce(np.array([weight @ step.pairs.jump(change), (load * change).sum()]))
+    ends = WORLD.allreduce(np.array([weight @ step.rows.jump(change), (load * change).sum()]))
     assert ends[0] != 0 and abs(ends[0] + ends[1]) < 1e-10 * abs(ends[0])
 
 
@@ -231,7 +231,7 @@ def test_products(degree):
 def test_the_largest_pressure_is_a_functional_of_the_forces(degree):
     """w . p = d . f; for other forces too, where pressures vary too little for the limit of their changes."""
     step = solve(hertz(order=6, coarse=2), 0.3, degree=degree)
-    pairs, force, functional = step.pairs, step.solution.force, MaxPressure(POLES, ANY).functional(step, None)
+    pairs, force, functional = step.rows, step.solution.force, MaxPressure(POLES, ANY).functional(step, None)
     assert functional.value == step.record.max_pressure
     assert abs(WORLD.allreduce(float(functional.penetration @ force)) / functional.value - 1) < 1e-12
     weight = np.cos(7 * pairs.position @ [1.0, 2.0, 3.0])

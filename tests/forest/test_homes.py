@@ -115,10 +115,10 @@ def test_nothing_depends_on_who_talks_to_whom(degree, late, monkeypatch):
         if late and ranks == 0:
             late_exchanges(monkeypatch)
         *_, step = adapt(hertz(order=2, coarse=2), 0.3, WORLD, degree=degree, max_steps=2)
-        prolongation, record = step.pairs.prolongation, step.record
+        prolongation, record = step.rows.prolongation, step.record
         imap = prolongation.index_map
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
-        numbers = prolongation.space.keys, prolongation.conforming, number, step.pairs.first, step.pairs.entries.node
+        numbers = prolongation.space.keys, prolongation.conforming, number, step.rows.first, step.rows.entries.node
         found.append((leaves(step.forest), numbers, record))
     (one, numbers, record), (other, others, again) = found
     assert np.array_equal(one, other) and record.step == 1

@@ -62,7 +62,7 @@ def test_without_contact(calls):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)
     record = step.record
-    assert record.contact_iterations == 1 and len(record.krylov_iterations) == 1 and step.pairs is None
+    assert record.contact_iterations == 1 and len(record.krylov_iterations) == 1 and step.rows is None
     assert record.force == record.max_pressure == record.active_pairs == 0
     assert set(calls.count.values()) == {0}
     *_, step = adapt(patch(cells=(1, 1, 2)), 0.1)

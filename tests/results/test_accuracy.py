@@ -168,6 +168,6 @@ def test_patch():
     (step,) = adapt(scene, 0.1, beginning=Beginning.at_rest(forest), max_steps=1)
     assert step.record.hanging_nodes > 10
     exact = 0.01 / (1 + 1 / 3)
-    everywhere(np.abs(step.solution.force / step.pairs.area / exact - 1).max(initial=0) < 1e-6, "not uniform")
+    everywhere(np.abs(step.solution.force / step.rows.area / exact - 1).max(initial=0) < 1e-6, "not uniform")
     assert abs(step.record.force / exact - 1) < 1e-7, "unit area: the force is the pressure"
     assert abs(step.record.max_pressure / exact - 1) < 1e-6

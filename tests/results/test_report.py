@@ -47,7 +47,7 @@ def test_state_of_a_step(reached, radius):
     figures |= {"hanging_nodes": 99, "estimate": 0.025, "tolerance": 0.5, "reached": reached, "active_pairs": 12}
     figures |= {"degree": 2, "pair_forces": [0.5], "max_pressure": 7.25, "contact_radius": radius}
     record = step_record(3, force=0.5, **figures)
-    step = SimpleNamespace(record=record, pairs=())
+    step = SimpleNamespace(record=record, rows=())
     text = Step.__repr__(step)
     assert text == (
         "step 3 of 'it' on 2 ranks\n  1,234 cells of order 3, up to level 4\n"
@@ -55,7 +55,7 @@ def test_state_of_a_step(reached, radius):
         f"  estimated error 2.5%, tolerance 50%{'' if reached else ' not'} reached\n"
         f"  12 node pairs closed: force 0.5, largest pressure 7.25{', contact radius 0.25' * reached}"
     )
-    step.pairs = None
+    step.rows = None
     assert "closed" not in Step.__repr__(step)
 
 

@@ -26,7 +26,7 @@ from fx_contact.scenes import hertz
 KEYS = """scene, step, ranks, cells, dofs, degree, hanging_nodes, max_level, geometry_order, active_pairs,
 contact_iterations, krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces,
 contact_radius, pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
-cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, unseen_contact, penalty_share,
+cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, penetrated_leaves, penalty_share,
 contact_centre, pair_alignments, resultants, doubts"""
 
 
@@ -41,7 +41,7 @@ def summary(step):
     exact = "step cells dofs hanging_nodes max_level geometry_order active_pairs"
     close = "force estimate contact_radius max_pressure max_penetration"
     exact, close = ({name: getattr(record, name) for name in names.split()} for names in (exact, close))
-    active = np.concatenate(step.forest.comm.allgather(step.pairs.position[step.solution.active]))
+    active = np.concatenate(step.forest.comm.allgather(step.rows.position[step.solution.active]))
     return exact, close, leaves(step.forest), active[np.lexsort(np.round(active, 9).T)], record
 
 

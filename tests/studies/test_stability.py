@@ -102,7 +102,7 @@ def test_the_potential_energy_is_also_that_of_contact(method):
     """f . u = a(u, u) + F . (g + penetration): so it is -a(u, u) less penalty and 2 F . g, of a gap that closes."""
     scene = NAMED["drawn/plate-over-a-stop/2"].scene()
     *_, step = adapt(scene, 0.3, comm=stability.MPI.COMM_SELF, enforcement=Enforcement(method))
-    state, closed = stability.State(step, method == "penalty"), step.solution.force @ step.pairs.gap
+    state, closed = stability.State(step, method == "penalty"), step.solution.force @ step.rows.gap
     assert closed > state.energy and (method == "exact" or state.yielded > 1e-5 * state.energy)
     assert abs(state.potential + state.energy + state.yielded + 2 * closed) < 1e-7 * state.energy
 

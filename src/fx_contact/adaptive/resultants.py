@@ -113,7 +113,7 @@ def _vector(values: FloatArray) -> tuple[float, float, float]:
 
 def _of_contact(state: SolvedState, centre: FloatArray) -> FloatArray:
     """Contact forces on first and on second bodies, of this rank's nodes: (2, pairs, bodies, 6).  Collective."""
-    scene, rows, sums = state.scene, state.pairs, []
+    scene, rows, sums = state.scene, state.rows, []
     if rows is None:
         return np.zeros((2, 0, len(scene.mesh.bodies), 6))
     for index in range(len(scene.contact)):

@@ -14,6 +14,7 @@ from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.resultants import Resultant, undirected
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.shear_free import find_shear_free
@@ -58,7 +59,7 @@ class Step(SolvedState):
             f"  estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}"
             f"{'' if r.reached else ' not'} reached",
         ]
-        if self.pairs is not None:
+        if self.rows is not None:
             lines.append(
                 f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g}, largest pressure "
                 f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
@@ -77,6 +78,12 @@ class Step(SolvedState):
         """Former name of `carried`."""
         warnings.warn("Step.along is now Step.carried", DeprecationWarning, stacklevel=2)
         return self.carried
+
+    @property
+    def pairs(self) -> ConstraintRows | None:
+        """Former name of `rows`."""
+        warnings.warn("Step.pairs is now Step.rows", DeprecationWarning, stacklevel=2)
+        return self.rows
 
     @property
     def leaf_mesh(self) -> LeafMesh:
@@ -154,7 +161,7 @@ class Step(SolvedState):
     @cached_property
     def contact(self) -> ContactState:
         """Contact at this rank's node pairs, none if the scene has no contact pairs.  Local."""
-        pairs, solution, comm = self.pairs, self.solution, self.forest.comm
+        pairs, solution, comm = self.rows, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
             vectors, numbers, active = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool)
@@ -239,5 +246,5 @@ def check_step(step: object, contact: bool = False) -> None:
     """Raises SceneError unless a value is a Step, with contact pairs if `contact`.  Local."""
     if not isinstance(step, Step):
         raise SceneError(f"a Step is needed, as adapt yields them, got {shown(step)}")
-    if contact and step.pairs is None:
+    if contact and step.rows is None:
         raise SceneError(f"the scene {step.scene.name!r} has no contact pairs, so there is no contact to show")

@@ -1,5 +1,6 @@
 """The figures of one adaptive step, a line of `steps.jsonl`."""
 
+import warnings
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
@@ -132,7 +133,7 @@ class StepRecord(SolveRecord, ContactFigures):
         pair_errors: estimated error of each pair's force, that of a goal `ContactForce`, relative to the force; None
             where it is 0 or nothing is known [-].
         pair_leaves: leaves marked for the force of each contact pair.
-        unseen_contact: leaves penetrated between nodes, which are marked; None: not computed.
+        penetrated_leaves: leaves penetrated between nodes, which are marked; None: not computed.
         penalty_share: largest share of a pair's force that the penetration of a penalty takes [-]; None: not computed,
             before the energy error meets the tolerance.
         reached: True where the tolerance is reached.
@@ -152,7 +153,7 @@ class StepRecord(SolveRecord, ContactFigures):
     assumed_effectivity: float
     pair_errors: list[float | None]
     pair_leaves: list[int]
-    unseen_contact: int | None
+    penetrated_leaves: int | None
     penalty_share: float | None
     reached: bool
     partition: PartitionSummary
@@ -163,6 +164,12 @@ class StepRecord(SolveRecord, ContactFigures):
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] | None = None
 
+    @property
+    def unseen_contact(self) -> int | None:
+        """Former name of `penetrated_leaves`."""
+        warnings.warn("unseen_contact is now penetrated_leaves", DeprecationWarning, stacklevel=2)
+        return self.penetrated_leaves
+
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
         """A record from a line of `steps.jsonl`; entries of other versions are left out.
@@ -172,6 +179,7 @@ class StepRecord(SolveRecord, ContactFigures):
         Raises:
             TypeError: the entries are no dict, or lack one.
         """
+        entries = {_FORMER.get(name, name): value for name, value in entries.items()}
         known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
         for name, kind in _KINDS.items():
             value = known.get(name)
@@ -183,6 +191,8 @@ class StepRecord(SolveRecord, ContactFigures):
         return cls(**known)
 
 
+#: Former names of entries.
+_FORMER = {"unseen_contact": "penetrated_leaves"}
 #: Classes of entries that are objects or lists of them.
 _KINDS: dict[str, type] = {
     "partition": PartitionSummary,

@@ -175,7 +175,7 @@ def _assess(
     if control.of_contact:
         change = state.elasticity.change_norm(solution.displacement - start.displacement)
         history = history.observed(state.estimate, change, control.least_effectivity)
-    figures = figures_of_contact(state.scene, state.pairs, solution, comm)
+    figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
     met = control.sought(state.estimate, tolerance, history) is None
     of_contact, goals = _errors_of_goals(settings, state, residual, figures, history, duals, met)
@@ -232,7 +232,7 @@ def _errors_of_goals(
 ) -> tuple[ContactError, tuple[GoalRecord, ...] | None]:
     """Errors of contact and of the user's goals; those that need adjoint solutions once the tolerance is `met`."""
     control, contacts = settings.control, state.scene.contact
-    holds_contact = state.pairs is not None and control.of_contact
+    holds_contact = state.rows is not None and control.of_contact
     forces = {}
     if holds_contact:
         forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
@@ -260,9 +260,9 @@ def _record(
         contact_iterations=state.solution.contact_iterations,
         preconditioner=state.solution.preconditioner,
         assumed_effectivity=settings.control.effectivity(assessed.history),
-        pair_errors=of_contact.of_pairs,
-        pair_leaves=of_contact.leaves_of_pairs,
-        unseen_contact=of_contact.between_nodes,
+        pair_errors=of_contact.pair_errors,
+        pair_leaves=of_contact.pair_leaves,
+        penetrated_leaves=of_contact.penetrated_leaves,
         penalty_share=of_contact.penalty_share,
         reached=assessed.reached,
         partition=partition,

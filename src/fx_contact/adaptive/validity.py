@@ -130,7 +130,7 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
         load_totals: (k, nbodies, 6), resultants of the k loads on each body, as from `load_and_totals`.
     """
     warnings = [*load_warnings(state.scene), *_large_deformations(state)]
-    rows = state.pairs
+    rows = state.rows
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]

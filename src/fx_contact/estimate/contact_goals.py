@@ -20,18 +20,18 @@ class ContactError:
     Attributes:
         refine: (n,), number of refinements of each leaf.
         leaves: number of leaves to refine on all ranks.
-        between_nodes: number of leaves on all ranks that are penetrated between nodes; None: not computed.
-        of_pairs: estimated error of the force of each contact pair, relative to it; None: not computed, before (6) is
-            met, or no force [-].
-        leaves_of_pairs: number of leaves on all ranks that the force of each pair needs.
+        penetrated_leaves: number of leaves on all ranks that are penetrated between nodes; None: not computed.
+        pair_errors: estimated error of the force of each contact pair, relative to it; None: not computed, before (6)
+            is met, or no force [-].
+        pair_leaves: number of leaves on all ranks that the force of each pair needs.
         penalty_share: `penalty_share`, the largest of all contact pairs; None: not computed [-].
     """
 
     refine: Int8Array
     leaves: int
-    between_nodes: int | None
-    of_pairs: list[float | None]
-    leaves_of_pairs: list[int]
+    penetrated_leaves: int | None
+    pair_errors: list[float | None]
+    pair_leaves: list[int]
     penalty_share: float | None
 
 
@@ -60,16 +60,16 @@ def contact_error(
     comm, pairs = state.forest.comm, range(len(state.scene.contact))
     missed = np.zeros(len(state.forest), dtype=bool) if between is None else between.penetrated()
     refine = np.max([missed.astype(np.int8), *(goal.refine for goal in (*forces.values(), *of_user))], axis=0)
-    between_nodes, leaves = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
+    penetrated_leaves, leaves = comm.allreduce(np.array([missed.sum(), (refine > 0).sum()])).tolist()
     known = ((i, judged.record.error, judged.record.value) for i, judged in forces.items())
     errors = {i: error / force for i, error, force in known if error is not None}
     shares = [penalty_share(state, judged.goal) for judged in forces.values() if judged.goal is not None]
     return ContactError(
         refine=refine,
         leaves=leaves,
-        between_nodes=None if between is None and pairs else between_nodes,
-        of_pairs=[errors.get(i) for i in pairs],
-        leaves_of_pairs=[forces[i].leaves if i in forces else 0 for i in pairs],
+        penetrated_leaves=None if between is None and pairs else penetrated_leaves,
+        pair_errors=[errors.get(i) for i in pairs],
+        pair_leaves=[forces[i].leaves if i in forces else 0 for i in pairs],
         penalty_share=max(shares, default=None if pairs else 0.0),
     )
 
@@ -79,6 +79,6 @@ def penalty_share(state: SolvedState, force: Goal) -> float:
 
     Collective on state.forest.comm.
     """
-    assert state.pairs is not None
-    work = float((force.pressure * state.pairs.area) @ state.solution.penetration)
+    assert state.rows is not None
+    work = float((force.pressure * state.rows.area) @ state.solution.penetration)
     return abs(state.forest.comm.allreduce(work)) / force.value

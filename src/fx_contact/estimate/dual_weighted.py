@@ -140,7 +140,7 @@ class Goals:
 
     def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray) -> Goal:
         """The error by y = z - w, (owned, 3), and the contact forces (n,) of z."""
-        elasticity, pairs = self._state.elasticity, self._state.pairs
+        elasticity, pairs = self._state.elasticity, self._state.rows
         z = y if functional.prescribed is None else y + functional.prescribed
         dual = self._estimator.error(elasticity.field(z), loaded=False)
         error = _of_families(elasticity, self._estimator.products(self._error, dual))
@@ -155,7 +155,7 @@ class Goals:
 
         K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
         """
-        elasticity, pairs = self._state.elasticity, self._state.pairs
+        elasticity, pairs = self._state.elasticity, self._state.rows
         shape = self._state.solution.displacement.shape
         load = np.zeros(shape) if functional.load is None else functional.load
         penetration, w = functional.penetration, functional.prescribed
@@ -169,10 +169,10 @@ class Goals:
 
 def gap_functional(state: SolvedState, weight: FloatArray) -> Functional:
     """The mean gap of rows by weights (n,), of sum 1 over all ranks [-].  Collective on state.forest.comm."""
-    assert state.pairs is not None
+    assert state.rows is not None
     left = np.maximum(-state.solution.penetration, 0.0)
     value = state.forest.comm.allreduce(float((weight * left).sum()))
-    return Functional(value, value, load=-state.pairs.transposed(weight))
+    return Functional(value, value, load=-state.rows.transposed(weight))
 
 
 def _of_families(elasticity: Elasticity, products: FloatArray) -> FloatArray:

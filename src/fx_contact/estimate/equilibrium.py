@@ -26,8 +26,8 @@ def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
     Collective on state.forest.comm.
     """
     residual: FloatArray = state.elasticity.internal_forces(state.field) - load
-    if state.pairs is not None:
-        residual += state.pairs.transposed(state.solution.force)
+    if state.rows is not None:
+        residual += state.rows.transposed(state.solution.force)
     return residual
 
 

@@ -31,7 +31,7 @@ class GapBetweenNodes:
     """
 
     def __init__(self, state: SolvedState) -> None:
-        forest, pairs, solution = state.forest, state.pairs, state.solution
+        forest, pairs, solution = state.forest, state.rows, state.solution
         assert pairs is not None
         self._forest, self._rows, self._leaf = forest, pairs, state.elasticity.leaf_mesh.leaf
         self._open: list[tuple[Int64Array, _Facets]] = []

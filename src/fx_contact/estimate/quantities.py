@@ -60,9 +60,9 @@ class OfPair(Quantity):
 
     def rows(self, state: SolvedState) -> tuple[ConstraintRows, BoolArray]:
         """All rows, and those of the contact pair as a mask (n,).  Local."""
-        assert state.pairs is not None
+        assert state.rows is not None
         index = [pair.name for pair in state.scene.contact].index(self.pair)
-        return state.pairs, np.asarray(state.pairs.contact == index)
+        return state.rows, np.asarray(state.rows.contact == index)
 
 
 @dataclass(frozen=True)

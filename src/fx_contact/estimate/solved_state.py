@@ -17,13 +17,13 @@ class SolvedState:
 
     Attributes:
         field: u at all nodes [m].
-        pairs: None without contact.
+        rows: of all contacts; None without contact.
     """
 
     scene: Scene
     forest: Forest
     elasticity: Elasticity
     field: DisplacementField
-    pairs: ConstraintRows | None
+    rows: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate

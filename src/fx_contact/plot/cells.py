@@ -84,7 +84,7 @@ def contact_size(step: Step) -> float:
 
     Collective on the step's communicator.  At least the size of the facets in contact.
     """
-    pairs, radius = step.pairs, step.record.contact_radius
+    pairs, radius = step.rows, step.record.contact_radius
     assert pairs is not None, "checked by check_step"
     shown = step.solution.active if step.record.active_pairs else np.ones(len(pairs), dtype=bool)
     size = float(np.sqrt(pairs.area[shown].max(initial=0.0)))

@@ -90,7 +90,7 @@ def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
 
 
 def _pressure_error(step: Step, reference: ContactReference) -> float:
-    pairs = step.pairs
+    pairs = step.rows
     assert pairs is not None, "checked by check_step"
     arm = pairs.position - np.asarray(step.record.contact_centre)
     known = reference.pressure(np.linalg.norm(arm[:, :2], axis=1))

@@ -79,7 +79,7 @@ def nodal_values(step: Step) -> FloatArray:
     Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
     has the mean of its rows, weighted by their areas.
     """
-    pairs, contact, prolongation = step.pairs, step.contact, step.elasticity.prolongation
+    pairs, contact, prolongation = step.rows, step.contact, step.elasticity.prolongation
     assert pairs is not None, "checked by check_step"
     rows = pairs.area[:, None] * np.column_stack([contact.pressure, contact.active, contact.gap, np.ones(len(pairs))])
     sums = prolongation.zeros(4)

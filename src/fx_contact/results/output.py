@@ -127,7 +127,7 @@ def write_fields(step: Step, folder: str | Path) -> None:
     }
     cells = [function_on(mesh, ("DG", 0), name, value[:, None, None]) for name, value in values.items()]
     write_vtx(comm, place / "cells.bp", cells, time)
-    if step.pairs is not None:
+    if step.rows is not None:
         write_vtu(comm, place / "contact.pvtu", list(contact_functions(step).values()), time)
 
 
