@@ -181,12 +181,7 @@ def root_mesh_from_shapes(
         for side, rows in shape.sides.items()
     }
     if surfaces is not None:
-        parts = {name: [part] if isinstance(part, str) else part for name, part in surfaces.items()}
-        for name, part in parts.items():
-            check_kinds(f"the sides of surface {name!r}", part, str)
-            for side in part:
-                check_name("side", side, known, "the bodies have")
-        known = {name: np.unique(np.concatenate([known[p] for p in part]), axis=0) for name, part in parts.items()}
+        known = _united(known, surfaces)
     order = hexahedron.order_of(cells.shape[1])
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
@@ -220,6 +215,16 @@ def root_mesh_from_shapes(
         {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
         found(curves, hexahedron.edge_nodes(order)),
     )
+
+
+def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:
+    """Facets of surfaces by the names of their sides.  Raises SceneError: no list of names, or an unknown side."""
+    parts = {name: [part] if isinstance(part, str) else part for name, part in surfaces.items()}
+    for name, part in parts.items():
+        check_kinds(f"the sides of surface {name!r}", part, str)
+        for side in part:
+            check_name("side", side, sides, "the bodies have")
+    return {name: np.unique(np.concatenate([sides[side] for side in part]), axis=0) for name, part in parts.items()}
 
 
 def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int64Array]:
