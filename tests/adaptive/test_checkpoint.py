@@ -232,6 +232,18 @@ def of_version_8(path):
         archive.writestr("content.json", json.dumps(about | {"version": 8}))
 
 
+def without_forces(path):
+    """Records lack an entry."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    about = json.loads(parts["content.json"])
+    for record in about["content"]["records"]:
+        del record["force"]
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in (parts | {"content.json": json.dumps(about)}).items():
+            archive.writestr(name, data)
+
+
 @pytest.mark.parametrize(
     "spoil, words",
     [
@@ -244,6 +256,7 @@ def of_version_8(path):
         (lambda path: path.write_bytes(b"fx-rows\n" + bytes(99)), "another release"),
         (lambda path: path.write_bytes(path.read_bytes().replace(b'"version": 9', b'"version": 8')), "damaged"),
         (of_version_8, "another release"),
+        (without_forces, "of another version of fx_contact: begin anew"),
     ],
 )
 def test_damaged(scene, folder, spoil, words):

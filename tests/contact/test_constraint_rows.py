@@ -12,6 +12,7 @@ from model_problems import (
     pressed,
     prolongation_of,
     roots,
+    side_by_side,
     solved,
     two_boxes,
     with_rows,
@@ -72,6 +73,19 @@ def test_normals_across_an_edge_stay_apart():
     """Surfaces that meet at right angles keep their normals, also at the vertices that they share."""
     pairs = pairs_of(corner_scene())
     everywhere(np.abs(np.abs(pairs.normal).max(axis=1) - 1).max(initial=0.0) < 1e-12, "a normal between two surfaces")
+
+
+def test_normals_of_two_pairs_on_a_smooth_surface():
+    """Pairs that meet at 10 degrees share the mean normal along the seam, and keep their own beside it."""
+    scene, slope = side_by_side(), np.tan(np.radians(5.0))
+    x, y, z = scene.mesh.points.T
+    scene = replace(scene, mesh=replace(scene.mesh, points=np.stack([x, y, z - slope * np.abs(x - 1)], axis=1)))
+    pairs = pairs_of(scene)
+    beside = np.sign(pairs.position[:, 0] - 1) * (np.abs(pairs.position[:, 0] - 1) > 1e-9)
+    tilt = np.radians(5.0) * beside
+    expected = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
+    everywhere(np.abs(pairs.normal - expected).max(initial=0.0) < 1e-9, "another normal")
+    assert WORLD.allreduce(int((beside == 0).sum())) > 2
 
 
 @pytest.mark.parametrize("factor", [5.0, 100.0, 1e6])

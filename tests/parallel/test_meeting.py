@@ -201,6 +201,14 @@ ENDS = {
     "own call": (RUN.format("") + "if last: 1 / 0\ncomm.Barrier()", ["ZeroDivisionError", "do not answer"], 2),
     "error inside": (INSIDE.format("1 / 0"), ["ZeroDivisionError", f"{STEP} has failed on it alone"], 2),
     "exit inside": (INSIDE.format("sys.exit(0)"), [f"{STEP} has failed on it alone"], 3),
+    "interrupt of a wait": (
+        HEAD
+        + "import signal\nif last: time.sleep(20)\n"
+        + "signal.signal(signal.SIGALRM, signal.default_int_handler)\nsignal.setitimer(signal.ITIMER_REAL, 0.5)\n"
+        + "solve(patch(), 0.1)",
+        ["KeyboardInterrupt", "rank 0 ends all ranks: it was interrupted inside a call"],
+        2,
+    ),
     "interrupt inside": (INSIDE.format("raise KeyboardInterrupt"), ["KeyboardInterrupt", "was interrupted"], 2),
 }
 

@@ -32,6 +32,9 @@ def test_convergence(axes):
         step_record(0, dofs=1000, estimate=0.4, degree=2, tolerance=0.05),
         step_record(1, dofs=8000, estimate=0.1, degree=2, tolerance=0.05, true_error=SimpleNamespace(relative=0.08)),
     ]
+    _draw_convergence(axes, records[:1])
+    assert np.allclose(lines(axes)["estimated"], [(1000, 40)])
+    axes.clear()
     _draw_convergence(axes, records)
     drawn = lines(axes)
     assert axes.get_ylabel() == "relative energy error [%]" and axes.get_xlabel() == "unknowns"

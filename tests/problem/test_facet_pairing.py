@@ -10,7 +10,19 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fx_contact.parallel.errors import PairingError
+from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.scenes import stack
+
+
+def test_other_contact_surfaces():
+    """Surfaces are others if they belong to another contact, or are on the other side of one."""
+    scene = stack()
+    one, two = scene.contact
+    ours, exchanged = scene.contact_surfaces, replace(one, first=one.second, second=one.first, direction=None)
+    assert ours.same(stack().contact_surfaces)
+    for contact in ((two, one), (exchanged, two), (one,)):
+        assert not ours.same(ContactSurfaces(scene.mesh, contact))
 
 
 def test_one_leaf_stands_for_each_group_of_facing_leaves():

@@ -44,6 +44,13 @@ def test_sums_over_images(degrees, parts, planes):
     assert np.allclose(mirrors.second_moment(np.outer(arms[0], arms[0])), x.T @ x)
 
 
+def test_centre_between_planes_that_almost_agree():
+    """Two surfaces of one plane, whose normals differ by rounding, move a point across it alone."""
+    normals = np.array([[1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]])
+    centre = Mirrors(normals, np.array([0.0, 1e-9]), mirror_group(normals, 4)).centre(np.array([3.0, 5.0, 7.0]))
+    assert np.allclose(centre, [0.0, 5.0, 7.0], atol=1e-6)
+
+
 def test_mirrors_of_a_wedge():
     """Three planes at 30 and 90 degrees make 24 copies, two 12, also of a slice; of more the whole is not known."""
     mirrors = wedge(symmetry=24).mirrors

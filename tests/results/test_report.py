@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from model_problems import step_record
 
+from fx_contact import results
 from fx_contact.adaptive.contact_state import ContactTable
 from fx_contact.adaptive.step import Step
 from fx_contact.parallel.timing import STAGES
@@ -57,6 +58,12 @@ def test_state_of_a_step(reached, radius):
     )
     step.rows = None
     assert "closed" not in Step.__repr__(step)
+
+
+def test_former_name_of_the_warnings():
+    """It says the new one."""
+    with pytest.warns(DeprecationWarning, match="doubt_lines is now model_warnings"):
+        assert results.doubt_lines is results.model_warnings
 
 
 def test_state_of_contact():
