@@ -37,6 +37,7 @@ RESULTS = ROOT / "results" / "mutations"
 BUDGET, PATIENCE = 60.0, 40.0
 #: Tests that start programs, whose lines the map does not have.
 PROGRAMS = ("tests/demos", "tests/studies", "tests/package", "tests/scenes/test_ready_scenes.py")
+PROGRAMS += ("tests/linalg/test_petsc_options.py", "tests/parallel/test_meeting.py")
 _GONE = "no test has the names of the map"
 #: A module with one of these words is judged on two ranks too.
 _COMMUNICATES = re.compile(r"\bcomm\b|\bMPI\b")
