@@ -58,9 +58,8 @@ def main(given: argparse.Namespace) -> None:
     report = Report(given, asked["restart"])
     for step in run:
         report.add(step)
-
-    force = step.record.force
-    exact = Hertz(given.radius, material.plane_strain_modulus / 2, force) if force > 0 else None
+    modulus, force = material.plane_strain_modulus / 2, step.record.force
+    exact = Hertz(given.radius, modulus, force) if force > 0 else None
     if not given.records_only:
         with step.stages("output"):
             write_fields(step, given.output)
