@@ -1,7 +1,7 @@
 """Quantities of interest: their estimated errors against known ones, and tolerances of their own."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,6 +30,7 @@ from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.dual_weighted import Functional, _of_families, gap_functional
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import judge_goals
+from fx_contact.estimate.quantities import Quantity
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import block, root_mesh_from_shapes
@@ -153,6 +154,32 @@ def test_error_of_a_contact_force():
     assert reaction.error == pytest.approx(force.error, rel=1e-3)
     assert force.error == pytest.approx(asked.pair_errors[0] * asked.force, rel=1e-12)
     assert 1.05 < plain.pair_errors[0] / asked.pair_errors[0] < 3
+
+
+@dataclass(frozen=True)
+class Rise(Quantity):
+    """A quantity of the user: the displacement of a point, upwards."""
+
+    point: tuple
+    tolerance: float
+    name = "rise"
+
+    def check(self, scene):
+        self._upwards.check(scene)
+
+    @property
+    def _upwards(self):
+        return Displacement(self.point, (0, 0, 1), self.tolerance)
+
+    def functional(self, state, residual):
+        return self._upwards.functional(state, residual)
+
+
+def test_a_quantity_of_the_user():
+    """A subclass of Quantity is a goal as those of the package are."""
+    point = (0.3, 0.21, 0.5)
+    own, known = once(stack(pressure=0.01), (Rise(point, ANY), Displacement(point, (0, 0, 1), ANY))).goals
+    assert own.name == "rise" and own.value == known.value < 0 and own.error == pytest.approx(known.error)
 
 
 def test_goals_that_differ_in_the_last_digits():

@@ -100,8 +100,8 @@ def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float
     """True if the forces have the spread of round bodies across their resultant.
 
     Hertz's pressure on a circle of radius a, p ~ sqrt(1 - r^2 / a^2), has a mean r^2 of 2 a^2 / 5.  The area of that
-    circle over the closed area is 0.59 to 1.08 for spheres (four or more closed pairs in a quarter), 1.25 for uniform
-    pressure on a circle, 1.31 on a square, 1.67 for a flat round punch.
+    circle over the closed area is 0.59 to 1.08 for spheres (four or more closed pairs in a quarter).  It is 1.25 for
+    uniform pressure on a circle, 1.31 on a square, 1.67 for a flat round punch.
 
     Args:
         tensor: (3, 3), second moments of the forces [N m^2].

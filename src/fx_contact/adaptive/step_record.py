@@ -130,8 +130,9 @@ class StepRecord(SolveRecord, ContactFigures):
         contact_iterations: of the active set.
         preconditioner: the chosen one, or its replacement.
         assumed_effectivity: measured effectivity of the estimate, 1 where it is not known to be less [-].
-        pair_errors: estimated error of each pair's force, that of a goal `ContactForce`, relative to the force; None
-            where it is 0 or nothing is known [-].
+        pair_errors: estimated error of each pair's force, relative to the force: in runs with goals that of a goal
+            `ContactForce`, else an upper bound of it if the tolerance allows the bound; None where it is 0 or nothing
+            is known [-].
         pair_leaves: leaves marked for the force of each contact pair.
         penetrated_leaves: leaves penetrated between nodes, which are marked; None: not computed.
         penalty_share: largest share of a pair's force that the penetration of a penalty takes [-]; None: not computed,

@@ -9,9 +9,9 @@ J(u) is linear for a fixed set of closed node pairs.  Its dual solution z satisf
     reaction at a place        w = 1 there, in its direction
 
 With the solutions u_h and z_h on a mesh, the gap g and its interpolant g_I between the nodes, the contact pressure
-p_z of z, and the families P of cells T of one parent,
+p_z of z, and the families P of cells T of one parent, |J(u) - J(u_h)| is estimated by
 
-    |J(u) - J(u_h)| <= sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA.
+    sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA.
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 

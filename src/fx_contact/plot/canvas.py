@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Canvas = TypeVar("Canvas")
 
 #: Endings of files that matplotlib and pyvista write, and those of matplotlib alone.
-_PICTURES, _VECTOR_GRAPHICS = (".png", ".jpg", ".jpeg", ".tif", ".tiff"), (".pdf", ".svg", ".eps")
+_PICTURES, _VECTOR_GRAPHICS = (".png", ".jpg", ".jpeg", ".tif", ".tiff"), (".pdf", ".svg", ".eps", ".ps", ".webp")
 
 
 def draw_on_first(

@@ -49,7 +49,8 @@ class Scene:
     Raises:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
-            that is not plane; a number of parts that does not follow from the symmetry planes.
+            that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
+            name.
     """
 
     name: str
