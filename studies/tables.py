@@ -80,6 +80,16 @@ COLUMNS = {
         "iterations, last solve": "{iterations:d}",
         "preconditioner": "{preconditioner}",
     },
+    "studies/cost/leaf_springs.csv": {
+        "plates": "{plates:d}",
+        "slenderness": "{slenderness}",
+        "bent by": "{bent_by}",
+        "cells along": "{cells:d}",
+        "unknowns": "{dofs:,}",
+        "linear solves": "{solves:d}",
+        "PCG iterations": "{iterations:d}",
+        "error of the force": "{force:+.2%}",
+    },
     "studies/cost/factors.csv": {
         "scene": "{scene}",
         "cells along a side": "{side:d}",

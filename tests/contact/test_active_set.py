@@ -136,9 +136,31 @@ def test_what_pulls_is_not_tried_in_turn():
     assert status.updates < 5
 
 
-def test_too_many_updates():
-    """The number of updates is limited, and the error says so."""
+def test_limit_of_updates():
+    """The user's limit ends the run; by default there is none."""
     status = active_set(-np.arange(5), most=3)
-    with pytest.raises(SolveError, match="after 3 updates"):
+    with pytest.raises(SolveError, match="after 3 updates, the limit that Solver.max_contact sets"):
         for _ in range(4):
             status.update(~status.active)
+
+
+@pytest.mark.parametrize("comm", [MPI.COMM_SELF, WORLD], ids=["one rank", "all ranks"])
+def test_single_changes_that_recur_end(comm):
+    """Exact solutions exclude a set that recurs by single changes: the linear solver's error decides."""
+    status = active_set([0.0, -1.0, -2.0], comm=comm, most=None)
+    with pytest.raises(SolveError, match="repeats itself after .* smaller Solver.tolerance"):
+        for _ in range(20):
+            status.update(~status.active)
+    assert status.updates < 10
+
+
+def test_restart():
+    """Another set is tried afresh: all rows of wrong status change at once."""
+    status = active_set([0.0, -1.0, -2.0])
+    for _ in range(3):
+        status.update(~status.active)
+    status.restart(np.array([True, True, False]), np.zeros((3, 3)), 20)
+    assert status.active.tolist() == [True, True, False]
+    assert status.updates == 24
+    status.update(np.array([False, False, True]))
+    assert status.active.tolist() == [False, False, True]

@@ -24,7 +24,7 @@ class ActiveSet:
     Args:
         scene: to support bodies that an active set leaves unconstrained; None: not checked.
         u: (owned, 3), displacement [m].
-        most: updates.
+        most: updates; None: no limit.
 
     Attributes:
         active: (n,), closed rows.
@@ -37,7 +37,7 @@ class ActiveSet:
     #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
 
-    def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int) -> None:
+    def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int | None) -> None:
         self._rows, self._scene, self._most = rows, scene, most
         self._comm = rows.prolongation.comm
         self.updates = 1
@@ -50,7 +50,14 @@ class ActiveSet:
     def reset_cycles(self) -> None:
         """Reset the detection of cycles.  Local."""
         self._tried, self._fewest, self._single = [self.active], np.inf, False
+        self._one_by_one: list[BoolArray] = []
         self._penetrate_when_open = False
+
+    def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
+        """Continue with another set (n,) and a displacement (owned, 3) [m], which took so many linear solves."""
+        self.updates += solves
+        self.active = self._supporting(active, self._rows.penetration(u))
+        self.reset_cycles()
 
     def wanted(self, trial: FloatArray, noise: float) -> BoolArray:
         """The status (n,) that each row should have, by trial forces (n,), k (B u - D) of open rows [N].
@@ -80,35 +87,44 @@ class ActiveSet:
 
     def cycles(self, wanted: BoolArray) -> bool:
         """True for a set (n,) that was tried before."""
-        same = np.array([np.array_equal(wanted, tried) for tried in self._tried], dtype=np.int8)
-        self._comm.Allreduce(MPI.IN_PLACE, same, op=MPI.MIN)
-        return bool(same.any())
+        return self._among(wanted, self._tried)
 
     def update(self, wanted: BoolArray) -> None:
         """Change all wrong rows, or a single one if the set would recur.
 
         Raises:
-            SolveError: there were too many updates, or only rows in tension support a body.
+            SolveError: only rows in tension support a body, single changes recur, or there were `most` updates.
         """
         if self.cycles(wanted):
             self.check_supported()
         self.updates += 1
-        if self.updates > self._most:
+        if self._most is not None and self.updates > self._most:
             raise SolveError(
-                f"the active set still changes after {self._most} updates; allow more (Solver.max_contact), or apply "
-                "less load"
+                f"the active set still changes after {self._most} updates, the limit that Solver.max_contact sets"
             )
         wrong = self.differs(wanted)
         if wrong < self._fewest:
-            self._fewest, self._single = wrong, False
+            self._fewest, self._single, self._one_by_one = wrong, False, []
         self._single = self._single or self.cycles(wanted)
         if self._single:
             key = self._rows.key
             lowest = int(key[self.active != wanted].min(initial=np.iinfo(np.int64).max))
             lowest = self._comm.allreduce(lowest, op=MPI.MIN)
             wanted = np.where(key == lowest, wanted, self.active)
+            if self._among(wanted, self._one_by_one):
+                raise SolveError(
+                    f"the active set repeats itself after {self.updates} updates: the linear solver's error exceeds "
+                    "the forces or gaps that decide; take Solver(preconditioner='cholesky') or a smaller "
+                    "Solver.tolerance"
+                )
+            self._one_by_one.append(wanted)
         self.active = wanted
         self._tried.append(wanted)
+
+    def _among(self, wanted: BoolArray, sets: list[BoolArray]) -> bool:
+        same = np.array([np.array_equal(wanted, other) for other in sets], dtype=np.int8)
+        self._comm.Allreduce(MPI.IN_PLACE, same, op=MPI.MIN)
+        return bool(same.any())
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
         """An active set with the rows closest to touching that support unconstrained bodies."""

@@ -61,6 +61,7 @@ class ContactSystem:
     Attributes:
         solver: of K with the capped penalty term.
         exact: closed rows do not yield.
+        movable: (n,), as of `Jump`.
     """
 
     def __init__(
@@ -74,40 +75,40 @@ class ContactSystem:
         objects: PetscObjects,
     ) -> None:
         self._load, self._jump, self._stages, self._rows = load, jump, stages, jump.rows
-        self._supports, self._energy_norm = problem.supports, problem.energy_norm
-        self._options, self._comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
-        self._capped = self._rows.capped_stiffness
+        self._supports, self.energy_norm = problem.supports, problem.energy_norm
+        self._options, self.comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
+        self.capped_stiffness, self.movable = self._rows.capped_stiffness, jump.movable
         self.exact = options.enforcement.method == "exact"
-        self._stiffness = self._capped if self.exact else self._rows.stiffness
-        self._projected = np.ones_like(active) if self.exact else self._stiffness > self._capped
+        self.stiffness = self.capped_stiffness if self.exact else self._rows.stiffness
+        self._projected = np.ones_like(active) if self.exact else self.stiffness > self.capped_stiffness
         self._projection = self._projection_of(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
         self.solver = problem.linear_solver(self._options, objects)
         if self._coarse is not None:
             self._coarse.couple(jump.matrix.distributed())
-        self._active = self._in_matrix = active  # of the last solve, and of the penalty term in the matrix
+        self._active = active  # of the last solve
+        self._in_matrix = active * self.capped_stiffness  # penalty term in the matrix
         self._is_set_up = False
 
     def _projection_of(self, jump: Jump) -> Projection | None:
         """Projection of the projected rows, if any."""
         if self.exact:
             return Projection(jump)
-        return Projection(jump, self._stiffness) if self._any(self._projected) else None
+        return Projection(jump, self.stiffness) if self._any(self._projected) else None
 
     def _equations(
         self, jump: Jump, load: FloatArray, stiffness: FloatArray, projection: Projection | None
     ) -> Equations:
         """Equations of the active set with a penalty of the closed rows."""
-        in_matrix = self._in_matrix * self._capped
-        difference = self._active * stiffness - in_matrix
+        difference = self._active * stiffness - self._in_matrix
         term = PenaltyTerm(jump, difference) if self._any(difference) else None
-        return Equations(load + PenaltyTerm(jump, in_matrix).load(), term, projection)
+        return Equations(load + PenaltyTerm(jump, self._in_matrix).load(), term, projection)
 
     def solve(self, active: BoolArray, u: FloatArray, tolerance: float) -> FloatArray:
         """The displacement for closed rows (n,), from a first guess, both (owned, 3) [m].  Raises SolveError."""
         late = tolerance <= self._options.tolerance and self._disturbs(active)
         if not self._is_set_up or late or self.solver.is_slow:
-            self._set_up(active)
+            self._set_up(active * self.capped_stiffness)
         with self._stages("system"):
             self._active = active
             if not self._any(self._load) and not self._any(active & (self._jump.gap != 0)):
@@ -116,23 +117,46 @@ class ContactSystem:
             if self._projection is not None:
                 self._projection.close(active & self._projected)
                 u = self._projection.onto_closed(u)
-            equations = self._equations(self._jump, self._load, self._stiffness, self._projection)
+            equations = self._equations(self._jump, self._load, self.stiffness, self._projection)
         with self._stages("solve"):
             return self._supports.tangential(self.solver.solve(equations, u, tolerance))
 
-    def _set_up(self, active: BoolArray) -> None:
-        """Build the preconditioner with the capped penalty term of an active set."""
+    def solve_springs(
+        self, stiffness: FloatArray, shift: FloatArray, u: FloatArray, tolerance: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Displacement (owned, 3) [m] and forces f = k (B u - D) (n,) [N] of springs in all rows, from a first guess.
+
+        Args:
+            stiffness: (n,), k > 0 [N/m].
+            shift: (n,), D less the gap of the rows [m].
+
+        Raises:
+            SolveError: as `LinearSolver.solve`, or as `Projection`.
+        """
+        jump, capped = self._jump.shifted(shift), np.minimum(stiffness, self.capped_stiffness)
+        self._set_up(capped)
+        projection, term = Projection(jump, stiffness), PenaltyTerm(jump, capped)
+        projection.close(stiffness > capped)
+        load = self._load + term.load()
+        equations = Equations(load, PenaltyTerm(jump, stiffness - capped), projection)
+        with self._stages("solve"):
+            u = self._supports.tangential(self.solver.solve(equations, projection.onto_closed(u), tolerance))
+        residual = self.solver.residual(Equations(load, None, projection), u)
+        self._is_set_up = False
+        return u, term.forces(u) + projection.apply_transpose(residual)
+
+    def _set_up(self, stiffness: FloatArray) -> None:
+        """Build the preconditioner with a penalty term (n,) of all rows [N/m]."""
         with self._stages("setup"):
-            change = active * self._capped - self._in_matrix * self._capped
-            PenaltyTerm(self._jump, change).add_to(self.solver.matrix)
+            PenaltyTerm(self._jump, stiffness - self._in_matrix).add_to(self.solver.matrix)
             if self._coarse is not None:
-                self._coarse.set_penalty(active * self._capped)
+                self._coarse.set_penalty(stiffness)
             self.solver.set_up()
-        self._in_matrix, self._is_set_up = active, True
+        self._in_matrix, self._is_set_up = stiffness, True
 
     def _disturbs(self, active: BoolArray) -> bool:
         """True if rows without projection have another status in the preconditioner: outliers of the spectrum."""
-        return self._any((self._in_matrix != active) & ~(active & self._projected))
+        return self._any((self._in_matrix != active * self.capped_stiffness) & ~(active & self._projected))
 
     def dual(
         self, load: FloatArray, penetration: FloatArray, tolerance: float, z: FloatArray | None = None
@@ -154,16 +178,16 @@ class ContactSystem:
         if projection is not None:
             projection.close(self._active & self._projected)
             guess = projection.onto_closed(guess)
-        equations = self._equations(jump, load, self._stiffness, projection)
+        equations = self._equations(jump, load, self.stiffness, projection)
         z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
-        force = PenaltyTerm(jump, self._capped).forces(z)
+        force = PenaltyTerm(jump, self.capped_stiffness).forces(z)
         if projection is not None:
             force += self._projected_forces(jump, load, projection, z)
         return self._supports.tangential(z), self._active * force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of projected rows beside the capped penalty, which balance the residual."""
-        residual = self.solver.residual(self._equations(jump, load, self._capped, projection), u)
+        residual = self.solver.residual(self._equations(jump, load, self.capped_stiffness, projection), u)
         return projection.apply_transpose(residual)
 
     def trial(self, u: FloatArray) -> FloatArray:
@@ -171,7 +195,7 @@ class ContactSystem:
 
         Projected rows that other rows keep from closing count as open.  Raises SolveError as `Projection`.
         """
-        force = PenaltyTerm(self._jump, self._capped).forces(u)
+        force = PenaltyTerm(self._jump, self.capped_stiffness).forces(u)
         if self._projection is None:
             return force
         projected = force + self._projected_forces(self._jump, self._load, self._projection, u)
@@ -191,7 +215,7 @@ class ContactSystem:
             return
         worst = int(left.argmax()) if len(left) else 0
         mine = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
-        deepest, place = max(self._comm.allgather(mine))
+        deepest, place = max(self.comm.allgather(mine))
         if deepest > rounding:
             raise SolveError(
                 f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} "
@@ -201,13 +225,13 @@ class ContactSystem:
 
     def _rounding(self, trial: FloatArray, u: FloatArray) -> float:
         """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
-        pressed = self._comm.allreduce(float(np.maximum(trial, 0.0)[self._active].sum()))
+        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active].sum()))
         moved = self._largest(u)
-        approach = min(moved, self._energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
+        approach = min(moved, self.energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)
 
     def _any(self, values: BoolArray | FloatArray) -> bool:
-        return bool(self._comm.allreduce(bool(values.any()), op=MPI.LOR))
+        return bool(self.comm.allreduce(bool(values.any()), op=MPI.LOR))
 
     def _largest(self, values: FloatArray) -> float:
-        return float(self._comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))
+        return float(self.comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))

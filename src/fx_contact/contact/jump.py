@@ -92,6 +92,12 @@ class Jump:
         """B u - D (n,) [m] with all components of a displacement (owned, 3) [m]."""
         return self.rows.jump(u) - self._full_gap
 
+    def shifted(self, shift: FloatArray) -> Jump:
+        """Jump with gaps D + shift (n,) [m].  Local."""
+        other = copy(self)
+        other.gap, other._full_gap = self.gap + shift, self._full_gap + shift
+        return other
+
     def with_gap(self, gap: FloatArray) -> Jump:
         """Jump with another gap D (n,) [m], and nothing prescribed.  Local."""
         other = copy(self)

@@ -90,7 +90,7 @@ class Solver:
             2e-4 with factors of thin rubber); the largest tolerance, 1e-3, an error below 1e-3.
         loose_tolerance: the same while the active set changes.
         max_krylov: largest number of iterations of a linear solve with one preconditioner.
-        max_contact: largest number of updates of the active set.
+        max_contact: largest number of linear solves for an active set; None: no limit.
         options: further PETSc options, without prefix, except tolerances and numbers of iterations; the command line,
             under the prefix `fx_`, overrides them.
 
@@ -103,7 +103,7 @@ class Solver:
     tolerance: float = 1e-8
     loose_tolerance: float = 1e-3
     max_krylov: int = 500
-    max_contact: int = 50
+    max_contact: int | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -121,7 +121,8 @@ class Solver:
                 f"loose_tolerance {self.loose_tolerance} must lie between tolerance {self.tolerance} and 1"
             )
         for name in ("max_krylov", "max_contact"):
-            check_count(f"the solver's {name}", getattr(self, name))
+            if getattr(self, name) is not None or name == "max_krylov":
+                check_count(f"the solver's {name}", getattr(self, name))
         if not isinstance(self.options, dict) or not all(isinstance(name, str) for name in self.options):
             raise SceneError(
                 f"the solver's options must be a dict of PETSc options by name, got {shown(self.options)}"

@@ -1,0 +1,63 @@
+"""A primal-dual interior-point method, for active sets that take many updates.
+
+With compliances 1/k of a penalty (0 in exact contact), gaps s = D - B u + f/k > 0 and forces f > 0 of all rows,
+iterates follow s_i f_i = mu to mu = 0.  Each linear solve has springs in all rows,
+
+    K u' + B^T f' = L,    f' = (B u' - D + s + mu/f) / (s/f + 1/k),    s' = s + mu/f - f' s/f,
+
+and the step towards u', f', s' keeps s and f positive.  At the end rows are closed where f/s is large.
+
+In bodies that bend, updates of the active set open a line of nodes each.  The number of these iterations hardly depends
+on the mesh (`studies.cost.leaf_springs`).
+
+Source: S. J. Wright, Primal-Dual Interior-Point Methods, SIAM, 1997, chapter 1.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.contact_system import ContactSystem
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+
+#: Reduction of mu in an iteration, and part of the way to the boundary that a step goes (Wright, chapter 1).
+_CENTRING, _TO_BOUNDARY = 0.1, 0.95
+#: Last s . f relative to the energy, and tolerances of a linear solve: the loosest, and that relative to the root of
+#: s . f over the energy.
+_GAP, _LOOSE, _OF_GAP = 1e-12, 1e-2, 0.1
+#: Most linear solves; leaf springs and Hertz take 20 to 25.
+_ITERATIONS = 40
+
+
+def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, BoolArray, int]:
+    """Displacement (owned, 3) [m], closed rows (n,), and the number of linear solves, from a displacement (owned, 3).
+
+    Collective.  Raises SolveError as `ContactSystem.solve_springs`.
+    """
+    k, some, comm = system.capped_stiffness, system.movable, system.comm
+    compliance = np.zeros_like(k) if system.exact else 1 / system.stiffness
+
+    def total(values: FloatArray) -> float:
+        return comm.allreduce(float(values[some].sum()))
+
+    u, f = system.solve_springs(k, np.zeros_like(k), u, _LOOSE)
+    energy, number = system.energy_norm(u) ** 2, total(np.ones_like(k))
+    size = np.sqrt(energy / total(k))
+    s, f = np.maximum(-f / k, size), np.maximum(f, k * size)
+    for count in range(2, _ITERATIONS + 1):
+        gap = total(s * f)
+        if gap <= _GAP * energy:
+            break
+        ratio, shift = s / f, s + _CENTRING * gap / number / f
+        tolerance = min(_LOOSE, _OF_GAP * np.sqrt(gap / energy))
+        towards, force = system.solve_springs(1 / (ratio + compliance), -shift, u, tolerance)
+        steps = np.where(some, shift - ratio * force - s, 0.0), np.where(some, force - f, 0.0)
+        reach = min(_reach(s, steps[0]), _reach(f, steps[1]))
+        length = min(1.0, _TO_BOUNDARY * comm.allreduce(reach, op=MPI.MIN))
+        u, s, f = u + length * (towards - u), s + length * steps[0], f + length * steps[1]
+        energy = system.energy_norm(u) ** 2
+    return u, some & (f * total(s) > s * total(f)), count
+
+
+def _reach(values: FloatArray, step: FloatArray) -> float:
+    """Largest multiple of a step with which no value is negative."""
+    return float((values[step < 0] / -step[step < 0]).min(initial=np.inf))

@@ -1,0 +1,79 @@
+"""Leaf springs: linear solves for the active set, by the number of cells.
+
+    python3 -m studies.cost.leaf_springs                # a quarter of an hour
+    mpirun -n 2 python3 -m studies.cost.leaf_springs --cells 20
+
+Plates 0.1 m long and 0.02 m wide lie on each other, clamped at one end.  A load or a displacement of the tip of the
+uppermost bends them all.  The force of the first pair is compared with that of beams that touch at their tips.
+"""
+
+import argparse
+from pathlib import Path
+
+from mpi4py import MPI
+
+from fx_contact import ContactPair, Dirichlet, Material, Scene, Traction, adapt
+from fx_contact.problem import block, root_mesh_from_shapes
+from studies.tables import plain, write
+
+LENGTH, WIDTH, MODULUS = 0.1, 0.02, 210e9
+CELLS = (10, 20, 40, 80, 160)
+
+
+def leaf_springs(cells, plates=2, slenderness=50, loaded=True):
+    """A scene of clamped plates, and the force of its first pair [N] by the theory of beams."""
+    thick = LENGTH / slenderness
+    tip = LENGTH / 100
+    stiffness = MODULUS * WIDTH * (thick / LENGTH) ** 3 / 4
+    load = plates * stiffness * tip
+    names = [f"plate {number}" for number in range(plates)]
+    bodies = {
+        name: block((0, 0, -(i + 1) * thick), (LENGTH, WIDTH, -i * thick), (cells, 2, 1), 1)
+        for i, name in enumerate(names)
+    }
+    conditions = tuple(Dirichlet(f"{name} left", 0.0, 0.0, 0.0) for name in names)
+    moved = () if loaded else (Dirichlet("plate 0 right", z=-tip),)
+    tractions = (Traction("plate 0 right", (0.0, 0.0, -load / (WIDTH * thick))),) if loaded else ()
+    contact = tuple(ContactPair(f"{below} top", f"{above} bottom") for above, below in zip(names, names[1:]))
+    materials = dict.fromkeys(names, Material(MODULUS, 0.0))
+    mesh = root_mesh_from_shapes(bodies)
+    return Scene("leaf springs", mesh, materials, conditions + moved, contact, tractions), load * (1 - 1 / plates)
+
+
+def measured(cells, **options):
+    """A row of the table."""
+    scene, force = leaf_springs(cells, **options)
+    (step,) = adapt(scene, 0.9, max_steps=1)
+    record = step.record
+    return {
+        "plates": options["plates"],
+        "slenderness": f"1:{options['slenderness']}",
+        "bent_by": "load" if options["loaded"] else "displacement",
+        "cells": cells,
+        "dofs": record.dofs,
+        "solves": len(record.krylov_iterations),
+        "iterations": sum(record.krylov_iterations),
+        "force": record.pair_forces[0] / force - 1,
+        "cpu_s": record.cpu_seconds["solve"] + record.cpu_seconds["setup"],
+    }
+
+
+def main():
+    """Measure; print the table, and keep that of one rank."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cells", type=int, nargs="+", default=CELLS, help="along a plate (%(default)s)")
+    rows = []
+    cells = parser.parse_args().cells
+    for plates in (2, 5):
+        for slenderness in (50, 200):
+            for loaded in (True, False):
+                for number in cells:
+                    rows.append(measured(number, plates=plates, slenderness=slenderness, loaded=loaded))
+                    if MPI.COMM_WORLD.size == 1:
+                        write(Path("results/cost/leaf_springs.csv"), rows)
+    if MPI.COMM_WORLD.rank == 0:
+        print(plain(rows))
+
+
+if __name__ == "__main__":
+    main()

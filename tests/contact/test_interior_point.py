@@ -1,0 +1,61 @@
+"""The interior-point method finds the same active sets as their updates, and those of bodies that bend."""
+
+from functools import partial
+
+import pytest
+from conftest import everywhere
+from model_problems import corner_scene
+
+from fx_contact import Enforcement, Material, adapt
+from fx_contact.contact import contact_solver
+from fx_contact.contact.interior_point import find_closed_rows
+from fx_contact.scenes import cylinders, hertz, shrink_fit, spheres, stack
+from studies.cost.leaf_springs import leaf_springs
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
+
+RUBBER = Material(1.0, 0.499)
+CASES = {
+    "hertz": (partial(hertz, coarse=2), {}),
+    "degree 1": (partial(hertz, coarse=2), {"degree": 1}),
+    "rows of other ranks": (partial(hertz, coarse=2), {"partition_kind": "sfc"}),
+    "soft penalty": (partial(hertz, coarse=2), {"enforcement": Enforcement("penalty", factor=10.0)}),
+    "stiff penalty": (partial(hertz, coarse=2), {"enforcement": Enforcement("penalty", factor=1e10)}),
+    "nodes in two rows": (corner_scene, {}),
+    "rubber": (partial(spheres, coarse=2, lower=RUBBER, upper=RUBBER), {}),
+    "cylinders": (partial(cylinders, coarse=2), {}),
+    "interference": (shrink_fit, {}),
+    "two contacts": (stack, {}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_same_solution_as_updates(case, monkeypatch):
+    """The method finds the rows, and the forces, that updates of the set find."""
+    make, options = CASES[case]
+    scene, solves, updates = make(), [], contact_solver._find_active_set
+
+    def find(system, status, u, solver):
+        u, closed, count = find_closed_rows(system, u)
+        solves.append(count)
+        status.restart(closed, u, count)
+        return updates(system, status, u, solver)
+
+    (expected,) = adapt(scene, 0.9, max_steps=1, **options)
+    monkeypatch.setattr(contact_solver, "_find_active_set", find)
+    (step,) = adapt(scene, 0.9, max_steps=1, **options)
+    (count,) = solves
+    assert 5 < count < 30
+    assert step.record.pair_forces == pytest.approx(expected.record.pair_forces, rel=1e-7)
+    everywhere((step.solution.active == expected.solution.active).all(), "other rows are closed")
+    assert step.record.contact_iterations <= count + 3, "too many updates of the set that was found"
+
+
+@pytest.mark.parametrize("loaded", [True, False], ids=["load", "displacement"])
+def test_leaf_springs(loaded):
+    """Updates of the set open a line of nodes each: 39 with 20 cells, 49 with 25."""
+    scene, force = leaf_springs(25, loaded=loaded)
+    (step,) = adapt(scene, 0.9, max_steps=1)
+    assert step.record.pair_forces[0] == pytest.approx(force, rel=1e-3)
+    assert len(step.record.krylov_iterations) < 48
