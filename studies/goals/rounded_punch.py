@@ -17,7 +17,7 @@ APPLIED = 100.0
 MATERIALS = {"punch": Material(young=210e3, poisson=0.3), "block": Material(young=70e3, poisson=0.3)}
 
 
-def rounded_punch(cells=1, order=4):
+def rounded_punch(cells=1, order=6):
     """A quarter of punch and block.
 
     Args:
@@ -47,9 +47,6 @@ def rounded_punch(cells=1, order=4):
     core = cylinder(FLAT, EDGE, (cells, twice), order, 1).named("foot", "bottom")
     above = cylinder(FLAT, HEIGHT - EDGE, (cells, 2 * twice), order, 1).shifted(z=EDGE)
     rim = ring(FLAT, FLAT + EDGE, HEIGHT - EDGE, (twice, twice, 2 * twice), order, 1).shifted(z=EDGE)
-    core, above, rim = (
-        replace(part, sides={k: v for k, v in part.sides.items() if k in KEPT}) for part in (core, above, rim)
-    )
     punch = join(replace(edge, sides=sides), core, above, rim)
     below = sweep_side(punch, "foot", lambda x, t: (x[0], x[1], np.full_like(x[0], depth(t))), layers=2 * twice)
     beside = ring(lip, BLOCK, BLOCK, (2 * twice, twice, 2 * twice), order, 1).placed(outwards)
@@ -67,6 +64,3 @@ def rounded_punch(cells=1, order=4):
         symmetry=4,
         contact_centre=(0.0, 0.0, 0.0),
     )
-
-
-KEPT = ("foot", "top", "x = 0", "y = 0")
