@@ -143,7 +143,7 @@ def of_forces(r, nodes, force):
     return pressure.max(), nodes[closed[pressure.argmax()]]
 
 
-def half_spaces(count=4000):
+def half_spaces(count=1000):
     """Largest pressure, its radius and the radius of contact between a rounded punch and a half-space."""
     modulus = 1 / sum((1 - m.poisson**2) / m.young for m in MATERIALS.values())
     force = np.pi * (FLAT + EDGE) ** 2 * APPLIED
