@@ -309,8 +309,9 @@ class Run:
         self._last.update(forest=forest, displacement=start.displacement)
         step = solve_step(self.settings, len(self.records), start, partition, stages)
         goals = [record.goals for record in (*self.records, step.record)]
-        doubts = [*step.record.doubts, *growing_pressures(self.settings.goals, goals)]
-        self.step = step = replace(step, record=replace(step.record, doubts=doubts))
+        if growing := growing_pressures(self.settings.goals, goals):
+            step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
+        self.step = step
         self._last.update(record=step.record, displacement=step.solution.displacement)
         self.records.append(step.record)
         if self._writer is not None:
