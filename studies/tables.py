@@ -106,6 +106,8 @@ COLUMNS = {
         "of all": "{of_all}",
     },
     "studies/goals/asked.csv": {
+        "scene": "{scene}",
+        "goal": "{goal}",
         "asked for": "{asked:.1%}",
         "steps": "{steps:d}",
         "unknowns": "{dofs:,}",

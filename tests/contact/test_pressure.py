@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from fx_contact import Enforcement
 from fx_contact.contact.contact_facets import positions_across
+from fx_contact.contact.pressure import leaves_of_rows, pressure_change
 from fx_contact.contact.row_kinds import create_rows
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -52,6 +53,29 @@ def test_quadratic_pressure(scene):
     off = -0.6 * SIZE**2 * np.where(middle, 1 / 40, -1 / 20)
     everywhere(np.abs(force / pairs.area - exact - off).max(initial=0.0) < 1e-12, "off by something else")
     everywhere(np.abs(pairs.pressure(force) - exact).max(initial=0.0) < 1e-12, "not exact")
+    everywhere(np.abs(pressure_change(pairs, exact) - off).max(initial=0.0) < 1e-12, "another change")
+
+
+def test_change_of_a_pressure_at_degree_1():
+    """It is h^2 p''/6 between facets, and 0 of a pressure that is constant in the other direction."""
+    pairs = pairs_of(pressed(two_boxes()), 1)
+    x = pairs.position[:, 0]
+    inside = (x > x.min(initial=0.0) + 1e-9) & (x < WORLD.allreduce(x.max(initial=0.0), op=MPI.MAX) - 1e-9)
+    change = pressure_change(pairs, 1 + 0.3 * x**2)
+    assert WORLD.allreduce(inside.sum()) > 0
+    everywhere(np.abs(change[inside] - SIZE**2 * 0.1).max(initial=0.0) < 1e-12, f"{change}")
+
+
+@pytest.mark.parametrize("rounds", [0, 2])
+def test_leaves_of_rows(rounds):
+    """Leaves that touch the node of a row; with hanging nodes those too that have nodes hanging on it."""
+    pairs = pairs_of(pressed(two_boxes()), 2, rounds)
+    far = WORLD.allreduce(pairs.position.sum(axis=1).max(initial=-np.inf), op=MPI.MAX)
+    corner = pairs.position.sum(axis=1) > far - 1e-9
+    assert WORLD.allreduce(corner.sum()) == 1
+    facets = [len(kind.facets(pairs.prolongation.space.forest)[0]) for kind in pairs.kinds]
+    counts = [len(leaves_of_rows(pairs, some)) for some in (corner, corner | True, corner & False)]
+    assert WORLD.allreduce(np.array(counts)).tolist() == [1, WORLD.allreduce(sum(facets)), 0]
 
 
 @pytest.mark.parametrize("degree", [1, 2])

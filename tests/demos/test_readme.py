@@ -60,6 +60,7 @@ SMALLER = (
     (r"(studies\.pictures\.run)(?=.*--only)", r"\1 --quick"),
     (r"(studies\.pictures\.run)$", r"\1 --quick --only stack"),
     (r"(studies\.goals\.run).*", r"\1 --only square --degree 1"),
+    (r"(studies\.goals\.axisymmetric_punch).*", r"\1 --size 0.1"),
     (r"(studies\.effectivity\.run).*", r"\1 --only indentation --degree 1 --most 5000"),
     (r"(studies\.incompressible\.axisymmetric).*", r"\1 --cells 5"),
     (r"(studies\.parameters\.run).*", r"\1 --only target --scene 'film, whose weight is the load'"),

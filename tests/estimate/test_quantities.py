@@ -255,12 +255,15 @@ def test_products(degree):
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_the_largest_pressure_is_a_functional_of_the_forces(degree):
+def test_the_mean_of_large_pressures_is_a_functional_of_the_forces(degree):
     """w . p = d . f; for other forces too, where pressures vary too little for the limit of their changes."""
     step = solve(hertz(order=6, coarse=2), 0.3, degree=degree)
     pairs, force, functional = step.rows, step.solution.force, MaxPressure(POLES, ANY).functional(step, None)
     assert functional.value == step.record.max_pressure
-    assert abs(WORLD.allreduce(float(functional.penetration @ force)) / functional.value - 1) < 1e-12
+    large = np.where(step.solution.pressure >= functional.value / 2, pairs.area, 0.0)
+    ends = [large @ step.solution.pressure, large.sum(), functional.penetration @ force]
+    load, area, mean = WORLD.allreduce(np.array(ends))
+    assert abs(mean / load * area - 1) < 1e-12 and 0.5 * functional.value < mean < 0.9 * functional.value
     weight = np.cos(7 * pairs.position @ [1.0, 2.0, 3.0])
     even = [pairs.area * (1 + 0.01 * np.sin(k * pairs.position[:, 0])) for k in (9, 19)]
     weights = pairs.pressure_weights(even[0], weight)
@@ -269,6 +272,16 @@ def test_the_largest_pressure_is_a_functional_of_the_forces(degree):
         assert abs(one / other - 1) < 1e-12
     alternating = WORLD.allreduce(float(np.abs(weights * pairs.area - weight).sum()))
     assert (alternating > 1e-3) == (degree == 2)
+
+
+def test_the_largest_pressure_is_refined_for():
+    """Hertz: with the energy met it is 26 % off; asked for to 3 %, it is right to that."""
+    known, goal = REFERENCES["hertz-a"](), MaxPressure(POLES, 0.03)
+    steps = [step.record for step in adapt(hertz(order=6, coarse=2), 0.3, goals=(goal,))]
+    first, *_, last = (record for record in steps if record.estimate < 0.3)
+    off = abs(last.max_pressure / known.max_pressure - 1)
+    assert abs(first.max_pressure / known.max_pressure - 1) > 0.2 and not first.reached
+    assert last.reached and off * last.max_pressure < last.goals[0].error <= 0.03 * last.max_pressure
 
 
 def test_displacement_of_a_half_space():

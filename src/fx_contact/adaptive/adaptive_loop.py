@@ -14,7 +14,7 @@ from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import StepStart, solve_step
-from fx_contact.adaptive.validity import check_model_warnings, load_warnings
+from fx_contact.adaptive.validity import check_model_warnings, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
@@ -307,7 +307,11 @@ class Run:
             start = self._start(Prolongation(space, needed_keys(self.settings.scene, space)), values)
             del values
         self._last.update(forest=forest, displacement=start.displacement)
-        self.step = step = solve_step(self.settings, len(self.records), start, partition, stages)
+        step = solve_step(self.settings, len(self.records), start, partition, stages)
+        goals = [record.goals for record in (*self.records, step.record)]
+        if growing := growing_pressures(self.settings.goals, goals):
+            step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
+        self.step = step
         self._last.update(record=step.record, displacement=step.solution.displacement)
         self.records.append(step.record)
         if self._writer is not None:

@@ -53,6 +53,8 @@ class Functional:
         load: (owned, 3), l.
         penetration: (n,), d.
         prescribed: (owned, 3), w, 0 in components that are not prescribed.
+        local: (n,), error at each row that the dual solution does not contain, in the unit of the value; the largest
+            one counts.
     """
 
     value: float
@@ -60,6 +62,7 @@ class Functional:
     load: FloatArray | None = None
     penetration: FloatArray | None = None
     prescribed: FloatArray | None = None
+    local: FloatArray | None = None
 
     def depends(self, comm: MPI.Intracomm) -> bool:
         """True if the dual problem has data on any rank.  Collective."""

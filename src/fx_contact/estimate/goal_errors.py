@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
+from mpi4py import MPI
 
+from fx_contact.contact.pressure import leaves_of_rows
 from fx_contact.estimate.dual_weighted import Functional, Goal, Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
@@ -108,10 +110,30 @@ def _judged(
     comm, refine = state.forest.comm, np.zeros(len(state.forest), dtype=np.int8)
     allowed, error, reached = quantity.tolerance * functional.size, None, wanted
     if goal is not None:
-        error = goal.total / theta
+        weighted, local = goal.total / theta, _largest(functional.local, comm)
+        error = weighted + local
         reached = error <= allowed
-        if not reached:
-            times = for_goal(goal.error, allowed * theta, goal.dual.child_error, control, comm)
+        share = max(allowed - local, allowed / 2)
+        if not reached and weighted > share:
+            times = for_goal(goal.error, share * theta, goal.dual.child_error, control, comm)
             refine[state.elasticity.leaf_mesh.leaf] = times
+        share = max(allowed - weighted, allowed / 2)
+        if not reached and local > share:
+            assert state.rows is not None and functional.local is not None
+            np.maximum(refine, _for_local(state, functional.local, control.target * share), out=refine)
     record = GoalRecord(quantity.name, functional.value, error, allowed, float(quantity.tolerance), reached)
     return JudgedGoal(record, refine, comm.allreduce(int((refine > 0).sum())), goal)
+
+
+def _largest(local: FloatArray | None, comm: MPI.Intracomm) -> float:
+    """The largest local error.  Collective."""
+    return comm.allreduce(0.0 if local is None else float(local.max(initial=0.0)), op=MPI.MAX)
+
+
+def _for_local(state: SolvedState, local: FloatArray, aim: float) -> Int8Array:
+    """Number of refinements of each leaf (n,) for local errors (rows,) up to `aim`, if they are smooth.  Collective."""
+    assert state.rows is not None
+    refine = np.zeros(len(state.forest), dtype=np.int8)
+    for times in (1, 2):
+        refine[leaves_of_rows(state.rows, local > 4 ** (times - 1) * aim)] = times
+    return refine
