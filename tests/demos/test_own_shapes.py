@@ -47,7 +47,7 @@ def test_shaft_in_bore_is_persson(tmp_path, play):
 
 
 def test_step_part_is_in_balance(tmp_path, monkeypatch):
-    """From CAD to a picture; round sides are round, and the contact carries the pull, which was taken by no condition."""
+    """From CAD to a picture: round sides are round, and the contact carries the pull of the pin."""
     path = DEMOS / "step_part.py"
     assert len(path.read_text().splitlines()) < 75
     monkeypatch.chdir(tmp_path)

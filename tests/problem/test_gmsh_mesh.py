@@ -1,4 +1,4 @@
-"""Root meshes of Gmsh: named groups of all dimensions at their place, elements that belong to no cell, subdivided tetrahedra."""
+"""Root meshes of Gmsh: named groups at their place, elements that belong to no cell, subdivided tetrahedra."""
 
 import numpy as np
 import pytest
