@@ -1,6 +1,6 @@
 """Root meshes of a CAD part at degree 2: what subdivided tetrahedra cost against transfinite cells.
 
-    python3 -m studies.cost.cad    # a quarter of an hour
+    python3 -m studies.cost.cad    # four minutes
 
 A hollow pin with play in an eye, a quarter of both, from a STEP file.  "transfinite": the front faces have a grid of
 quadrilaterals, and are extruded; "extruded": the faces have Gmsh's own quadrilaterals; "subdivided": tetrahedra, each
