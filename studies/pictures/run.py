@@ -45,6 +45,7 @@ SCENES = {
     "shrink_fit": (lambda: solve(shrink_fit(), 0.05), 5),
     "patch": (lambda: solve(patch(), 0.1), 10),
     "own_gmsh_model": (partial(demo, "own_gmsh_model"), 20),
+    "step_part": (partial(demo, "step_part"), 20),
     "crossed_cylinders": (partial(demo, "crossed_cylinders"), 5),
     "shaft_in_bore": (partial(demo, "shaft_in_bore"), 20),
 }

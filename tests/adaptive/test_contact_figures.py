@@ -25,6 +25,7 @@ def test_figures_of_all_ranks(idle):
         normal=np.tile([0.0, 0.6, 0.8], (each, 1)),
         position=np.stack([number, 0 * number, 0 * number + 5.0], axis=1).astype(float),
         area=np.full(each, 0.5),
+        gap=0.1 * number,
         kinds=[SimpleNamespace(contact=contact, index=index) for index, contact in enumerate(side_by_side().contact)],
     )
     rows.force_components = lambda force: ConstraintRows.force_components(rows, force)
@@ -42,19 +43,38 @@ def test_figures_of_all_ranks(idle):
     assert found.contact_radius is None, "two contact pairs"
 
 
-@pytest.mark.parametrize("points, radius", [(0, 0.0), (1, None), (8, 0.5 * np.sqrt(2.5))])
-def test_radius(points, radius):
-    """Of equal forces on a circle it is that of Hertz's pressure; a single closed pair has a force and no radius."""
-    angle = np.linspace(0, np.pi / 2, points if WORLD.rank == 0 else 0)  # of a quarter model
-    n, ring = len(angle), 0.5 if points > 1 else 0.0
+@pytest.mark.parametrize("power, is_hertz", [(2, True), (1.5, True), (1, False), (3, False), (4, False), (0, False)])
+@pytest.mark.parametrize("apart", [0.0, 1e3])
+def test_radius(power, is_hertz, apart):
+    """Forces of Hertz's pressure have its radius where the gap is quadratic, or nearly so, however far apart."""
+    found = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart + 0.3 * r**power)
+    assert found.active_pairs == 80 and found.force == pytest.approx(4 * 2 / 3 * np.pi / 4 * 0.25, rel=0.01)
+    assert found.contact_radius == (pytest.approx(0.5, rel=0.01) if is_hertz else None)
+
+
+@pytest.mark.parametrize("r, radius", [([], 0.0), ([0.0], None)])
+def test_no_radius(r, radius):
+    """Without contact it is 0; a single closed pair has a force and no radius."""
+    found = of_quarter(np.array(r), lambda r: r**2)
+    assert found.contact_radius == radius and (found.force > 0) == bool(r)
+
+
+def of_quarter(r, gap):
+    """Figures of a quarter with Hertz's pressure on a circle of radius 0.5, at distances r; all on the first rank."""
+    r = r if WORLD.rank == 0 else r[:0]
+    angle = np.tile(np.linspace(0, np.pi / 2, 8 if len(r) > 1 else len(r)), len(r))
+    r = np.repeat(r, 8 if len(r) > 1 else len(r))
+    ring = 0.05 * np.maximum(r, 0.025) * np.pi / 2 / 8
     rows = SimpleNamespace(
-        contact=np.zeros(n, dtype=int),
-        normal=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        position=np.stack([ring * np.cos(angle), ring * np.sin(angle), np.ones(n)], axis=1),
-        area=np.full(n, 0.5),
+        contact=np.zeros(len(r), dtype=int),
+        normal=np.tile([0.0, 0.0, 1.0], (len(r), 1)),
+        position=np.stack([r * np.cos(angle), r * np.sin(angle), np.ones(len(r))], axis=1),
+        area=ring,
+        gap=gap(r),
         force_components=lambda force: force,
     )
-    solution = SimpleNamespace(force=np.full(n, 3.0), active=np.ones(n, bool), pressure=angle, penetration=angle)
-    found = figures_of_contact(patch(cells=(1, 1, 2)), rows, solution, WORLD)
-    assert found.active_pairs == points and found.force == 4 * 3.0 * points
-    assert found.contact_radius == (radius if points < 2 else pytest.approx(radius))
+    pressure = np.sqrt(1 - (r / 0.5) ** 2)
+    solution = SimpleNamespace(
+        force=pressure * ring, active=np.ones(len(r), bool), pressure=pressure, penetration=pressure
+    )
+    return figures_of_contact(patch(cells=(1, 1, 2)), rows, solution, WORLD)

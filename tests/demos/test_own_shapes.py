@@ -1,10 +1,12 @@
 """The demos of own geometry: short, and right by known solutions."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import WORLD, outside
 
@@ -42,6 +44,21 @@ def test_shaft_in_bore_is_persson(tmp_path, play):
     record = last_record("shaft_in_bore", tmp_path, "--play", play)
     assert abs(record["errors"]["max_pressure"]) < 0.025
     assert abs(record["errors"]["load"]) < 1e-4
+
+
+def test_step_part_is_in_balance(tmp_path, monkeypatch):
+    """From CAD to a picture: round sides are round, and the contact carries the pull of the pin."""
+    path = DEMOS / "step_part.py"
+    assert len(path.read_text().splitlines()) < 75
+    monkeypatch.chdir(tmp_path)
+    found = runpy.run_path(str(path))
+    mesh, step = found["scene"].mesh, found["step"]
+    for side, radius in (("bolt radius 12", 12.0), ("pin radius 11.9", 11.9)):
+        nodes = mesh.facet_points(mesh.surface(side)).reshape(-1, 3)
+        assert np.allclose(np.hypot(nodes[:, 0], nodes[:, 2]), radius, atol=1e-9)
+    (contact,) = (one for one in step.resultants if one.kind == "contact")
+    assert step.record.reached and abs(abs(contact.force[2]) / found["PULL"] - 1) < 1e-3
+    assert (tmp_path / "results" / "step_part" / "stress.png").stat().st_size > 10_000
 
 
 def test_a_part_alone_has_no_whole(tmp_path):

@@ -40,6 +40,7 @@ SKIPPED = {
     r"tests/run.*|tests/launcher": "it runs this test too",
     r"docs/build": "it needs a root of its own",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
+    r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
     r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
     r"jupytext .*": "test_notebooks sees that it has nothing to do",
@@ -79,7 +80,7 @@ LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.forces|studi
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"
-PARSED += r"((?:demos|studies|tests|notebooks)[./](?!tables|.*compare|.*own_gmsh)\S+)(.*)"
+PARSED += r"((?:demos|studies|tests|notebooks)[./](?!tables|.*compare|.*own_gmsh|.*step_part)\S+)(.*)"
 #: Reads command lines, one on each line of standard input, and says which one its program does not take.
 READER = """
 import argparse, runpy, shlex, sys

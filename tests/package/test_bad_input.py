@@ -487,7 +487,7 @@ CASES = {
     GeometryError: [
         (lambda: scenes.hertz(order=7, comm=COMM), "1 to 6, got 7"),
         (lambda: gmsh_box(order=7), "order 1 to 6"),
-        (lambda: gmsh_box(recombine=False), "only hexahedra can be refined"),
+        (lambda: gmsh_box(recombine=False), "subdivide tetrahedra after it by the option Mesh.Subdiv"),
         (lambda: RootMesh(grid()[0], grid()[1][:, ::-1], ("a",), [0]), "root cell 0 of 1 is inverted"),
         (lambda: RootMesh(*two_cells(0, 0, 1), ("a",), [0, 0]), "does not hold together near"),
         (hanging_roots, "does not hold together near"),

@@ -1,4 +1,4 @@
-"""Root meshes of Gmsh: named groups of all dimensions at their place, elements that belong to no cell."""
+"""Root meshes of Gmsh: named groups at their place, elements that belong to no cell, subdivided tetrahedra."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ from mpi4py import MPI
 
 from fx_contact import SceneError
 from fx_contact.problem import hexahedron
+from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
 
 gmsh = pytest.importorskip("gmsh")
@@ -48,3 +50,37 @@ def test_a_surface_apart():
     """Its quadrangles are facets of no cell."""
     with pytest.raises(SceneError, match="group 'top' .* elements that belong to no cell"):
         root_mesh_from_gmsh(MPI.COMM_WORLD, lambda: box(beside=True))
+
+
+def plate_and_pin():
+    """A plate with a hole and a pin with play: subdivided tetrahedra, quadratic, with facets alike in the hole."""
+    gmsh.clear()
+    occ, mesh, hole, pin = gmsh.model.occ, gmsh.model.mesh, 1.0, 0.95
+    occ.cut([(3, occ.addBox(-2, -2, 0, 4, 4, 1))], [(3, occ.addCylinder(0, 0, 0, 0, 0, 1, hole))])
+    occ.addCylinder(0, 0, 0, 0, 0, 1, pin)
+    occ.synchronize()
+    faces = {}
+    for volume, body in enumerate(("plate", "pin"), start=1):
+        gmsh.model.addPhysicalGroup(3, [volume], name=body)
+        around = gmsh.model.getBoundary([(3, volume)], oriented=False)
+        faces[body] = [face for dim, face in around if gmsh.model.getType(dim, face) == "Cylinder"]
+        gmsh.model.addPhysicalGroup(2, faces[body], name=f"{body} round")
+    mesh.setPeriodic(2, faces["pin"], faces["plate"], np.diag([pin, pin, 1, 1]).ravel())
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.7)
+    gmsh.option.setNumber("Mesh.Algorithm3D", 10)
+    mesh.generate(3)
+    gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
+    mesh.refine()
+    mesh.setPeriodic(2, faces["pin"], faces["pin"], np.eye(4).ravel())
+    mesh.setOrder(2)
+
+
+def test_subdivided_tetrahedra():
+    """All nodes of round sides are on the surfaces of the model, and facets that Gmsh copied face each other."""
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, plate_and_pin)
+    assert mesh.order == 2 and mesh.bodies == ("plate", "pin")
+    for side, radius in (("plate round", 1.0), ("pin round", 0.95)):
+        nodes = mesh.facet_points(mesh.surface(side)).reshape(-1, 3)
+        assert np.allclose(np.hypot(nodes[:, 0], nodes[:, 1]), radius, atol=1e-12)
+    pairing = Pairing(mesh, (ContactPair("plate round", "pin round"),))
+    assert pairing.paired.sum() == 2 * len(mesh.surface("pin round")) > 40

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from fx_contact import ContactPair, GeometryError, SceneError
+from fx_contact import ContactPair, GeometryError, PairingError, SceneError
 from fx_contact.problem import (
     ball,
     block,
@@ -126,6 +126,22 @@ def test_swept_sides():
         "back"
         not in extrude(base.named("part", where=lambda x: (x[1] < 0.6) & (x[2] == 1)), "part", (0, 0, 1), 1).sides
     )
+
+
+def test_a_swept_base_is_widened():
+    """The contact side that one part brings alone faces its partner; one that both bring says where it is too large."""
+    punch = block((0, 0, 0), (1, 1, 1), (2, 2, 1), 2)
+    base = extrude(punch, "bottom", (0, 0, -1), 1)
+    outer = extrude(base, "right", (2, 0, 0), 2)
+    bodies = {"punch": punch, "base": join(base.named("contact", "start"), outer)}
+    assert measures(bodies["base"])[1] == pytest.approx(
+        {"start": 3, "end": 3, "left": 1, "front": 3, "back": 3, "contact": 1}
+    )
+    mesh = root_mesh_from_shapes(bodies)
+    assert Pairing(mesh, (ContactPair("punch bottom", "base contact"),)).paired.sum() == 2 * 4
+    for sides in (("punch bottom", "base start"), ("base start", "punch bottom")):
+        with pytest.raises(PairingError, match=r"4 of 'base start', in \[1, 3\] x \[0, 1\] x \[0, 0\], are too many"):
+            Pairing(mesh, (ContactPair(*sides),))
 
 
 def test_motions():

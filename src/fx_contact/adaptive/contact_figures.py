@@ -14,11 +14,17 @@ from fx_contact.problem.scene import Scene
 #: with the second moments of the forces, r^2 = (a^2 + b^2) / 2, and A is the closed area: r is within 6 % of a and b.
 #: A sphere whose pole is beside the nodes has b / a = 0.81, 0.88, 0.94 with 4, 26, 11 closed pairs, 0.998 with 142.
 ROUND = 0.1
+#: The gap D is quadratic if the square of its correlation with r^2, weighted by the forces, is larger.  Closed pairs of
+#: spheres have 0.9997 and more; D ~ r^1.5: 0.990, r^3: 0.978, r^4: 0.935, r (a cone): 0.945.  The radii of the last two
+#: would be off by 9 %.  Three closed pairs of a quarter have two distances: any D fits.
+QUADRATIC = 0.98
 #: Contact has an axis if |sum f| / sum |f| of its forces f is larger: the value of uniform pressure on a hemisphere;
 #: on a cap up to the angle t it is (1 + cos t) / 2.
 _AXIS = 0.5
 #: Largest square of the radius, over the closed area, that is rounding: all force is at one pair.
 _POINT = 1e-9
+#: Largest variation of the gap over the mean distance that is rounding: the surfaces are parallel.
+_PARALLEL = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +41,7 @@ class ContactFigures:
             of the bodies [m].
         contact_radius: radius of Hertz's contact with the same second moments of the forces about `contact_centre` [m];
             None if these differ across the contact, are 0 (one closed pair), are too large for the closed area (a flat
-            punch), or several pairs have force; 0 without contact.
+            punch), the gap is not quadratic there (a cone), or several pairs have force; 0 without contact.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
     """
@@ -54,24 +60,27 @@ def figures_of_contact(
     scene: Scene, rows: ConstraintRows | None, solution: ContactSolution, comm: MPI.Intracomm
 ) -> ContactFigures:
     """Figures of the contact of the whole bodies; rows None: the scene has none.  Collective on comm."""
-    sums, moments, mirrors = np.zeros((len(scene.contact), 10)), np.zeros(10), scene.mirrors
+    sums, moments, mirrors = np.zeros((len(scene.contact), 11)), np.zeros(14), scene.mirrors
     if rows is not None:
         force = rows.force_components(solution.force)
         columns = force, solution.force, solution.force[:, None] * rows.normal, force[:, None] * rows.position
-        np.add.at(sums, rows.contact, np.column_stack([*columns, solution.active, solution.active * rows.area]))
+        closed = solution.active, solution.active * rows.area
+        np.add.at(sums, rows.contact, np.column_stack([*columns, *closed, force * rows.gap]))
     comm.Allreduce(MPI.IN_PLACE, sums)
     of_pair, lengths, vectors = sums[:, 0], mirrors.parts * sums[:, 1], mirrors.force(sums[:, 2:5])
-    total, active, area = sums[:, [0, 8, 9]].sum(axis=0)
+    total, active, area, gaps = sums[:, [0, 8, 9, 10]].sum(axis=0)
     centre = _centre(scene, total, sums[:, 5:8].sum(axis=0))
     if rows is not None:
         arm = rows.position - centre
         radius2 = (arm**2).sum(axis=1) - np.einsum("ni,ni->n", arm, rows.normal) ** 2
-        moments = comm.allreduce(np.append((arm.T * force) @ arm, force @ radius2))
-    tensor = mirrors.second_moment(moments[:-1].reshape(3, 3))
+        gap = rows.gap - (gaps / total if total else 0.0)
+        powers = np.stack([radius2, radius2**2, gap, radius2 * gap, gap**2])
+        moments = comm.allreduce(np.append((arm.T * force) @ arm, powers @ force))
+    tensor = mirrors.second_moment(moments[:9].reshape(3, 3))
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)
-    radius = float(np.sqrt(2.5 * moments[-1] / total)) if total else 0.0
-    is_round = is_round and radius**2 > _POINT * area
+    radius = float(np.sqrt(2.5 * moments[9] / total)) if total else 0.0
+    is_round = is_round and radius**2 > _POINT * area and _is_quadratic(moments[9:] / total)
     return ContactFigures(
         active_pairs=int(active),
         force=float(total * scene.symmetry),
@@ -94,6 +103,13 @@ def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:
     else:
         centre = np.asarray(moment / total if total else (points.min(axis=0) + points.max(axis=0)) / 2)
     return scene.mirrors.centre(centre)
+
+
+def _is_quadratic(means: FloatArray) -> bool:
+    """True if the gap grows with r^2 as Hertz assumes, from the weighted means of r^2, r^4, D, r^2 D and D^2."""
+    radius2, radius4, gap, mixed, gap2 = means
+    covariance, variances = mixed - radius2 * gap, (radius4 - radius2**2) * (gap2 - gap**2)
+    return bool(gap2 > _PARALLEL**2 * radius2 and covariance > 0 and covariance**2 >= QUADRATIC * variances)
 
 
 def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float) -> bool:

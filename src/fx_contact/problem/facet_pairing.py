@@ -137,8 +137,9 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
         raise PairingError(
-            f"{label}: {len(first)} facets face {len(second)}; mesh both surfaces alike, facet for facet, and name "
-            "those parts only that face each other"
+            f"{label}: {len(first)} facets face {len(second)}; {_surplus(mesh, pair, first, second)}; mesh both "
+            "surfaces alike, facet for facet, and name those parts only that face each other: join unites sides of "
+            "one name"
         )
     _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]
@@ -172,6 +173,17 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
         )
     _check_one_to_one(mesh, label, first, second[match], symmetry)
     return match, symmetry
+
+
+def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
+    """Which facets of the larger surface are not the nearest one of a facet of the smaller."""
+    (_, few), (name, many) = sorted(((pair.first, first), (pair.second, second)), key=lambda side: len(side[1]))
+    points = mesh.facet_points(many, order=1)
+    nearest = cKDTree(points.mean(axis=1)).query(mesh.facet_points(few, order=1).mean(axis=1))[1]
+    left = np.delete(points, nearest, axis=0)
+    low, high = left.min(axis=(0, 1)), left.max(axis=(0, 1))
+    box = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high))
+    return f"{len(left)} of {name!r}, in {box}, are too many"
 
 
 def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Array, second: Int32Array) -> None:

@@ -139,8 +139,9 @@ def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
     if complete != [True]:
         raise GeometryError(
             f"the volume mesh has elements of type {[p[0] for p in properties]}; only hexahedra can be refined, "
-            f"complete ones of order 1 to {MAX_ORDER}, all of one: use transfinite volumes, recombine their surfaces, "
-            "and call gmsh.model.mesh.generate(3)"
+            f"complete ones of order 1 to {MAX_ORDER}, all of one: use transfinite or extruded volumes and recombine "
+            "their surfaces before generate(3), or subdivide tetrahedra after it by the option "
+            "Mesh.SubdivisionAlgorithm = 2, gmsh.model.mesh.refine() and setOrder(2)"
         )
     (_, _, order, nodes, coordinates, _), (element_type,) = properties[0], types
     steps = np.rint((coordinates.reshape(nodes, 3) + 1) / 2 * order)

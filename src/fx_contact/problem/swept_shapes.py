@@ -26,8 +26,9 @@ def sweep_side(
 ) -> Shape:
     """Shape of the cells through which a side of another shape passes on a path, meshed like that side.
 
-    Its sides are "start" and "end", and lateral ones with the names of the old sides that they adjoin.  A shape that
-    starts on a surface of its own faces the other one facet by facet:
+    Its sides are "start" and "end", and lateral ones with the names of the old sides that they adjoin: a "start" or
+    "end" of a shape swept before goes on along the path and replaces the new one.  A shape that starts on a surface of
+    its own faces the other one facet by facet:
 
         upper = sweep_side(lower, "top", lambda x, t: (x[0], x[1], (1 - t) * (0.1 + x[0] ** 2) + t), layers=4)
 
