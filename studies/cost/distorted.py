@@ -1,13 +1,32 @@
 """Distorted cells at degree 2: tetrahedra of a CAD model that Gmsh subdivides into hexahedra, four each.
 
-    python3 -m studies.cost.distorted
+    python3 -m studies.cost.distorted                                    # a few minutes
+    python3 -m studies.cost.distorted --scene bracket --size 10 --with "by default"    # one row, on any number of ranks
+
+"bracket" is an angle with a hole, clamped below and pulled at the hole: it bends.  "cube" is held below, loaded above.
+Each row is a process of its own: CPU seconds of set-up and solve, and the largest memory.
 """
 
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import gmsh
-import numpy as np
 from mpi4py import MPI
 
-from fx_contact import Dirichlet, Material, Scene, Traction, root_mesh_from_gmsh
+from fx_contact import Dirichlet, Material, Scene, Solver, Traction, adapt, root_mesh_from_gmsh
+from studies.tables import plain, write
+
+#: Solvers that are compared; BoomerAMG below p-multigrid is where factors of the coarse level are dear.
+SOLVERS = {
+    "by default": Solver(),
+    "p-multigrid on BoomerAMG": Solver("p-multigrid", options={"mg_coarse_pc_hypre_boomeramg_max_iter": 1}),
+    "cholesky": Solver("cholesky"),
+}
+#: Scenes and the lengths of their tetrahedra [mm].
+CASES = (("bracket", 10.0), ("bracket", 7.0), ("cube", 12.0))
 
 
 def subdivided(size):
@@ -48,8 +67,47 @@ def cube(size):
     subdivided(size)
 
 
-def scene(build, size, poisson=0.3):
-    """A part of steel, held on one side and pulled on another [mm, MPa]."""
-    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, lambda: build(size))
-    conditions = (Dirichlet("held", 0.0, 0.0, 0.0),)
-    return Scene("part", mesh, {"part": Material(210e3, poisson)}, conditions, (), (Traction("loaded", (1.0, 0.0, -1.0)),))
+SCENES = {"bracket": bracket, "cube": cube}
+
+
+def scene(name, size, poisson=0.3):
+    """A part of steel, held on one side and loaded on another [mm, MPa]."""
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, lambda: SCENES[name](size))
+    conditions, loads = (Dirichlet("held", 0.0, 0.0, 0.0),), (Traction("loaded", (1.0, 0.0, -1.0)),)
+    return Scene(name, mesh, {"part": Material(210e3, poisson)}, conditions, (), loads)
+
+
+def row(name, size, solver):
+    """Costs of the step on the root cells."""
+    (step,) = adapt(scene(name, size), 0.9, degree=2, max_steps=1, solver=SOLVERS[solver])
+    record = step.record
+    found = {"scene": name, "dofs": record.dofs, "solver": solver, "at_the_end": record.preconditioner}
+    found["iterations"] = record.krylov_iterations[-1]
+    found["cpu_s"] = record.cpu_seconds["setup"] + record.cpu_seconds["solve"]
+    return found | {"kB": record.peak_memory_bytes / record.dofs / 1e3}
+
+
+def main():
+    """Measure in processes of their own; print the table and keep it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", choices=SCENES, help="one row, of this scene")
+    parser.add_argument("--size", type=float, default=10.0, help="of its tetrahedra [mm] (%(default)s)")
+    parser.add_argument("--with", dest="solver", choices=SOLVERS, default="by default", help="(%(default)s)")
+    arguments = parser.parse_args()
+    if arguments.scene:
+        found = row(arguments.scene, arguments.size, arguments.solver)
+        if MPI.COMM_WORLD.rank == 0:
+            print(json.dumps(found))
+        return
+    rows = []
+    for name, size in CASES:
+        for solver in SOLVERS:
+            command = [sys.executable, "-m", "studies.cost.distorted", "--scene", name, "--size", str(size)]
+            said = subprocess.run([*command, "--with", solver], capture_output=True, text=True, check=True).stdout
+            rows.append(json.loads(said.splitlines()[-1]))
+            write(Path("results/cost/distorted.csv"), rows)
+    print(plain(rows))
+
+
+if __name__ == "__main__":
+    main()

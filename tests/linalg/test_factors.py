@@ -1,4 +1,4 @@
-"""Cholesky factors by their cost: below p-multigrid where they are cheap, in its place once a solve has cost as much."""
+"""Cholesky factors by cost: below p-multigrid where they are cheap, in its place once a solve has cost as much."""
 
 from math import ceil
 

@@ -21,12 +21,13 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditioner_options
 from fx_contact.parallel.memory import shortage
 
-#: Operations of a factorisation in the time of an iteration, for each entry of the matrix
-#: (`studies.cost.distorted --costs`).
-FLOPS = 30.0
-#: Most iterations that factors of the coarse level may cost.
-COARSE = 8.0
-#: Iterations of a solve before the analysis of factors, which costs about ten, and PCG begins anew.
+#: Operations of a factorisation in the time of an iteration, for each entry of the matrix: 30 where a core has the
+#: memory to itself, 50 to 120 where others use it too (`studies.cost.flat --factors`).
+FLOPS = 60.0
+#: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
+COARSE = 5.0
+#: Iterations of a solve before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that do not
+#: bend take 8 to 30 (`studies.cost.flat`).
 FIRST_CHECK = 30
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")
