@@ -2,8 +2,8 @@
 
 1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.  Below p-multigrid stand
    Cholesky factors of the coarse level if they cost at most `COARSE` iterations, else BoomerAMG.
-2. MUMPS' Cholesky factors, once a solve has taken the iterations that they cost, unless the user has chosen a
-   preconditioner.  Whatever PCG still needs, the solve then costs at most twice the cheaper of the two ways.
+2. MUMPS' Cholesky factors, once solves since the set-up have taken the iterations that they cost, unless the user has
+   chosen a preconditioner.  Whatever PCG still needs, this costs at most twice the cheaper of the two ways.
 3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG.
 
 The costs are counts, the same on all ranks and in each run.  An iteration costs as much as `FLOPS` operations of a
@@ -26,7 +26,7 @@ from fx_contact.parallel.memory import shortage
 FLOPS = 60.0
 #: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
 COARSE = 5.0
-#: Iterations of a solve before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that do not
+#: Iterations since the set-up before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that do not
 #: bend take 8 to 30 (`studies.cost.flat`).
 FIRST_CHECK = 30
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
@@ -70,17 +70,18 @@ class Ladder:
         """The iterations that a factorisation costs."""
         return ceil(flops / self._flops)
 
-    def limit(self, used: int) -> int:
-        """Largest number of further iterations of a solve after some with the present preconditioner."""
-        return max((self._most if self._next is None else self._next) - used, 1)
+    def limit(self, used: int, before: int) -> int:
+        """Largest number of further iterations of a solve after some, and some of solves before since the set-up."""
+        most = self._most if self._next is None else min(self._most, self._next - before)
+        return max(most - used, 1)
 
-    def due(self, used: int) -> bool:
-        """True if factors are to be weighed after some iterations."""
-        return self._next is not None and used >= self._next
+    def due(self, spent: int) -> bool:
+        """True if factors are to be weighed after some iterations since the set-up."""
+        return self._next is not None and spent >= self._next
 
-    def check_at(self, used: int | None) -> None:
-        """Weigh factors after so many iterations; None: no more."""
-        self._next = used if used is not None and used < self._most else None
+    def check_at(self, spent: int | None) -> None:
+        """Weigh factors after so many iterations since the set-up; None: no more."""
+        self._next = spent
 
     def fallback(self, comm: MPI.Intracomm, present: str) -> str | None:
         """The preconditioner that replaces the present one where it fails; None: there is none.  Collective on comm."""

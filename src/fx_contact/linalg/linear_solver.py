@@ -82,6 +82,7 @@ class LinearSolver:
         self._failures: list[str] = []
         self._replaced = False
         self._first: int | None = None  # iterations of the first solve since the set-up
+        self._before = 0  # and of all solves before the present one
 
     def _factorises_coarse(self, of_user: dict[str, Any]) -> bool:
         """True if factors of the coarse level are cheap and the options of the user leave the choice."""
@@ -107,7 +108,7 @@ class LinearSolver:
     def set_up(self) -> None:
         """Build the preconditioner for the present values of the matrix."""
         self._method.set_up(self._coarse)
-        self._first = None
+        self._first, self._before = None, 0
 
     @property
     def is_slow(self) -> bool:
@@ -127,19 +128,20 @@ class LinearSolver:
         """
         spent, used = 0, 0  # iterations in all, and with the present preconditioner
         while True:
-            outcome = self._method.solve(self._given(equations, u), u, tolerance, self._ladder.limit(used))
+            outcome = self._method.solve(self._given(equations, u), u, tolerance, self._ladder.limit(used, self._before))
             u, spent, used = outcome.displacement, spent + outcome.iterations, used + outcome.iterations
             if outcome.reason > 0:
                 break
             slow = outcome.reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
-            if slow and self._ladder.due(used):
-                used = 0 if self._factorise(used) else used
+            if slow and self._ladder.due(self._before + used):
+                used = 0 if self._factorise(self._before + used) else used
                 continue
             self._failures.append(f"with {self.preconditioner} (iterations: {used}, PETSc reason {outcome.reason})")
             used = 0
             if not self._fall_back():
                 raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE}")
         self.iterations.append(spent)
+        self._before += used
         self.energy_error, self._first = outcome.error, spent if self._first is None else self._first
         return u
 
@@ -155,7 +157,7 @@ class LinearSolver:
             self._volume.add_to(mat)
         return mat
 
-    def _factorise(self, used: int) -> bool:
+    def _factorise(self, spent: int) -> bool:
         """Change to Cholesky factors if they cost at most so many iterations; False: later, or they do not fit."""
         self._ladder.check_at(None)
         if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, 0.0):
@@ -164,7 +166,7 @@ class LinearSolver:
         if self._factors is None:
             self._factors = ladder.analysed(mat)
         price = self._ladder.iterations(self._factors.flops)
-        if price > used:
+        if price > spent:
             self._ladder.check_at(price)
         elif ladder.can_be_made(self._comm, self._factors.memory):
             method = self._replacement("cholesky", mat)
