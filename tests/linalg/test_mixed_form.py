@@ -128,7 +128,7 @@ def test_iterations_hardly_depend_on_poisson():
     """Twice as many as for steel at most, to the same relative error; forces tend to a limit."""
     last, force = {}, {}
     for poisson in (0.3, 0.499, 0.49999, 0.4999999):
-        step = solve(hertz(material=Material(1.0, poisson), coarse=2), 0.2)
+        step = solve(hertz(material=Material(1.0, poisson), coarse=2), 0.2, solver=Solver("p-multigrid"))
         last[poisson], force[poisson] = step.record.krylov_iterations[-1], step.record.force
         assert step.record.preconditioner == "p-multigrid"
     assert max(last.values()) <= 2 * last[0.3], last
