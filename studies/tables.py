@@ -87,6 +87,7 @@ COLUMNS = {
         "kB an unknown": "{kB:.1f}",
         "with all memory": "{kB_of_memory:.1f}",
         "us an unknown": "{us:.0f}",
+        "iterations of p-multigrid": "{iterations:d}",
         "price in iterations, by counts": "{price:.0f}",
         "measured": "{measured_price:.0f}",
     },

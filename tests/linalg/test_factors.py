@@ -11,6 +11,7 @@ from fx_contact import Dirichlet, Material, Scene, Solver, Traction, adapt
 from fx_contact.linalg import ladder
 from fx_contact.linalg.linear_solver import LinearSolver
 from fx_contact.linalg.solver_options import PRECONDITIONERS
+from fx_contact.scenes import hertz
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -206,3 +207,41 @@ def test_price_in_iterations():
     plain, mixed = (ladder.Ladder(Solver(), 300, 9000, None, both) for both in (False, True))
     flops = 10.3 * ladder.FLOPS * 9000
     assert (plain.iterations(flops), mixed.iterations(flops)) == (11, ceil(10.3 / 2))
+
+
+def test_checks_end_a_solve():
+    """At the check or at the most iterations of one solve, whichever comes first; solves since the set-up count."""
+    one = ladder.Ladder(Solver(max_krylov=100), 300, 9000, None, False)
+    one.check_at(30)
+    assert [one.limit(0, 0), one.limit(5, 20), one.limit(0, 30), one.limit(3, 50)] == [30, 5, 1, 1]
+    assert not one.due(29) and one.due(30)
+    one.check_at(400)
+    assert [one.limit(0, 0), one.limit(0, 320), one.limit(40, 320)] == [100, 80, 40]
+    one.check_at(None)
+    assert one.limit(40, 320) == 60 and not one.due(1000)
+
+
+def test_iterations_since_the_set_up(monkeypatch):
+    """Those of all solves before, from the last set-up on."""
+    since, begins, found, (set_up, solve, limit) = [0], [0], [], (LinearSolver.set_up, LinearSolver.solve, ladder.Ladder.limit)
+
+    def counted(self, *args):
+        result = solve(self, *args)
+        since[0] += self.iterations[-1]
+        return result
+
+    def seen(self, used, before):
+        found.append((before, since[0]))
+        return limit(self, used, before)
+
+    def begun(self):
+        since[0], begins[0] = 0, begins[0] + 1
+        set_up(self)
+
+    monkeypatch.setattr(LinearSolver, "set_up", begun)
+    monkeypatch.setattr(LinearSolver, "is_slow", property(lambda self: len(self.iterations) == 2))
+    monkeypatch.setattr(LinearSolver, "solve", counted)
+    monkeypatch.setattr(ladder.Ladder, "limit", seen)
+    next(adapt(hertz(order=2, coarse=2), 0.5))
+    assert max(before for before, _ in found) > 0 and begins[0] > 1, "nothing to count"
+    everywhere(all(one == other for one, other in found), "other counts")

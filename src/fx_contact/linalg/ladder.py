@@ -26,8 +26,8 @@ from fx_contact.parallel.memory import shortage
 FLOPS = 60.0
 #: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
 COARSE = 5.0
-#: Iterations since the set-up before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that do not
-#: bend take 8 to 30 (`studies.cost.flat`).
+#: Iterations since the set-up before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that
+#: do not bend take 8 to 30 (`studies.cost.flat`).
 FIRST_CHECK = 30
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")

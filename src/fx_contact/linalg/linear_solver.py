@@ -128,7 +128,9 @@ class LinearSolver:
         """
         spent, used = 0, 0  # iterations in all, and with the present preconditioner
         while True:
-            outcome = self._method.solve(self._given(equations, u), u, tolerance, self._ladder.limit(used, self._before))
+            outcome = self._method.solve(
+                self._given(equations, u), u, tolerance, self._ladder.limit(used, self._before)
+            )
             u, spent, used = outcome.displacement, spent + outcome.iterations, used + outcome.iterations
             if outcome.reason > 0:
                 break
