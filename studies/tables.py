@@ -101,6 +101,18 @@ COLUMNS = {
         "kB an unknown": "{kB:.1f}",
         "with all memory": "{kB_of_memory:.1f}",
         "us an unknown": "{us:.0f}",
+        "iterations of p-multigrid": "{iterations:d}",
+        "price in iterations, by counts": "{price:.0f}",
+        "measured": "{measured_price:.0f}",
+    },
+    "studies/cost/distorted.csv": {
+        "scene": "{scene}",
+        "unknowns": "{dofs:,}",
+        "solver": "{solver}",
+        "at the end": "{at_the_end}",
+        "iterations": "{iterations:d}",
+        "set-up and solve, CPU s": "{cpu_s:.1f}",
+        "peak memory, kB an unknown": "{kB:.1f}",
     },
     "studies/stability/without.csv": {
         "without": "{without}",

@@ -22,7 +22,7 @@ from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction,
 from fx_contact.contact.contact_solver import _impose
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.linalg.ladder import analysed
+from fx_contact.linalg.ladder import FLOPS, analysed
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem import block, root_mesh_from_shapes
 from studies.tables import plain, write
@@ -81,10 +81,12 @@ def outcome(problem, **solver):
 
 def factors(name, aspect, side):
     """What Cholesky's factors of a matrix take.  On one rank."""
-    step, _ = solved(scene(name, aspect, side=side))
+    step, _ = solved(scene(name, aspect, side=side), preconditioner="p-multigrid")
     elasticity, iterations = step.elasticity, step.record.krylov_iterations[-1]
+    iteration = 1e6 * step.record.cpu_seconds["solve"] / step.record.dofs / iterations
     supports = find_supports(step.scene, step.forest, elasticity.prolongation)
-    matrix = elasticity.stiffness().mat
+    blocks = elasticity.stiffness()
+    matrix, entries = blocks.mat, blocks.entries
     matrix.assemble()
     _impose(matrix, np.zeros_like(supports.prescribed), supports)
     matrix = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
@@ -97,8 +99,10 @@ def factors(name, aspect, side):
         pc.setUp()
     dofs, memory = step.record.dofs, 1e6 * pc.getFactorMatrix().getMumpsInfog(22)
     spent = 1e6 * stages.costs(MPI.COMM_WORLD)["cpu_seconds"]["setup"] / dofs
-    kilobytes = {"kB": analysed(matrix)[0] / dofs / 1e3, "kB_of_memory": memory / dofs / 1e3}
-    return {"scene": name, "side": side, "dofs": dofs} | kilobytes | {"us": spent, "iterations": iterations}
+    found = analysed(matrix)
+    kilobytes = {"kB": found.entries / dofs / 1e3, "kB_of_memory": memory / dofs / 1e3}
+    counts = {"iterations": iterations, "price": found.flops / entries / FLOPS, "measured_price": spent / iteration}
+    return {"scene": name, "side": side, "dofs": dofs} | kilobytes | {"us": spent, "us_iteration": iteration} | counts
 
 
 def main():

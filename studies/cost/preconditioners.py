@@ -56,7 +56,12 @@ TUNED = {
     "two cycles below": {"mg_coarse_pc_hypre_boomeramg_max_iter": 2},
 }
 #: The coarse level alone, without smoothing above.
-ALONE = {"mg_levels_ksp_type": "richardson", "mg_levels_ksp_max_it": 0, "mg_levels_pc_type": "none"}
+ALONE = {
+    "mg_coarse_pc_hypre_boomeramg_max_iter": 1,
+    "mg_levels_ksp_type": "richardson",
+    "mg_levels_ksp_max_it": 0,
+    "mg_levels_pc_type": "none",
+}
 
 
 def plates(aspect):

@@ -83,9 +83,9 @@ class ContactSystem:
         self._projected = np.ones_like(active) if self.exact else self.stiffness > self.capped_stiffness
         self._projection = self._projection_of(jump)
         self._nearest = Projection(jump)  # of all closed rows, however they are enforced
-        self.solver = problem.linear_solver(self._options, objects)
         if self._coarse is not None:
             self._coarse.couple(jump.matrix.distributed())
+        self.solver = problem.linear_solver(self._options, objects)
         self._active = active  # of the last solve
         self._in_matrix = active * self.capped_stiffness  # penalty term in the matrix
         self._is_set_up = False

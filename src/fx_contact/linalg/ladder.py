@@ -1,9 +1,18 @@
 """The ladder of preconditioners: the first one, and its replacements where a Krylov method is slow or fails.
 
-1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.
-2. MUMPS' Cholesky factors, if they are small and the user has chosen no preconditioner: `FACTORISATION_CHECKS`.
+1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.  Below p-multigrid stand
+   Cholesky factors of the coarse level if they cost at most `COARSE` iterations, else BoomerAMG.
+2. MUMPS' Cholesky factors, once solves since the set-up have taken the iterations that they cost, unless the user has
+   chosen a preconditioner.  Whatever PCG still needs, this costs at most twice the cheaper of the two ways.
 3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG.
+
+The costs are counts, the same on all ranks and in each run.  An iteration costs as much as `FLOPS` operations of a
+factorisation for each entry of the matrix.  MUMPS' analysis counts the operations of the factors.
 """
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -12,10 +21,14 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditioner_options
 from fx_contact.parallel.memory import shortage
 
-#: (iterations of one solve, bytes per unknown) at which Cholesky factors take over if their entries need no more.
-#: Factors of 4.5 to 5 kB cost the time of 300 to 400 iterations.  In bending PCG takes 400 to more than 2000; on flat
-#: cells without bending PCG takes 7 to 14, FGMRES 19 to 48 (`studies.cost.preconditioners`, `studies.cost.flat`).
-FACTORISATION_CHECKS = {"default": ((50, 4.5e3), (200, 6e3)), "flat cells": ((30, 4.5e3), (200, 6e3))}
+#: Operations of a factorisation in the time of an iteration, for each entry of the matrix: 30 where a core has the
+#: memory to itself, 50 to 120 where others use it too (`studies.cost.flat --factors`).
+FLOPS = 60.0
+#: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
+COARSE = 5.0
+#: Iterations since the set-up before the analysis of factors, which costs about ten, and PCG begins anew.  Bodies that
+#: do not bend take 8 to 30 (`studies.cost.flat`).
+FIRST_CHECK = 30
 #: Replacements of a preconditioner that fails: the first if there is memory for its factors, else the second.
 FALLBACKS = ("cholesky", "boomeramg-robust")
 #: Cycles of BoomerAMG below p-multigrid in the mixed form: 4 to 8 iterations less than with one, 12 to 18 % less time
@@ -32,29 +45,43 @@ FACTORISATIONS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 class Ladder:
     """The preconditioners of one linear solver: at first `name`, a key of `PRECONDITIONERS`, with PETSc `options`.
 
-    Local, but for `fallback`.  `mixed`: pressures are unknowns too.
+    Local, but for `fallback`.
+
+    Args:
+        entries: of the matrix.
+        mixed: pressures are unknowns too; then an iteration costs twice as much (`studies.cost.flat`).
     """
 
-    def __init__(self, solver: Solver, unknowns: int, coarse: CoarseLevel | None, mixed: bool) -> None:
+    def __init__(self, solver: Solver, unknowns: int, entries: int, coarse: CoarseLevel | None, mixed: bool) -> None:
         self._most, self._unknowns = solver.max_krylov, unknowns
+        self._flops = FLOPS * entries * (2 if mixed else 1)  # in the time of an iteration
         self.name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
         flat = coarse is not None and coarse.blocks is not None
-        self.options = preconditioner_options(self.name, unknowns, MIXED_CYCLES if mixed else 1, flat)
-        checks = FACTORISATION_CHECKS["flat cells" if flat and not mixed else "default"]
-        chosen = solver.preconditioner is not None
-        self._checks = [] if chosen else [check for check in checks if check[0] < self._most]
+        self._arguments = self.name, unknowns, MIXED_CYCLES if mixed else 1, flat
+        self._next: int | None = None
+        if solver.preconditioner is None:
+            self.check_at(FIRST_CHECK)
 
-    def limit(self, used: int) -> int:
-        """Largest number of further iterations of a solve after some with the present preconditioner."""
-        return max((self._checks[0][0] if self._checks else self._most) - used, 1)
+    def options(self, coarse_factors: bool) -> dict[str, Any]:
+        """PETSc options of the first preconditioner."""
+        return preconditioner_options(*self._arguments, coarse_factors)
 
-    def due(self, used: int) -> float | None:
-        """Bytes that factors may take after some iterations; None: no check is due.  Each is made once."""
-        return self._checks.pop(0)[1] * self._unknowns if self._checks and used >= self._checks[0][0] else None
+    def iterations(self, flops: float) -> int:
+        """The iterations that a factorisation costs."""
+        return ceil(flops / self._flops)
 
-    def end_checks(self) -> None:
-        """Make no more checks."""
-        self._checks = []
+    def limit(self, used: int, before: int) -> int:
+        """Largest number of further iterations of a solve after some, and some of solves before since the set-up."""
+        most = self._most if self._next is None else min(self._most, self._next - before)
+        return max(most - used, 1)
+
+    def due(self, spent: int) -> bool:
+        """True if factors are to be weighed after some iterations since the set-up."""
+        return self._next is not None and spent >= self._next
+
+    def check_at(self, spent: int | None) -> None:
+        """Weigh factors after so many iterations since the set-up; None: no more."""
+        self._next = spent
 
     def fallback(self, comm: MPI.Intracomm, present: str) -> str | None:
         """The preconditioner that replaces the present one where it fails; None: there is none.  Collective on comm."""
@@ -72,10 +99,19 @@ def can_be_made(comm: MPI.Intracomm, size: float) -> bool:
     return PETSc.Sys.hasExternalPackage("mumps") and shortage(comm, size / comm.size) is None
 
 
-def analysed(matrix: PETSc.Mat) -> tuple[float, float]:
-    """Bytes of the factors of an SPD AIJ matrix, and of all memory for them, summed over ranks, by MUMPS' analysis.
+@dataclass(frozen=True)
+class Factors:
+    """What MUMPS' analysis predicts of Cholesky factors, summed over ranks: operations, bytes of entries, of all."""
 
-    Collective on matrix.comm.  Ordering and estimate hardly depend on the number of ranks; the memory grows with it.
+    flops: float
+    entries: float
+    memory: float
+
+
+def analysed(matrix: PETSc.Mat) -> Factors:
+    """The costs of factors of an SPD AIJ matrix.
+
+    Collective on matrix.comm.  Ordering and counts hardly depend on the number of ranks; the memory grows with it.
     """
     pc = PETSc.PC().create(matrix.comm)
     pc.setOperators(matrix)
@@ -86,6 +122,6 @@ def analysed(matrix: PETSc.Mat) -> tuple[float, float]:
     factor.setMumpsIcntl(14, PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"])
     factor.setMumpsIcntl(23, 1)  # memory [MB], too little to go on after the analysis
     pc.setUp()
-    entries, megabytes = factor.getMumpsInfog(20), factor.getMumpsInfog(17)
+    flops, entries, megabytes = factor.getMumpsRinfog(1), factor.getMumpsInfog(20), factor.getMumpsInfog(17)
     pc.destroy()
-    return 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes
+    return Factors(flops, 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes)

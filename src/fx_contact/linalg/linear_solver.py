@@ -1,13 +1,14 @@
 """Linear solver of a stiffness matrix: a Krylov method, its stopping rule, and a ladder of preconditioners."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod, KrylovSolver
-from fx_contact.linalg.ladder import FALLBACKS, Ladder
+from fx_contact.linalg.ladder import FALLBACKS, Factors, Ladder
 from fx_contact.linalg.matrix import BlockMatrix, as_aij
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
 from fx_contact.linalg.operator import Equations, MatrixOperator
@@ -61,10 +62,13 @@ class LinearSolver:
         self._comm, self._energy_norm, self._objects = matrix.comm, energy_norm, objects
         self._coarse, self._volume = coarse, volume
         unknowns = matrix.mat.getSize()[0]
-        self._ladder = Ladder(solver, unknowns, coarse, volume is not None)
-        self._options = PetscOptions(self._comm, _PREFIX, self._ladder.options, solver.options)
-        if "pc_type" in self._options.of_user:
-            self._ladder.end_checks()
+        self._ladder = Ladder(solver, unknowns, matrix.entries, coarse, volume is not None)
+        self._factors: Factors | None = None  # not analysed
+        of_user = PetscOptions(self._comm, _PREFIX, {}, solver.options).of_user
+        if "pc_type" in of_user:
+            self._ladder.check_at(None)
+        options = self._ladder.options(self._factorises_coarse(of_user))
+        self._options = PetscOptions(self._comm, _PREFIX, options, solver.options)
         krylov = _method(volume).create(self._comm, self._options, objects)
         kind = krylov.preconditioner.pc.getType()
         if kind in ladder.FACTORISATIONS:
@@ -78,6 +82,17 @@ class LinearSolver:
         self._failures: list[str] = []
         self._replaced = False
         self._first: int | None = None  # iterations of the first solve since the set-up
+        self._before = 0  # and of all solves before the present one
+
+    def _factorises_coarse(self, of_user: dict[str, Any]) -> bool:
+        """True if factors of the coarse level are cheap and the options of the user leave the choice."""
+        chosen = any(name == "pc_type" or name.startswith("mg_coarse") for name in of_user)
+        if self._ladder.name != "p-multigrid" or self._coarse is None or chosen:
+            return False
+        matrix = self._coarse.matrix
+        if not ladder.can_be_made(self._comm, ladder.predicted_bytes(matrix.getSize()[0])):
+            return False
+        return self._ladder.iterations(ladder.analysed(matrix).flops) <= ladder.COARSE
 
     def _method_of(self, krylov: KrylovSolver, mat: PETSc.Mat, volume: PressureOperator | None) -> KrylovMethod:
         stiffness = MatrixOperator(self._objects.add(mat), self._objects)
@@ -93,7 +108,7 @@ class LinearSolver:
     def set_up(self) -> None:
         """Build the preconditioner for the present values of the matrix."""
         self._method.set_up(self._coarse)
-        self._first = None
+        self._first, self._before = None, 0
 
     @property
     def is_slow(self) -> bool:
@@ -113,19 +128,22 @@ class LinearSolver:
         """
         spent, used = 0, 0  # iterations in all, and with the present preconditioner
         while True:
-            outcome = self._method.solve(self._given(equations, u), u, tolerance, self._ladder.limit(used))
+            outcome = self._method.solve(
+                self._given(equations, u), u, tolerance, self._ladder.limit(used, self._before)
+            )
             u, spent, used = outcome.displacement, spent + outcome.iterations, used + outcome.iterations
             if outcome.reason > 0:
                 break
             slow = outcome.reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
-            if slow and (most := self._ladder.due(used)) is not None:
-                used = 0 if self._factorise(most) else used
+            if slow and self._ladder.due(self._before + used):
+                used = 0 if self._factorise(self._before + used) else used
                 continue
             self._failures.append(f"with {self.preconditioner} (iterations: {used}, PETSc reason {outcome.reason})")
             used = 0
             if not self._fall_back():
                 raise SolveError(f"PCG failed {', then '.join(self._failures)}; {_ADVICE}")
         self.iterations.append(spent)
+        self._before += used
         self.energy_error, self._first = outcome.error, spent if self._first is None else self._first
         return u
 
@@ -141,13 +159,18 @@ class LinearSolver:
             self._volume.add_to(mat)
         return mat
 
-    def _factorise(self, most: float) -> bool:
-        """Change to Cholesky factors if their entries need at most so many bytes; False: they do not."""
-        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, most):
+    def _factorise(self, spent: int) -> bool:
+        """Change to Cholesky factors if they cost at most so many iterations; False: later, or they do not fit."""
+        self._ladder.check_at(None)
+        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, 0.0):
             return False
         mat = self._matrix_to_factorise()
-        size, memory = ladder.analysed(mat)
-        if size <= most and ladder.can_be_made(self._comm, memory):
+        if self._factors is None:
+            self._factors = ladder.analysed(mat)
+        price = self._ladder.iterations(self._factors.flops)
+        if price > spent:
+            self._ladder.check_at(price)
+        elif ladder.can_be_made(self._comm, self._factors.memory):
             method = self._replacement("cholesky", mat)
             if not method.preconditioner.pc.getFailedReason():
                 self._method.preconditioner.pc.reset()
@@ -184,7 +207,7 @@ class LinearSolver:
     def _replace(self, name: str, method: KrylovMethod) -> None:
         before = self.matrix
         self.preconditioner, self._method, self._replaced, self._first = name, method, True, None
-        self._ladder.end_checks()
+        self._ladder.check_at(None)
         if method.matrix is not before:
             before.destroy()
 

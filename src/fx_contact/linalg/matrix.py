@@ -37,6 +37,11 @@ class BlockMatrix:
     mat: PETSc.Mat
     row_lengths: tuple[Int32Array, Int32Array]
 
+    @property
+    def entries(self) -> int:
+        """Entries of the matrix on all ranks.  Collective on comm."""
+        return self.comm.allreduce(9 * sum(int(lengths.sum()) for lengths in self.row_lengths))
+
     def in_format_of(self, kind: str) -> PETSc.Mat:
         """The matrix in the format of a type of PC, in the place of `mat`.  Collective on comm."""
         if kind == PETSc.PC.Type.MG:

@@ -18,6 +18,7 @@ class CoarseLevel:
 
     def __init__(self, matrix: PETSc.Mat, interpolation: PETSc.Mat, blocks: Int64Array | None = None) -> None:
         self.matrix, self.interpolation, self.blocks = matrix, interpolation, blocks
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
         self._rows: PETSc.Mat | None = None
         self._stiffness: FloatArray = np.zeros(0)
 
@@ -27,6 +28,7 @@ class CoarseLevel:
         rows.destroy()
         self._stiffness = np.zeros(self._rows.getLocalSize()[0])
         self._add(self._stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)  # the new pattern forgot it
 
     def set_penalty(self, stiffness: FloatArray) -> None:
         """Change the penalty term to (n,) k of this rank's rows [N/m]."""

@@ -55,6 +55,12 @@ _BLOCKS = {
     "mg_levels_sub_pc_type": "lu",
     "mg_levels_sub_pc_factor_mat_ordering_type": "nd",
 }
+#: Options of p-multigrid where the coarse level is factorised.
+_COARSE_FACTORS = {
+    "mg_coarse_pc_type": "cholesky",
+    "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    "mg_coarse_mat_mumps_icntl_14": PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"],
+}
 #: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity.  Levels cost nothing there, and
 #: aggressive coarsening leaves too few unknowns, 6 of 162, to represent several bodies.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
@@ -63,12 +69,17 @@ _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_str
 _LOOSEST = 1e-3
 
 
-def preconditioner_options(name: str, unknowns: int, cycles: int = 1, blocks: bool = False) -> dict[str, Any]:
+def preconditioner_options(
+    name: str, unknowns: int, cycles: int = 1, blocks: bool = False, factors: bool = False
+) -> dict[str, Any]:
     """PETSc options, without prefix, of a key of `PRECONDITIONERS` for so many unknowns on all ranks.
 
-    Local.  For p-multigrid: cycles of BoomerAMG below it, and whether the smoother solves for blocks of nodes.
+    Local.  For p-multigrid: cycles of BoomerAMG below it, whether the smoother solves for blocks of nodes, and whether
+    Cholesky factors take the place of BoomerAMG.
     """
     options = PRECONDITIONERS[name]
+    if name == "p-multigrid" and factors:
+        return options | (_BLOCKS if blocks else {}) | _COARSE_FACTORS
     if name == "p-multigrid":
         below = preconditioner_options("boomeramg", unknowns // 8) | {"pc_hypre_boomeramg_max_iter": cycles}
         options = options | _BLOCKS if blocks else options
