@@ -145,8 +145,23 @@ def test_tolerance_is_corrected_by_a_low_effectivity():
         assert CONTACT.sought(error, 0.05, history) == 0.05
 
 
-def test_a_first_mesh_is_refined_to_see():
-    """An estimate that meets the tolerance on a first mesh shows nothing: all of it is refined, once."""
+def test_a_first_mesh_may_be_enough():
+    """At degree 2 the least effectivity is assumed on a first mesh: xi / 0.4 has to meet the tolerance."""
+    error = spread(np.geomspace(1e-4, 1e-3, 8), child_error=1 / 128)
+    for share, met in ((0.399, True), (0.401, False), (1e-9, True)):
+        tolerance = error.relative / share
+        sought = CONTACT.sought(error, tolerance, CONTACT.begin())
+        assert (sought is None) == met and (met or abs(sought - 0.4 * tolerance) < 1e-12)
+    marked, history = CONTACT.marked(error, error.relative / 0.3, CONTACT.begin(), WORLD)
+    everywhere((marked == 0).all() and history.refined, "goals alone are refined for")
+    marked, _ = CONTACT.marked(error, error.relative / 0.5, CONTACT.begin(), WORLD)
+    assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by threshold"
+    nothing = spread(np.zeros(8), child_error=1 / 128)
+    assert CONTACT.sought(nothing, 0.1, CONTACT.begin()) is None and CONTACT.effectivity(CONTACT.begin()) == 0.4
+
+
+def test_a_first_mesh_of_degree_1_is_refined():
+    """An estimate that meets the tolerance on a first mesh of degree 1 shows nothing: all of it is refined, once."""
     error = spread(np.geomspace(1e-4, 1e-3, 8))
     assert CONTACT.sought(error, 0.5, CONTACT.begin()) is not None
     marked, history = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
@@ -237,11 +252,16 @@ def test_a_run_of_the_mode_energy():
 
 
 def test_the_mode_energy_may_stop_on_the_first_mesh():
-    """(6) needs one mesh; the default needs two to measure the effectivity."""
+    """(6) needs one mesh; so does the default at degree 2 where the least effectivity suffices, at degree 1 two."""
     scene = indentation(coarse=2)
-    (only,) = adapt(scene, 0.9, control=ENERGY)
-    first, *_, last = adapt(scene, 0.9)
+    (only,) = adapt(scene, 0.9, control=ENERGY, degree=1)
+    first, *_, last = adapt(scene, 0.9, degree=1)
     assert only.record.reached and not first.record.reached and last.record.reached
+    (only,) = adapt(scene, 0.9)
+    assert only.record.reached and only.record.assumed_effectivity == 0.4 and only.record.ratio < 0.4
+    first, *_, last = adapt(scene, 2 * only.record.estimate)
+    assert not first.record.reached and last.record.reached and last.record.assumed_effectivity > 0.4
+    assert last.record.dofs < 4 * first.record.dofs, "refined as a whole"
 
 
 def test_a_run_goes_on_with_its_own_control(tmp_path):

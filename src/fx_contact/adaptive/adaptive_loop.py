@@ -80,7 +80,7 @@ def adapt(
 
     Returns:
         An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
-        measured effectivity, which takes two meshes or more, and contact is resolved (`ErrorControl`).
+        effectivity, measured by two meshes or assumed on a first one, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown

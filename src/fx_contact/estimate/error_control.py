@@ -34,8 +34,8 @@ class ErrorControl:
         target: the share of a tolerance that refinement aims at (studies/parameters) [-].
         trusted_effectivity: the error in (6) is xi with a theta of this or more, else xi / theta [-].  With 1 runs take
             1.6 to 1.7 times the unknowns if theta is 0.8 to 0.9 (studies/parameters).
-        least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates
-            (studies/effectivity) [-].
+        least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates at
+            degree 1 (studies/effectivity), 0.45 on first meshes of degree 2 (studies.effectivity.first_mesh) [-].
 
     Raises:
         SceneError: an unknown mode, or a number that is not positive or above 1.
@@ -82,14 +82,13 @@ class ErrorControl:
     def sought(self, estimate: Estimate, tolerance: float, history: RefinementHistory) -> float | None:
         """The tolerance to refine for, by the prescribed one e [-]; None: xi / omega is small enough (6).
 
-        Local.  "contact" needs two meshes at least: if all vertices are constrained, the first estimate is 0.
+        Local.  In "contact" a `blind` estimate takes two meshes at least.
         """
         if estimate.relative > tolerance:
             return tolerance
         corrected = self.correction(history) * tolerance
-        if estimate.relative > corrected or (self.of_contact and not history.compared):
-            return corrected
-        return None
+        unknown = self.of_contact and estimate.blind and not history.compared
+        return corrected if unknown or estimate.relative > corrected else None
 
     @collective("comm")
     def marked(
@@ -97,15 +96,15 @@ class ErrorControl:
     ) -> tuple[Int8Array, RefinementHistory]:
         """Number of refinements of each cell (ncells,) for a tolerance e [-], and history of the refined mesh.
 
-        Collective on comm.  In "contact" all cells of a first mesh that meets the tolerance are refined.
+        Collective on comm.  In "contact" all cells of a first mesh with a small `blind` estimate are refined.
         """
         if not self.of_contact:
             return by_criterion(estimate, tolerance).astype(np.int8), history
-        square, sought = estimate.error_global**2, self.sought(estimate, tolerance, history) or tolerance
+        square, sought = estimate.error_global**2, self.sought(estimate, tolerance, history)
         times: Int8Array
-        if not history.compared and estimate.relative <= sought:
+        if sought is not None and estimate.relative <= sought:
             times, loss = np.ones(len(estimate.error), dtype=np.int8), 0.0
         else:
             rate = history.loss_rate(estimate)
-            times, loss = for_tolerance(estimate, sought, rate, self, comm)
+            times, loss = for_tolerance(estimate, sought or tolerance, rate, self, comm)
         return times, replace(history, error2=square, expected_loss=loss, refined=True)
