@@ -1,7 +1,7 @@
 """First meshes of thousands of cells, as CAD makes them: tetrahedra of Gmsh, each subdivided into four hexahedra.
 
-A pin in a lug and two unlike blocks.  A run ends on the first mesh; all of its cells were refined before, to measure the
-effectivity.
+A pin in a lug and two unlike blocks.  A run ends on the first mesh; before, all of its cells were refined to measure
+the effectivity.
 
     python3 -m studies.effectivity.cad [--only WORD]    # five minutes, 6 GB
 

@@ -18,7 +18,7 @@ class RefinementHistory:
         error2: xi^2 of the mesh that was refined last [J].
         expected_loss: of xi^2 by that refinement if the solution is smooth; 0: unknown [J].
         refined: the present mesh is a refinement of the one before.
-        compared: theta has been measured.
+        compared: theta has been measured, or is bounded by `effectivity`, so that one mesh may be enough.
     """
 
     effectivity: float

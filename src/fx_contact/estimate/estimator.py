@@ -48,15 +48,6 @@ class Estimate:
         """xi / omega [-]."""
         return self.error_global / self.energy_norm if self.energy_norm else 0.0
 
-    @property
-    def blind(self) -> bool:
-        """True if a large error may be estimated as 0: at degree 1, where (3) is alone, on one layer of cells.
-
-        Under a body force, or held at all vertices: `other loads/weight of a film` and `between nodes/all held` of
-        studies/stability.
-        """
-        return self.child_error == child_error(1)
-
 
 @dataclass(frozen=True, eq=False)
 class DisplacementError:
