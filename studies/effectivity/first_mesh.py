@@ -51,7 +51,8 @@ def measured(scene, tolerance):
     """The Step on the first mesh and its true error; None if the mesh is not enough or has no error."""
     how = {"degree": 2, "max_steps": 1, "control": ErrorControl(least_effectivity=1.0)}
     (step,) = adapt(scene, tolerance, MPI.COMM_SELF, **how)
-    if not step.record.reached or step.record.estimate < LEAST:
+    missed = step.record.ratio > 1 or step.contact_error.leaves
+    if missed or step.record.estimate < LEAST:
         return None
     beginning = Beginning.after(step, np.ones(len(step.forest), dtype=bool))
     (finer,) = adapt(scene, tolerance, MPI.COMM_SELF, beginning=beginning, **how)
