@@ -195,7 +195,9 @@ def test_both_modes_by_hand():
     times, after = CONTACT.marked(error, 0.5, CONTACT.begin(1, 0.3), WORLD)
     assert np.array_equal(times, dealt(np.array([0, 0, 0, 1])))
     assert np.allclose([after.error2, after.expected_loss], [30, 12], rtol=1e-14)
-    assert after == replace(CONTACT.begin(1, 0.3), error2=after.error2, expected_loss=after.expected_loss, refined=True)
+    assert after == replace(
+        CONTACT.begin(1, 0.3), error2=after.error2, expected_loss=after.expected_loss, refined=True
+    )
     # A finer mesh with xi^2 = 18 and a change of 6^(1/2): theta_0 = (30 / (6 + 18 / 0.4^2))^(1/2) and once more.
     finer = spread(np.sqrt(np.full(4, 4.5)), energy=10.0)
     theta = np.sqrt(30 / (6 + 18 / (30 / (6 + 18 / 0.16))))
