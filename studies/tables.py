@@ -72,7 +72,7 @@ COLUMNS = {
     "studies/effectivity/cad.csv": {
         "scene": "{scene}",
         "tolerance": "{tolerance:.0%}",
-        "": "{run}",
+        "solved": "{run}",
         "unknowns": "{unknowns:,}",
         "CPU": "{cpu_seconds:.1f} s",
         "estimated": "{estimate:.1%}",
