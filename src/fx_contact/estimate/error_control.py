@@ -36,7 +36,8 @@ class ErrorControl:
         trusted_effectivity: the error in (6) is xi with a theta of this or more, else xi / theta [-].  With 1 runs take
             1.6 to 1.7 times the unknowns if theta is 0.8 to 0.9 (studies/parameters).
         least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates at
-            degree 1 (studies/effectivity), 0.58 on first meshes that may be enough (studies.effectivity.first_mesh) [-].
+            degree 1 (studies/effectivity), 0.58 on first meshes that may be enough (studies.effectivity.first_mesh)
+            [-].
 
     Raises:
         SceneError: an unknown mode, or a number that is not positive or above 1.
