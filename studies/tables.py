@@ -61,6 +61,23 @@ COLUMNS = {
         "effectivity": "{effectivity:.2f}",
         "corrected": "{corrected:.2f}",
     },
+    "studies/effectivity/first_mesh.csv": {
+        "scene": "{scene}",
+        "nu": "{poisson:g}",
+        "cells": "{cells:d}",
+        "estimated": "{estimate:.1%}",
+        "true": "{true_error:.1%}",
+        "effectivity": "{effectivity:.2f}",
+    },
+    "studies/effectivity/cad.csv": {
+        "scene": "{scene}",
+        "tolerance": "{tolerance:.0%}",
+        "solved": "{run}",
+        "unknowns": "{unknowns:,}",
+        "CPU": "{cpu_seconds:.1f} s",
+        "estimated": "{estimate:.1%}",
+        "force": "{force:.5g} N",
+    },
     "studies/cost/preconditioners.csv": {
         "scene": "{scene}",
         "dofs": "{dofs:,}",

@@ -114,7 +114,7 @@ def test_marking_uses_the_loss_of_the_last_refinement():
     counts = []
     for brought in (1.0, 0.5):
         before = spread(errors)
-        marked, history = CONTACT.marked(before, 0.5 * total, CONTACT.begin(), WORLD)
+        marked, history = CONTACT.marked(before, 0.5 * total, CONTACT.begin(1, 0.3), WORLD)
         now = np.sqrt(total**2 - brought * (total**2 - left(before, marked) ** 2))
         after, _ = CONTACT.marked(spread(errors * now / total), 0.9 * now, history, WORLD)
         counts.append(WORLD.allreduce(int(after.sum())))
@@ -124,7 +124,7 @@ def test_marking_uses_the_loss_of_the_last_refinement():
 @pytest.mark.parametrize("theta", [0.3, 0.5, 0.8, 1.0, 1.3])
 def test_effectivity_is_measured_by_refinement(theta):
     """If the error halves with each mesh its effectivity is found within two meshes."""
-    true, history = 0.5 ** np.arange(4), CONTACT.begin()
+    true, history = 0.5 ** np.arange(4), CONTACT.begin(1, 0.3)
     estimates = [spread(np.full(8, theta * error / np.sqrt(8))) for error in true]
     for before, after, last, now in zip(estimates, estimates[1:], true, true[1:]):
         _, history = CONTACT.marked(before, 0.1, history, WORLD)
@@ -141,19 +141,35 @@ def test_tolerance_is_corrected_by_a_low_effectivity():
     for theta, tolerance, sought in (*taken, (0.79, 0.12, 0.0948), (0.4, 0.2, 0.08)):
         found = CONTACT.sought(error, tolerance, RefinementHistory(theta, compared=True))
         assert found is sought or abs(found - sought) < 1e-12
-    for history in (RefinementHistory(0.4, compared=True), CONTACT.begin()):
+    for history in (RefinementHistory(0.4, compared=True), CONTACT.begin(1, 0.3)):
         assert CONTACT.sought(error, 0.05, history) == 0.05
 
 
-def test_a_first_mesh_is_refined_to_see():
-    """An estimate that meets the tolerance on a first mesh shows nothing: all of it is refined, once."""
-    error = spread(np.geomspace(1e-4, 1e-3, 8))
-    assert CONTACT.sought(error, 0.5, CONTACT.begin()) is not None
-    marked, history = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
+def test_a_first_mesh_may_be_enough():
+    """At degree 2 the least effectivity is assumed on a first mesh: xi / 0.4 has to meet the tolerance."""
+    error, begin = spread(np.geomspace(1e-4, 1e-3, 8)), CONTACT.begin(2, 0.3)
+    assert CONTACT.effectivity(begin) == 0.4
+    for share, met in ((0.399, True), (0.401, False), (1e-9, True)):
+        tolerance = error.relative / share
+        sought = CONTACT.sought(error, tolerance, begin)
+        assert (sought is None) == met and (met or abs(sought - 0.4 * tolerance) < 1e-12)
+    marked, history = CONTACT.marked(error, error.relative / 0.3, begin, WORLD)
+    everywhere((marked == 0).all() and history.refined, "goals alone are refined for")
+    marked, _ = CONTACT.marked(error, error.relative / 0.5, begin, WORLD)
+    assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by threshold"
+    assert CONTACT.sought(spread(np.zeros(8)), 0.1, begin) is None
+
+
+@pytest.mark.parametrize("degree, poisson", [(1, 0.3), (2, 0.4)])
+def test_a_first_mesh_is_refined_to_see(degree, poisson):
+    """Where an estimate that meets the tolerance on a first mesh shows nothing, all of it is refined, once."""
+    error, begin = spread(np.geomspace(1e-4, 1e-3, 8)), CONTACT.begin(degree, poisson)
+    assert CONTACT.sought(error, 0.5, begin) is not None
+    marked, history = CONTACT.marked(error, 0.5, begin, WORLD)
     everywhere((marked == 1).all(), "not uniformly")
     history = history.observed(error, 0.0, CONTACT.least_effectivity)
     assert history.compared and CONTACT.sought(error, 0.5, history) is None
-    marked, _ = CONTACT.marked(error, error.relative / 2, CONTACT.begin(), WORLD)
+    marked, _ = CONTACT.marked(error, error.relative / 2, begin, WORLD)
     assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by criterion (2)"
 
 
@@ -165,7 +181,7 @@ def test_both_modes_by_hand():
     quarter of its xi_T^2: 16 falls to 4, so that 18 are left, and the cell 4 is enough.
     """
     error = spread(np.array([1.0, 2.0, 3.0, 4.0]), energy=10.0)
-    begin = ENERGY.begin()
+    begin = ENERGY.begin(1, 0.3)
     assert ENERGY.sought(error, 0.5, begin) == 0.5 and ENERGY.sought(error, 0.547, begin) == 0.547
     assert ENERGY.sought(error, 0.548, begin) is None  # on the first mesh, with no effectivity
     for known in (begin, RefinementHistory(0.4, 60.0, 10.0, True, True)):
@@ -176,10 +192,12 @@ def test_both_modes_by_hand():
     assert np.array_equal(times, dealt(np.array([0, 0, 1, 1])))  # 2 is not above 2
     assert ENERGY.effectivity(RefinementHistory(0.4)) == ENERGY.correction(RefinementHistory(0.4)) == 1.0
 
-    times, after = CONTACT.marked(error, 0.5, CONTACT.begin(), WORLD)
+    times, after = CONTACT.marked(error, 0.5, CONTACT.begin(1, 0.3), WORLD)
     assert np.array_equal(times, dealt(np.array([0, 0, 0, 1])))
     assert np.allclose([after.error2, after.expected_loss], [30, 12], rtol=1e-14)
-    assert after == replace(CONTACT.begin(), error2=after.error2, expected_loss=after.expected_loss, refined=True)
+    assert after == replace(
+        CONTACT.begin(1, 0.3), error2=after.error2, expected_loss=after.expected_loss, refined=True
+    )
     # A finer mesh with xi^2 = 18 and a change of 6^(1/2): theta_0 = (30 / (6 + 18 / 0.4^2))^(1/2) and once more.
     finer = spread(np.sqrt(np.full(4, 4.5)), energy=10.0)
     theta = np.sqrt(30 / (6 + 18 / (30 / (6 + 18 / 0.16))))
@@ -187,7 +205,7 @@ def test_both_modes_by_hand():
     assert abs(history.effectivity - theta) < 1e-12 and 0.5 < theta < 0.8
     assert CONTACT.sought(finer, 0.45, history) == CONTACT.correction(history) * 0.45  # xi / omega = 0.424
     assert CONTACT.sought(finer, 0.43 / theta, history) is None
-    assert CONTACT.sought(finer, 0.5, CONTACT.begin()) == 0.2  # nothing is measured on a first mesh
+    assert CONTACT.sought(finer, 0.5, CONTACT.begin(1, 0.3)) == 0.2  # nothing is measured on a first mesh
 
 
 @pytest.mark.parametrize("control", [ENERGY, CONTACT], ids=["energy", "contact"])
@@ -207,7 +225,7 @@ def test_partners_by_hand(control, marked, partner):
     assert forest.size_global == 16
     mine = (forest.cell == marked[0]) & (forest.anchor == marked[1]).all(axis=1)
     estimate = Estimate(np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
-    times, _ = control.marked(estimate, 0.5, control.begin(), WORLD)
+    times, _ = control.marked(estimate, 0.5, control.begin(1, 0.3), WORLD)
     fine, _ = forest.refined_with(times)
     places, quarters = set(product((0, 1), product((0, HALF), repeat=3))), product((0, HALF // 2), repeat=3)
     children = product({marked, partner} - {None}, quarters)
@@ -237,11 +255,16 @@ def test_a_run_of_the_mode_energy():
 
 
 def test_the_mode_energy_may_stop_on_the_first_mesh():
-    """(6) needs one mesh; the default needs two to measure the effectivity."""
+    """(6) needs one mesh; so does the default at degree 2 where the least effectivity suffices, at degree 1 two."""
     scene = indentation(coarse=2)
-    (only,) = adapt(scene, 0.9, control=ENERGY)
-    first, *_, last = adapt(scene, 0.9)
+    (only,) = adapt(scene, 0.9, control=ENERGY, degree=1)
+    first, *_, last = adapt(scene, 0.9, degree=1)
     assert only.record.reached and not first.record.reached and last.record.reached
+    (only,) = adapt(scene, 0.9)
+    assert only.record.reached and only.record.assumed_effectivity == 0.4 and only.record.ratio < 0.4
+    first, *_, last = adapt(scene, 2 * only.record.estimate)
+    assert not first.record.reached and last.record.reached and last.record.assumed_effectivity > 0.4
+    assert last.record.dofs < 4 * first.record.dofs, "refined as a whole"
 
 
 def test_a_run_goes_on_with_its_own_control(tmp_path):

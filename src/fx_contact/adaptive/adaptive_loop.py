@@ -80,7 +80,7 @@ def adapt(
 
     Returns:
         An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
-        measured effectivity, which takes two meshes or more, and contact is resolved (`ErrorControl`).
+        effectivity, measured by two meshes or assumed on a first one, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
@@ -197,7 +197,7 @@ class Run:
         self.settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
         self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
-        self._history, self._finished = settings.control.begin(), False
+        self._history, self._finished = settings.begin(), False
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
     def __iter__(self) -> Self:
@@ -255,7 +255,9 @@ class Run:
                 self._resume(source)
         elif source is not None:
             self._next = source.forest, source.of_degree(self.settings.degree)
-            self._history = source.history or self._history
+            if source.history is not None:
+                one_mesh = source.history.compared or self._history.compared
+                self._history = replace(source.history, compared=one_mesh)
         else:
             with stages("partition"):
                 self._next = first_forest(self.settings.scene, self._comm, self._kind), None

@@ -216,7 +216,7 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
 
     Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
     with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
-    error (smooth solution).  A run then has at least two meshes, and measures the effectivity of the estimator.
+    error (smooth solution).  A run then has two meshes as a rule, and measures the effectivity of the estimator.
 
     Args:
         tolerance: prescribed accuracy e [-].

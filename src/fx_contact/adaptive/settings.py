@@ -8,6 +8,7 @@ from typing import Any
 
 from fx_contact.adaptive.validity import check_allowed
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity, check_goals
 from fx_contact.fem.space import DEGREES
@@ -102,6 +103,10 @@ class Settings:
     def multigrid(self) -> bool:
         """True if the preconditioner needs the level of degree 1.  Local."""
         return self.degree > 1 and self.solver.preconditioner in (None, "p-multigrid")
+
+    def begin(self) -> RefinementHistory:
+        """The RefinementHistory of a run that begins.  Local."""
+        return self.control.begin(self.degree, max(material.poisson for material in self.scene.materials.values()))
 
     @cached_property
     def problem(self) -> dict[str, Any]:

@@ -14,11 +14,11 @@ class RefinementHistory:
     """Refinements of a run, and the effectivity that they show.
 
     Attributes:
-        effectivity: theta = xi / ||u - u_h||, estimated over true error, as far as it is measured [-].
+        effectivity: theta = xi / ||u - u_h||, estimated over true error, measured or assumed [-].
         error2: xi^2 of the mesh that was refined last [J].
         expected_loss: of xi^2 by that refinement if the solution is smooth; 0: unknown [J].
         refined: the present mesh is a refinement of the one before.
-        compared: theta has been measured.
+        compared: theta has been measured, or is bounded by `effectivity`, so that one mesh may be enough.
     """
 
     effectivity: float

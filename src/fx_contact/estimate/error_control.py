@@ -9,6 +9,7 @@ from mpi4py import MPI
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import by_criterion, for_tolerance
+from fx_contact.fem.elasticity import LOCKING_POISSON
 from fx_contact.parallel.arrays import Int8Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
@@ -34,8 +35,9 @@ class ErrorControl:
         target: the share of a tolerance that refinement aims at (studies/parameters) [-].
         trusted_effectivity: the error in (6) is xi with a theta of this or more, else xi / theta [-].  With 1 runs take
             1.6 to 1.7 times the unknowns if theta is 0.8 to 0.9 (studies/parameters).
-        least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates
-            (studies/effectivity) [-].
+        least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates at
+            degree 1 (studies/effectivity), 0.58 on first meshes that may be enough (studies.effectivity.first_mesh)
+            [-].
 
     Raises:
         SceneError: an unknown mode, or a number that is not positive or above 1.
@@ -66,9 +68,14 @@ class ErrorControl:
         """True if the mode controls errors of contact too."""
         return self.mode == "contact"
 
-    def begin(self) -> RefinementHistory:
-        """The RefinementHistory of a run that begins.  Local."""
-        return RefinementHistory(self.least_effectivity)
+    def begin(self, degree: int, poisson: float) -> RefinementHistory:
+        """The RefinementHistory of a run that begins, by the degree and the largest Poisson's ratio.
+
+        Local.  One mesh is not enough at degree 1, where (3) alone may be 0 on one layer of cells (`other loads/weight
+        of a film`, `between nodes/all held` of studies/stability), nor in nearly incompressible bodies, where theta may
+        be less than `least_effectivity` (studies.effectivity.first_mesh).
+        """
+        return RefinementHistory(self.least_effectivity, compared=degree > 1 and poisson < LOCKING_POISSON)
 
     def effectivity(self, history: RefinementHistory) -> float:
         """The measured effectivity of the estimate, 1 in the mode "energy".  Local."""
@@ -82,7 +89,7 @@ class ErrorControl:
     def sought(self, estimate: Estimate, tolerance: float, history: RefinementHistory) -> float | None:
         """The tolerance to refine for, by the prescribed one e [-]; None: xi / omega is small enough (6).
 
-        Local.  "contact" needs two meshes at least: if all vertices are constrained, the first estimate is 0.
+        Local.  In "contact" one mesh is enough if its theta is known, or bounded (`begin`).
         """
         if estimate.relative > tolerance:
             return tolerance
@@ -97,7 +104,7 @@ class ErrorControl:
     ) -> tuple[Int8Array, RefinementHistory]:
         """Number of refinements of each cell (ncells,) for a tolerance e [-], and history of the refined mesh.
 
-        Collective on comm.  In "contact" all cells of a first mesh that meets the tolerance are refined.
+        Collective on comm.  In "contact" all cells of a mesh that is not enough (`begin`) are refined.
         """
         if not self.of_contact:
             return by_criterion(estimate, tolerance).astype(np.int8), history
