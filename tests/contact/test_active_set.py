@@ -161,6 +161,6 @@ def test_restart():
         status.update(~status.active)
     status.restart(np.array([True, True, False]), np.zeros((3, 3)), 20)
     assert status.active.tolist() == [True, True, False]
-    assert status.updates == 24
+    assert status.updates == 25
     status.update(np.array([False, False, True]))
     assert status.active.tolist() == [False, False, True]

@@ -28,7 +28,7 @@ class ActiveSet:
 
     Attributes:
         active: (n,), closed rows.
-        updates: number of active sets.
+        updates: number of active sets, with linear solves that found one (`restart`).
     """
 
     #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
@@ -54,8 +54,8 @@ class ActiveSet:
         self._penetrate_when_open = False
 
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
-        """Continue with another set (n,) and a displacement (owned, 3) [m], which took so many linear solves."""
-        self.updates += solves
+        """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves."""
+        self.updates += solves + 1
         self.active = self._supporting(active, self._rows.penetration(u))
         self.reset_cycles()
 

@@ -43,10 +43,8 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
     energy, number = system.energy_norm(u) ** 2, total(np.ones_like(k))
     size = np.sqrt(energy / total(k))
     s, f = np.maximum(-f / k, size), np.maximum(f, k * size)
-    for count in range(2, _ITERATIONS + 1):
-        gap = total(s * f)
-        if gap <= _GAP * energy:
-            break
+    solves = 1
+    while solves < _ITERATIONS and (gap := total(s * f)) > _GAP * energy:
         ratio, shift = s / f, s + _CENTRING * gap / number / f
         tolerance = min(_LOOSE, _OF_GAP * np.sqrt(gap / energy))
         towards, force = system.solve_springs(1 / (ratio + compliance), -shift, u, tolerance)
@@ -54,8 +52,8 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
         reach = min(_reach(s, steps[0]), _reach(f, steps[1]))
         length = min(1.0, _TO_BOUNDARY * comm.allreduce(reach, op=MPI.MIN))
         u, s, f = u + length * (towards - u), s + length * steps[0], f + length * steps[1]
-        energy = system.energy_norm(u) ** 2
-    return u, some & (f * total(s) > s * total(f)), count
+        energy, solves = system.energy_norm(u) ** 2, solves + 1
+    return u, some & (f * total(s) > s * total(f)), solves
 
 
 def _reach(values: FloatArray, step: FloatArray) -> float:
