@@ -1,12 +1,12 @@
 """A primal-dual interior-point method, for active sets that take many updates.
 
-With compliances 1/k of a penalty (0 in exact contact), gaps s = D - B u + f/k > 0 and forces f > 0 of all rows,
-iterates follow s_i f_i = mu to mu = 0.  Each linear solve has springs in all rows,
+Rows have forces f > 0, gaps s = D - B u + f/k > 0, and compliances 1/k of a penalty, 0 in exact contact.  Iterates
+follow s_i f_i = mu to mu = 0.  Each linear solve has springs in all rows:
 
-    K u' + B^T f' = L,    f' = (B u' - D + s + mu/f) / (s/f + 1/k),    s' = s + mu/f - f' s/f,
+    K u' + B^T f' = L,    f' = (B u' - D + s + mu/f) / (s/f + 1/k),    s' = s + mu/f - f' s/f.
 
-and the step towards u', f', s' keeps s and f positive.  At the end rows are closed where f/s is above its mean,
-or above k if all rows have the same status.
+The step towards u', f', s' keeps s and f positive.  At the end rows are closed where f/s is above its mean.  If all
+rows have the same status, they are closed where f/s is above the capped stiffness.
 
 In bodies that bend, updates of the active set open a line of nodes each.  The number of these iterations hardly depends
 on the mesh (`studies.cost.leaf_springs`).
@@ -44,6 +44,7 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
     compliance = np.zeros_like(k) if system.exact else 1 / system.stiffness
 
     def total(values: FloatArray) -> float:
+        """Sum over the movable rows of all ranks."""
         return comm.allreduce(float(values[some].sum()))
 
     u, f = system.solve_springs(k, np.zeros_like(k), u, _LOOSE)

@@ -71,10 +71,10 @@ class ErrorControl:
     def begin(self, degree: int, poisson: float, functions: bool = False) -> RefinementHistory:
         """The RefinementHistory of a run that begins, by the degree and the largest Poisson's ratio.
 
-        Local.  One mesh is not enough at degree 1, where (3) alone may be 0 on one layer of cells (`other loads/weight
-        of a film`, `between nodes/all held` of studies/stability), in nearly incompressible bodies, where theta may
-        be less than `least_effectivity` (studies.effectivity.first_mesh), nor if functions of position are prescribed,
-        which a first mesh may not resolve.
+        Local.  One mesh is not enough in three cases.  At degree 1 (3) alone may be 0 on one layer of cells (`other
+        loads/weight of a film`, `between nodes/all held` of studies/stability).  In nearly incompressible bodies theta
+        may be less than `least_effectivity` (studies.effectivity.first_mesh).  Functions of position may vary within
+        a cell.
         """
         enough = degree > 1 and poisson < LOCKING_POISSON and not functions
         return RefinementHistory(self.least_effectivity, compared=enough)

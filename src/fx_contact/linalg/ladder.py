@@ -101,7 +101,7 @@ def can_be_made(comm: MPI.Intracomm, size: float) -> bool:
 
 @dataclass(frozen=True)
 class Factors:
-    """What MUMPS' analysis predicts of Cholesky factors, summed over ranks: operations, bytes of entries, of all."""
+    """Costs of Cholesky factors, summed over ranks, by MUMPS' analysis: operations, bytes of entries, of all memory."""
 
     flops: float
     entries: float
