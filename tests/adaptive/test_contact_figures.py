@@ -46,10 +46,12 @@ def test_figures_of_all_ranks(idle):
 @pytest.mark.parametrize("power, is_hertz", [(2, True), (1.5, True), (1, False), (3, False), (4, False), (0, False)])
 @pytest.mark.parametrize("apart", [0.0, 1e3])
 def test_radius(power, is_hertz, apart):
-    """Forces of Hertz's pressure have its radius where the gap is quadratic, or nearly so, however far apart."""
+    """Forces of Hertz's pressure have its radius where the gap grows quadratically, or nearly so, however far apart."""
     found = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart + 0.3 * r**power)
     assert found.active_pairs == 80 and found.force == pytest.approx(4 * 2 / 3 * np.pi / 4 * 0.25, rel=0.01)
     assert found.contact_radius == (pytest.approx(0.5, rel=0.01) if is_hertz else None)
+    hollow = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart - 0.3 * r**power)
+    assert hollow.contact_radius is None
 
 
 @pytest.mark.parametrize("r, radius", [([], 0.0), ([0.0], None)])

@@ -38,16 +38,17 @@ def test_same_solution_as_updates(case, monkeypatch):
     scene, solves, updates = make(), [], contact_solver._find_active_set
 
     def find(system, status, u, solver):
-        u, closed, count = find_closed_rows(system, u)
-        solves.append(count)
-        status.restart(closed, u, count)
-        return updates(system, status, u, solver)
+        found, closed, count = find_closed_rows(system, u)
+        status.restart(closed, found, count)
+        result = updates(system, status, found, solver)
+        solves.append((count, system.energy_norm(found - result[0]) / system.energy_norm(result[0])))
+        return result
 
     (expected,) = adapt(scene, 0.9, max_steps=1, **options)
     monkeypatch.setattr(contact_solver, "_find_active_set", find)
     (step,) = adapt(scene, 0.9, max_steps=1, **options)
-    (count,) = solves
-    assert 5 < count < 35
+    ((count, off),) = solves
+    assert 5 < count < 35 and off < 1e-6  # the root of its last s . f over the energy
     assert step.record.pair_forces == pytest.approx(expected.record.pair_forces, rel=1e-7)
     everywhere((step.solution.active == expected.solution.active).all(), "other rows are closed")
     assert step.record.contact_iterations <= count + 4, "too many updates of the set that was found"

@@ -27,6 +27,7 @@ from fx_contact import (
 )
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.enforcement import METHODS
+from fx_contact.estimate import goal_errors
 from fx_contact.estimate.dual_weighted import Functional, _of_families, gap_functional
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import judge_goals
@@ -111,6 +112,25 @@ def test_an_error_is_corrected_by_the_effectivity(theta, marked, monkeypatch):
     assert (record.value, record.reached) == (2.0, marked == 0) and abs(record.error - 0.12 / theta) < 1e-12
     everywhere(np.count_nonzero(times) == marked, f"{times}")
     assert judged.leaves == marked * WORLD.size
+
+
+def test_local_errors_add_to_that_of_the_mean(monkeypatch):
+    """Of 2 Pa, 0.2 may be wrong; 0.04 of the mean and up to 0.9 of nodes, of which 0.1 (by 0.5) is aimed at."""
+    state = SimpleNamespace(
+        forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=np.arange(4)))
+    )
+    state.rows = state.forest
+    found = SimpleNamespace(dual=SimpleNamespace(child_error=1 / 32), error=np.zeros(4), total=0.04)
+    last = WORLD.rank == WORLD.size - 1
+    local = np.array([0.9, 0.3, 0.05, 0.0]) * last
+    functional = Functional(2.0, 2.0, penetration=np.ones(1), local=local)
+    monkeypatch.setattr(ContactForce, "functional", lambda *_: functional)
+    monkeypatch.setattr(goal_errors, "leaves_of_rows", lambda _, chosen: np.flatnonzero(chosen))
+    duals, control = SimpleNamespace(of=lambda *_: found), ErrorControl()
+    (judged,) = judge_goals((ContactForce("pressure", 0.1),), duals, state, None, 1.0, control)
+    assert judged.record.error == pytest.approx(0.94) and not judged.record.reached
+    assert 0.05 < 0.16 * control.target < 0.9 / 4 and judged.leaves == 2
+    everywhere((judged.refine == (np.array([2, 1, 0, 0]) if last else 0)).all(), f"{judged.refine}")
 
 
 @pytest.mark.parametrize("method", METHODS)
