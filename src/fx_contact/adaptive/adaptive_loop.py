@@ -16,7 +16,6 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import StepStart, solve_step
 from fx_contact.adaptive.validity import check_model_warnings, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.fem.prolongation import Prolongation
@@ -306,7 +305,7 @@ class Run:
             partition = PartitionSummary.of(forest, self._kind)
         with stages("hanging"):
             space = Space(forest, self.settings.degree)
-            start = self._start(Prolongation(space, needed_keys(self.settings.scene, space)), values)
+            start = self._start(Prolongation(space), values)
             del values
         self._last.update(forest=forest, displacement=start.displacement)
         step = solve_step(self.settings, len(self.records), start, partition, stages)

@@ -122,14 +122,15 @@ def solve_step(
 
 def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discrete:
     """Mesh, stiffness, conditions, forces and rows of contact of a step.  Collective."""
-    scene, forest, prolongation = settings.scene, start.forest, start.prolongation
+    scene, forest = settings.scene, start.forest
     with stages("mesh"):
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
         mesh = create_leaf_mesh(forest, order)
     with stages("assemble"):
+        rows = create_rows(scene, start.prolongation, settings.enforcement) if scene.contact else None
+        prolongation = start.prolongation if rows is None else rows.prolongation
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
-        rows = create_rows(scene, prolongation, settings.enforcement) if scene.contact else None
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
@@ -193,7 +194,7 @@ def _estimate(
 ) -> tuple[SolvedState, Goals]:
     """Solution with its estimated error, and the adjoint problems of its goals.  Collective."""
     scene, forest, elasticity = settings.scene, start.forest, discrete.elasticity
-    shear_free = find_shear_free(scene, forest, start.prolongation)
+    shear_free = find_shear_free(scene, forest, elasticity.prolongation)
     estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement)

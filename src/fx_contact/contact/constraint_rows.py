@@ -15,7 +15,6 @@ from scipy.sparse import csr_matrix
 
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
@@ -43,6 +42,20 @@ class Entries:
 
 
 @dataclass(frozen=True, eq=False)
+class KeyedEntries:
+    """As `Entries`, of nodes by their lattice keys; they may hang, and be of any rank.
+
+    Attributes:
+        key: (b,).
+    """
+
+    row: Int64Array
+    key: Int64Array
+    side: Int64Array
+    weight: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class RowColumns:
     """Rows of one contact, each on one rank; as in `ConstraintRows`.
 
@@ -51,7 +64,7 @@ class RowColumns:
     """
 
     first: Int64Array
-    entries: Entries
+    entries: KeyedEntries
     across: FloatArray
     apart: FloatArray
     area: FloatArray
@@ -85,10 +98,6 @@ class RowKind(ABC):
         ours = (surfaces.side[cell, face] == 0) & (surfaces.contact[cell, face] == self.index)
         return leaf[ours], face[ours]
 
-    def needed(self, space: Space) -> Int64Array:
-        """Keys of nodes that this rank's rows need beside those of its leaves: (k,).  Collective."""
-        return np.empty(0, dtype=np.int64)
-
     @abstractmethod
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """The rows.  Collective."""
@@ -110,7 +119,7 @@ class ConstraintRows:
     """The rows of B, each on one rank.
 
     Attributes:
-        prolongation: B acts on its conforming unknowns.
+        prolongation: B acts on its conforming unknowns; it has the nodes of all entries.
         kinds: of each contact of the scene.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].

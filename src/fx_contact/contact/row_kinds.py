@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.scene import Scene
@@ -40,22 +40,13 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     return tuple(kinds)
 
 
-def needed_keys(scene: Scene, space: Space) -> Int64Array:
-    """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.
-
-    Collective.  Raises SceneError as `kinds_of`.
-    """
-    return np.concatenate([np.empty(0, dtype=np.int64), *(kind.needed(space) for kind in kinds_of(scene))])
-
-
 def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
-    """The rows of all contacts of a scene.
+    """The rows of all contacts of a scene, with the prolongation or one with the nodes of other ranks in them.
 
-    Collective on prolongation.comm, with the `needed_keys`.
+    Collective on prolongation.comm.
 
     Raises:
-        SceneError: a contact of an unknown type, a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a
-            Prolongation that lacks nodes.
+        SceneError: a contact of an unknown type, or a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`.
     """
     kinds = kinds_of(scene)
     parts = [kind.columns(prolongation, enforcement) for kind in kinds]
@@ -65,10 +56,12 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
     across = columns.pop("across")
     normal = across / np.linalg.norm(across, axis=1)[:, None]
     counts = [len(part.first) for part in parts]
+    keyed = _joined([part.entries for part in parts], counts)
+    prolongation = prolongation.reaching(keyed.key)
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,
-        entries=_joined([part.entries for part in parts], counts),
+        entries=_at_conforming(keyed, prolongation),
         normal=normal,
         gap=np.einsum("ni,ni->n", normal, columns["apart"]),
         node_area=columns["area"],
@@ -77,10 +70,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
         symmetry=scene.symmetry,
         **columns,
     )
-    found = bool((rows.entries.node < 0).any()), float(rows.penalty_factor.max(initial=0.0))
-    missing, stiffest = prolongation.comm.allreduce(found, op=MPI.MAX)
-    if missing:
-        raise SceneError("rows of contact need nodes that the Prolongation lacks: make it with `needed_keys`")
+    stiffest = prolongation.comm.allreduce(float(rows.penalty_factor.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
             f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
@@ -94,11 +84,25 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
 _COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name != "entries"]
 
 
-def _joined(parts: list[Entries], counts: list[int]) -> Entries:
+def _joined(parts: list[KeyedEntries], counts: list[int]) -> KeyedEntries:
     """Entries of several contacts."""
     start = np.concatenate([[0], np.cumsum(counts)])
     rows = np.concatenate([part.row + first for part, first in zip(parts, start)])
-    return Entries(rows, *(np.concatenate([getattr(p, name) for p in parts]) for name in ("node", "side", "weight")))
+    names = "key", "side", "weight"
+    return KeyedEntries(rows, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _at_conforming(entries: KeyedEntries, prolongation: Prolongation) -> Entries:
+    """Entries at conforming nodes: shares of hanging ones go to their masters."""
+    node = prolongation.find(entries.key)
+    if (node >= 0).all():
+        return Entries(entries.row, node, entries.side, entries.weight)
+    row = 2 * entries.row + entries.side
+    places = csr_matrix((entries.weight, (row, np.arange(len(row)))), (row.max() + 1, len(row)))
+    sums = (places @ prolongation.rows(entries.key)).tocoo()
+    order = np.lexsort((sums.col, sums.row))
+    row, side = np.divmod(sums.row[order].astype(np.int64), 2)
+    return Entries(row, sums.col[order].astype(np.int64), side, sums.data[order])
 
 
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
 from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
@@ -74,6 +75,14 @@ class Prolongation:
         self.matrix, self._of_needed = matrix[: len(space)], matrix[len(space) :]
         _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
+
+    def reaching(self, keys: Int64Array) -> "Prolongation":
+        """This, or one with further nodes by their keys (k,), the same at those of this rank.  Collective on comm."""
+        away = keys[self.space.find(keys) < 0]
+        away = away[~np.isin(away, self._needed)]
+        if not self.comm.allreduce(len(away) > 0, op=MPI.LOR):
+            return self
+        return Prolongation(self.space, np.concatenate([self._needed, away]))
 
     def find(self, keys: Int64Array) -> Int64Array:
         """Positions (k,) in `index_map`, -1 where a node hangs, by keys (k,) of nodes or masters.  Local."""
