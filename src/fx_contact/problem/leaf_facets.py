@@ -79,6 +79,12 @@ class LeafFacets:
     def _in_root(self, uv: FloatArray) -> FloatArray:
         return np.asarray((self.low[:, None] + self.side[:, None, None] * uv) / SIDE)
 
+    @property
+    def root_range(self) -> tuple[FloatArray, FloatArray]:
+        """Coordinates (n, 2) of the low and the high corner of the root facets."""
+        side = self.side[:, None]
+        return np.asarray(-self.low / side), np.asarray((SIDE - self.low) / side)
+
     @cached_property
     def corners(self) -> FloatArray:
         """(n, 4, 3), positions of the corners, first tangent fastest [m]."""
