@@ -169,11 +169,7 @@ class ConstraintRows:
     @property
     def node_keys(self) -> Int64Array:
         """(n,), lattice key of each row's node on the first surface, the same on any number of ranks.  Local."""
-        prolongation, keys = self.prolongation, self.prolongation.space.keys
-        named = np.empty(len(prolongation.zeros(1)), dtype=np.int64)
-        conforming = prolongation.conforming >= 0
-        named[prolongation.conforming[conforming]] = keys[conforming]
-        return named[self.first]
+        return self.prolongation.keys[self.first]
 
     @property
     def penalty_factor(self) -> FloatArray:

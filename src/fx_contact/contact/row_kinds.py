@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
+from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.arrays import FloatArray
@@ -33,6 +34,8 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     kinds = []
     for index, contact in enumerate(scene.contact):
         kind = next((KINDS[base] for base in type(contact).__mro__ if base in KINDS), None)
+        if kind is NodePairs and index in scene.pairing.unlike:
+            kind = MortarRows
         if kind is None:
             known = ", ".join(base.__name__ for base in KINDS)
             raise SceneError(f"there are no rows for a {type(contact).__name__}: a contact must be one of {known}")

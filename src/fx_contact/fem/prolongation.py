@@ -102,6 +102,16 @@ class Prolongation:
         return vstack([self.matrix, self._of_needed], format="csr")[np.where(place >= 0, place, away)]
 
     @property
+    def keys(self) -> Int64Array:
+        """(owned + ghosts,), lattice keys of the conforming nodes.  Local."""
+        size = self.index_map.size_local + self.index_map.num_ghosts
+        keys: Int64Array = np.empty(size, dtype=np.int64)
+        conforming = self.conforming >= 0
+        keys[self.conforming[conforming]] = self.space.keys[conforming]
+        keys[size - len(self._away) :] = self._away
+        return keys
+
+    @property
     def owned(self) -> int:
         """Number of conforming nodes that this rank owns."""
         return self.index_map.size_local

@@ -47,9 +47,18 @@ class Pairing:
         self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
-        for pair in (contact for contact in contacts if isinstance(contact, ContactPair)):
+        #: Why surfaces are not meshed alike, by the index of the contact.
+        self.unlike: dict[int, str] = {}
+        for index, pair in enumerate(contacts):
+            if not isinstance(pair, ContactPair):
+                continue
             first, second = mesh.surface(pair.first), mesh.surface(pair.second)
-            match, symmetry = _match(mesh, pair, first, second)
+            _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
+            try:
+                match, symmetry = _match(mesh, pair, first, second)
+            except PairingError as error:
+                self.unlike[index] = str(error)
+                continue
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
@@ -141,7 +150,6 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
             "surfaces alike, facet for facet, and name those parts only that face each other: join unites sides of "
             "one name"
         )
-    _check_facing(mesh, label, pair, first, second)
     points = [mesh.facet_points(facets) for facets in (first, second)]
     direction = pair.unit_direction
     if direction is not None:

@@ -68,9 +68,13 @@ def check_constrained(scene: Scene) -> None:
 
 
 def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
-    """Bodies (n,) of the partners of facets (n, 2) of first surfaces, -1 where they have none: an obstacle."""
+    """Bodies (n,) that facets (n, 2) of first surfaces face, -1 for an obstacle; of surfaces meshed apart any one."""
     partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    return np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
+    result = np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
+    of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
+    for index in scene.pairing.unlike:
+        result[of == index] = scene.mesh.body[scene.mesh.surface(scene.contact[index].surfaces[1])[0, 0]]
+    return result
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:

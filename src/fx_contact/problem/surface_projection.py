@@ -107,6 +107,10 @@ class SurfaceProjection:
             rays = rays[at[rays] <= np.minimum(end[rays], nearest[point[rays]])]
         return result
 
+    def nearest(self, points: FloatArray) -> FloatArray:
+        """Bounds (k,) of the distance of points (k, 3) to the surface [m]."""
+        return np.min([balls.tree.query(points)[0] for balls in self._balls], axis=0)
+
     def _meet(
         self,
         balls: _Balls,

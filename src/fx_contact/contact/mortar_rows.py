@@ -1,0 +1,228 @@
+"""Rows of B for surfaces meshed apart, by dual multipliers psi_j on the first surface (mortar method).
+
+    row of node j:   n_j . (u_j - sum_l M_jl u_l) <= n_j . int psi_j d / D_j,     M_jl = int psi_j N_l / D_j,  D_j = int psi_j
+
+with the functions N_l of the nodes on the second surface, and the vector d to it.  On surfaces meshed alike these are
+the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000; S. Hueeber,
+B. Wohlmuth, CMAME 194, 2005.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_matrix
+
+from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.contact_facets import moduli, spring_stiffness
+from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
+from fx_contact.parallel.box_search import Boxes, overlapping
+from fx_contact.parallel.exchange import Exchange
+from fx_contact.problem import hexahedron
+from fx_contact.problem.lattice import leaf_side
+from fx_contact.problem.leaf_facets import LeafFacets
+from fx_contact.problem.surface_projection import SurfaceProjection
+
+#: Points along each side of a facet of which the foot points bound the place on the other surface.
+_SAMPLES = np.stack(np.meshgrid(np.linspace(0, 1, 3), np.linspace(0, 1, 3)), axis=-1).reshape(-1, 2)
+#: Part of its size by which the box of a facet is enlarged, for its curvature between these points.
+_MARGIN = 0.25
+#: Weights below this part of the largest of a row are rounding.
+_ROUNDING = 1e-13
+
+
+class MortarRows(RowKind):
+    """Rows of the conforming nodes of the first surface that the second surface covers."""
+
+    @cached_property
+    def _second(self) -> SurfaceProjection:
+        """The whole second surface."""
+        return SurfaceProjection(self.scene.mesh, self.scene.mesh.surface(self.contact.surfaces[1]))
+
+    def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
+        """As `RowKind.columns`.  Collective."""
+        space, forest = prolongation.space, prolongation.space.forest
+        leaf, face = self.facets(forest)
+        first = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        second, anchors, levels, pairs = self._facing(forest, first)
+        segments = SegmentIntegrals.of(first, second, pairs, space.degree, direction=self.contact.unit_direction)
+        tables, nodes = _conforming(prolongation, space.on_faces(leaf, face))
+        dual = DualFunctions(first, space.degree, tables, segments)
+        kept = _kept(prolongation, dual, nodes)
+        integrals = dual.integrals(kept[nodes])
+        bodies = self._bodies(first, second, pairs)
+        stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), np.maximum(integrals.area, 0.0))
+        across = integrals.first_normal - integrals.second_normal
+        shares = np.concatenate(
+            [integrals.area[..., None], np.nan_to_num(stiffness)[..., None], across, integrals.apart], axis=2
+        )
+        sums = prolongation.zeros(8)
+        np.add.at(sums, nodes, shares)
+        sums = prolongation.summed(sums)
+        body = np.full((len(prolongation.zeros(0)), 2), -1, dtype=np.int32)
+        body[nodes] = bodies[:, None]
+        ours = np.flatnonzero(kept[: prolongation.owned])
+        keys = forest.lattice.keys(second.cell, _node_points(anchors, levels, second.face, space.degree))
+        entries = _entries(prolongation, integrals, nodes, keys)
+        return RowColumns(
+            first=ours,
+            entries=_by_row(*entries, ours, sums[ours, 0], prolongation.owned),
+            across=sums[ours, 2:5],
+            apart=sums[ours, 5:] / sums[ours, :1],
+            area=sums[ours, 0],
+            stiffness=sums[ours, 1],
+            position=prolongation.injected(space.positions())[ours],
+            bodies=body[ours],
+        )
+
+    def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
+        """Vectors along the normal or the direction; beyond all else on facets that are not wholly covered.  Local."""
+        cell, (count, m, _) = forest.cell[leaf], points.shape
+        facets = LeafFacets.of_leaves(forest.mesh, cell, forest.level[leaf], forest.anchor[leaf], face)
+        tangents = hexahedron.FACE_TANGENTS[face][:, None]
+        side = leaf_side(forest.level[leaf])[:, None, None]
+        uv = (np.take_along_axis(points, tangents, axis=2) - facets.low[:, None]) / side
+        at = facets.at(np.asarray(uv, np.float64))
+        direction = self.contact.unit_direction
+        normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
+        distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance.reshape(count, m)
+        far = 2 * np.linalg.norm(np.ptp(forest.mesh.points, axis=0))
+        distance = np.where(np.isnan(distance).any(axis=1)[:, None], far, distance)
+        return distance[..., None] * normal
+
+    def _facing(self, forest: Forest, first: LeafFacets) -> tuple[LeafFacets, IntArray, IntArray, Int64Array]:
+        """Second facets that first ones may see, with anchors and levels of their leaves, and the pairs (k, 2)."""
+        leaf, face = forest.contact_faces()
+        cell, surfaces = forest.cell[leaf], forest.contact_surfaces
+        ours = (surfaces.side[cell, face] == 1) & (surfaces.contact[cell, face] == self.index)
+        leaf, face = leaf[ours], face[ours]
+        mine = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        names = np.column_stack([forest.cell[leaf], forest.level[leaf], face, forest.anchor[leaf]]).astype(np.int64)
+        asked, name = overlapping(forest.comm, self._opposite(first), _boxes(_samples(mine)), names)
+        distinct, number = np.unique(name, axis=0, return_inverse=True)
+        cell, level, face, anchor = distinct[:, 0], distinct[:, 1], distinct[:, 2], distinct[:, 3:]
+        anchor, level = anchor.astype(np.int32), level.astype(np.int8)
+        second = LeafFacets.of_leaves(forest.mesh, cell.astype(np.int32), level, anchor, face)
+        return second, anchor, level, np.stack([asked, number.ravel()], axis=1)
+
+    def _opposite(self, first: LeafFacets) -> Boxes:
+        """Boxes around the places on the second surface that facets face."""
+        uv = np.broadcast_to(_SAMPLES, (len(first), *_SAMPLES.shape))
+        at = first.at(uv)
+        direction = self.contact.unit_direction
+        normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
+        distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance
+        distance = distance.reshape(at.position.shape[:2])
+        none = np.isnan(distance).all(axis=1)
+        least = np.where(none, 0.0, np.nanmin(np.where(none[:, None], 0.0, distance), axis=1))
+        places = at.position + np.where(np.isnan(distance), least[:, None], distance)[..., None] * normal
+        boxes = _boxes(places)
+        reach = np.where(none, self._second.nearest(at.position[:, 4]) + boxes.sizes, 0.0)[:, None]
+        return Boxes(boxes.low - reach, boxes.high + reach)
+
+    def _bodies(self, first: LeafFacets, second: LeafFacets, pairs: Int64Array) -> IntArray:
+        """Bodies (n, 2) of first facets and of a facet that each faces."""
+        body = self.scene.mesh.body
+        other = self.scene.mesh.surface(self.contact.surfaces[1])[0, 0]
+        result = np.stack([body[first.cell], np.full(len(first), body[other])], axis=1)
+        result[pairs[:, 0], 1] = body[second.cell[pairs[:, 1]]]
+        return result
+
+
+def _samples(facets: LeafFacets) -> FloatArray:
+    """Positions (n, 9, 3) [m]."""
+    return facets.at(np.broadcast_to(_SAMPLES, (len(facets), *_SAMPLES.shape))).position
+
+
+def _boxes(points: FloatArray) -> Boxes:
+    """Enlarged boxes around points (n, m, 3)."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    margin = _MARGIN * (high - low).max(axis=1, keepdims=True)
+    return Boxes(low - margin, high + margin)
+
+
+def _node_points(anchor: IntArray, level: IntArray, face: IntArray, degree: int) -> IntArray:
+    """Lattice coordinates (n, (p+1)^2, 3) of the nodes of faces of leaves."""
+    steps = hexahedron.grid_points(degree)[hexahedron.face_nodes(degree)[face]].astype(np.int32)
+    return anchor[:, None] + leaf_side(level)[:, None, None] * steps // degree
+
+
+def _conforming(prolongation: Prolongation, nodes: IntArray) -> tuple[FloatArray, Int64Array]:
+    """Tables (n, k, k) of hanging nodes of facets by their nodes (n, k), and conforming nodes (n, k) of each."""
+    count, k = nodes.shape
+    rows = prolongation.matrix[nodes.ravel()].tocoo()
+    facet, local = np.divmod(rows.row.astype(np.int64), k)
+    used, column = np.unique(np.stack([facet, rows.col.astype(np.int64)], axis=1), axis=0, return_inverse=True)
+    column = column.ravel() - k * facet
+    assert len(used) == count * k, "a facet has as many conforming functions as nodes"
+    tables = np.zeros((count, k, k))
+    tables[facet, local, column] = rows.data
+    conforming = used[:, 1].reshape(count, k)
+    # Conforming nodes of the facet itself keep its order.
+    own = prolongation.conforming[nodes]
+    place = np.where(own >= 0, own, -1)
+    order = np.empty((count, k), dtype=np.int64)
+    where = (place[:, :, None] == conforming[:, None, :]) & (place[:, :, None] >= 0)
+    order[:] = np.where(where.any(axis=2), where.argmax(axis=2), -1)
+    taken = where.any(axis=1)
+    for_hanging = np.argsort(taken, axis=1, kind="stable")
+    rank = np.cumsum(order < 0, axis=1) - 1
+    order = np.where(order < 0, np.take_along_axis(for_hanging, np.maximum(rank, 0), axis=1), order)
+    conforming = np.take_along_axis(conforming, order, axis=1)
+    return np.take_along_axis(tables, order[:, None, :], axis=2), conforming
+
+
+def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) -> BoolArray:
+    """Conforming nodes that have a row: (owned + ghosts,).  Collective."""
+    sums = prolongation.zeros(2)
+    np.add.at(sums, nodes, np.stack([dual.cover, dual.whole], axis=2))
+    cover, whole = prolongation.ghosted(prolongation.summed(sums)).T
+    part = np.divide(cover, whole, out=np.zeros_like(cover), where=whole > 0)
+    wanted = prolongation.zeros(1)
+    wanted[nodes[dual.candidates(part[nodes])]] = 1.0
+    return np.asarray(prolongation.ghosted(prolongation.summed(wanted))[:, 0] > 0)
+
+
+def _entries(
+    prolongation: Prolongation, integrals: MultiplierIntegrals, nodes: Int64Array, keys: Int64Array
+) -> tuple[Int64Array, Int64Array, Int64Array, FloatArray]:
+    """On the owners of the rows: owned node, key and side of the column, and int psi_j N of facets.  Collective."""
+    comm, imap = prolongation.comm, prolongation.index_map
+    k = nodes.shape[1]
+    of_first = np.repeat(nodes[:, :, None], k, axis=2), np.repeat(prolongation.keys[nodes][:, None], k, axis=1)
+    one, two = integrals.pairs.T
+    of_second = np.repeat(nodes[one][:, :, None], k, axis=2), np.repeat(keys[two][:, None], k, axis=1)
+    row, key = (np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(of_first, of_second))
+    value = np.concatenate([integrals.first.ravel(), -integrals.second.ravel()])
+    side = np.repeat([0, 1], [integrals.first.size, integrals.second.size])
+    some = np.flatnonzero(value)
+    row, key, value, side = row[some], key[some], value[some], side[some]
+    owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])[row]
+    number = imap.local_to_global(row.astype(np.int32))
+    exchange = Exchange(comm, owner)
+    number, key, side, value = (exchange.forward(column) for column in (number, key, side, value))
+    return number - imap.local_range[0], key, side, value
+
+
+def _by_row(
+    node: Int64Array,
+    key: Int64Array,
+    side: Int64Array,
+    value: FloatArray,
+    rows: Int64Array,
+    area: FloatArray,
+    owned: int,
+) -> KeyedEntries:
+    """Sums over facets of what belongs to each owned node (n,) with a row, over the area (n,)."""
+    row = np.full(owned, -1)
+    row[rows] = np.arange(len(rows))
+    keys, column = np.unique(key, return_inverse=True)
+    shape = len(rows), 2 * len(keys)
+    sums = coo_matrix((value / area[row[node]], (row[node], 2 * column.ravel() + side)), shape=shape).tocsr().tocoo()
+    large = np.abs(sums.data) > _ROUNDING
+    order = np.lexsort((sums.col[large], sums.row[large]))
+    column, side = np.divmod(sums.col[large][order].astype(np.int64), 2)
+    return KeyedEntries(sums.row[large][order].astype(np.int64), keys[column], side, sums.data[large][order])
