@@ -131,6 +131,7 @@ def test_distorted_facets_of_a_plane(degree, order, amount):
     assert (np.ptp(determinants, axis=1).max() > 0.03 / 9) == (amount > 0)
     pairs = near(first, second)
     found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], degree, np.inf)
+    assert (np.diff(found.pair) >= 0).all()
     one, two = pairs[found.pair].T
     at = [found.weight[:, None] * face_functions(degree, uv) for uv in (found.first, found.second)]
     assert np.abs(whole(first, at[0], one) - exact(first)).max() < 1e-14
