@@ -10,6 +10,7 @@ from fx_contact.contact.polygons import Bilinear, clipped, signed_areas, triangl
 from fx_contact.contact.segments import Segments, create_segments
 from fx_contact.problem.root_facets import face_functions
 from fx_contact.problem.solids import ball, block
+from fx_contact.problem.surface_projection import SurfaceProjection
 
 pytestmark = pytest.mark.ranks(1)
 
@@ -232,3 +233,13 @@ def test_closed_sphere(order):
         np.abs(np.einsum("ni,ni->n", found.apart, found.first_normal) - 0.1).max()
         < {2: 5e-3, 3: 1e-3, 6: 1e-3}[order]
     )
+
+    # Where the points are on their second facets, a projection onto the whole surface finds the same.
+    mesh, inside = second.forest.mesh, ((found.second >= 0) & (found.second <= 1)).all(axis=1)
+    assert inside.mean() > 0.9
+    projected = SurfaceProjection(mesh, mesh.surfaces["body bottom"])(
+        found.position[inside], found.first_normal[inside]
+    )
+    assert projected.found.all()
+    vectors = projected.distance[:, None] * found.first_normal[inside]
+    assert np.abs(vectors - found.apart[inside]).max() < 1e-12
