@@ -8,6 +8,7 @@ import pytest
 from meshed_apart import Mortar, Side, hollow_ball
 from model_problems import scramble
 
+from fx_contact.contact.dual_functions import DualFunctions, SegmentIntegrals
 from fx_contact.problem.root_facets import face_functions
 from fx_contact.problem.shapes import rotation
 from fx_contact.problem.solids import ball, block
@@ -258,3 +259,13 @@ def test_no_kept_node():
     assert (mortar.functions == 0).all() and (mortar.area == 0).all()
     apart = Mortar(first, Side.of(block((5, 5, -1), (6, 6, 0), (1, 1, 1), 1), 2, "top"))
     assert not len(apart.pairs) and not apart.kept.any() and (apart.functions == 0).all()
+
+
+def test_rank_without_facets():
+    """A rank without first facets makes arrays of length zero."""
+    _, second = plates((2, 2), 2)
+    none = second.facets[np.zeros(0, dtype=int)]
+    segments = SegmentIntegrals.of(none, second.facets, np.zeros((0, 2), dtype=int), 2)
+    dual = DualFunctions(none, 2, np.zeros((0, 9, 9)), segments)
+    integrals = dual.integrals(dual.candidates(dual.cover))
+    assert integrals.area.shape == (0, 9) and integrals.second.shape == (0, 9, 9)

@@ -10,6 +10,7 @@ from fx_contact.contact.polygons import Bilinear, clipped, signed_areas, triangl
 from fx_contact.contact.segments import Segments, create_segments
 from fx_contact.problem.root_facets import face_functions
 from fx_contact.problem.solids import ball, block
+from fx_contact.problem.surface_projection import SurfaceProjection
 
 pytestmark = pytest.mark.ranks(1)
 
@@ -131,6 +132,7 @@ def test_distorted_facets_of_a_plane(degree, order, amount):
     assert (np.ptp(determinants, axis=1).max() > 0.03 / 9) == (amount > 0)
     pairs = near(first, second)
     found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], degree, np.inf)
+    assert (np.diff(found.pair) >= 0).all()
     one, two = pairs[found.pair].T
     at = [found.weight[:, None] * face_functions(degree, uv) for uv in (found.first, found.second)]
     assert np.abs(whole(first, at[0], one) - exact(first)).max() < 1e-14
@@ -231,3 +233,13 @@ def test_closed_sphere(order):
         np.abs(np.einsum("ni,ni->n", found.apart, found.first_normal) - 0.1).max()
         < {2: 5e-3, 3: 1e-3, 6: 1e-3}[order]
     )
+
+    # Where the points are on their second facets, a projection onto the whole surface finds the same.
+    mesh, inside = second.forest.mesh, ((found.second >= 0) & (found.second <= 1)).all(axis=1)
+    assert inside.mean() > 0.9
+    projected = SurfaceProjection(mesh, mesh.surfaces["body bottom"])(
+        found.position[inside], found.first_normal[inside]
+    )
+    assert projected.found.all()
+    vectors = projected.distance[:, None] * found.first_normal[inside]
+    assert np.abs(vectors - found.apart[inside]).max() < 1e-12

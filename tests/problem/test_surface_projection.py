@@ -111,6 +111,7 @@ def test_pole_over_a_plane_far_below():
     inside = (np.abs(target[:, :2]) <= 4).all(axis=1) & (-normal[:, 2] > LEAST_COSINE)
     assert 0.1 < inside.mean() < 0.7 and np.array_equal(projected.found, inside)
     assert np.abs(projected.distance + points[:, 2] / normal[:, 2])[inside].max() < 1e-12
+    assert np.array_equal(projection(points, normal, depth=0.5).facet, projected.facet)
 
 
 def test_step():

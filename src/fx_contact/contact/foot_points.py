@@ -69,7 +69,8 @@ class _Fan:
         On the bilinear facets, or on curved ones, where Newton's method has the curvature of the bilinear normals.
         """
         uv = np.full((*targets.shape[:2], 2), 0.5) if start is None else start
-        t, step = np.zeros((*targets.shape[:2], 1)), np.full(uv.shape, np.inf)
+        step = np.full(uv.shape, np.inf)
+        t = np.einsum("kmi,kmi->km", targets - self._surface(uv), self._normals(uv))[..., None]
         for _ in range(_STEPS):
             normal, turns = self._normals(uv), self._normals.slopes(uv)
             if facets is None:
