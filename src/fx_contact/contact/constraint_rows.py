@@ -100,6 +100,13 @@ class RowKind(ABC):
         Local.  By the lattice coordinates (n, m, 3) of the points on local faces (n,) of leaves (n,).
         """
 
+    def apart_from(self, position: FloatArray) -> FloatArray | None:
+        """As `apart`, from positions (k, 3) [m]: (k, 3) [m]; None: on facets `apart` has the order of the root mesh.
+
+        Local.
+        """
+        return None
+
     def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
         """Correction of force over area (n,) [Pa], 0 in rows of other contacts; None: there is none.  Collective."""
         return None

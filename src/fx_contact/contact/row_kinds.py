@@ -13,15 +13,21 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColum
 from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.node_pairs import NodePairs
+from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
 
-#: The kind of rows of each type of contact; of a type that is not named, that of the nearest base class.
-KINDS: dict[type[Contact], type[RowKind]] = {ContactPair: NodePairs}
+#: The kind of rows of each type of contact, or of obstacle; of a type that is not named, that of the nearest base class.
+KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
+    ContactPair: NodePairs,
+    Obstacle: ObstacleRows,
+    RigidPlane: PlaneRows,
+}
 
 #: Cosine of the angle to their mean up to which normals at one node are those of a smooth surface: 15 degrees, as of
 #: the facets of a circle of twelve cells.
@@ -32,7 +38,8 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     """Kinds of the contacts of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
     for index, contact in enumerate(scene.contact):
-        kind = next((KINDS[base] for base in type(contact).__mro__ if base in KINDS), None)
+        decisive = type(contact if contact.obstacle is None else contact.obstacle)
+        kind = next((KINDS[base] for base in decisive.__mro__ if base in KINDS), None)
         if kind is None:
             known = ", ".join(base.__name__ for base in KINDS)
             raise SceneError(f"there are no rows for a {type(contact).__name__}: a contact must be one of {known}")
