@@ -22,7 +22,7 @@ from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
 
-#: The kind of rows of each type of contact, or of obstacle; of a type that is not named, that of the nearest base class.
+#: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
     ContactPair: NodePairs,
     Obstacle: ObstacleRows,

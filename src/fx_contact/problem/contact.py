@@ -36,8 +36,13 @@ class Contact(ABC):
 
     @property
     def name(self) -> str:
-        """Name in records, from those of the surfaces."""
-        return " on ".join(self.surfaces)
+        """Name in records, from those of the surfaces, "surface on rigid sphere" for an obstacle."""
+        return " on ".join([*self.surfaces, *([] if self.obstacle is None else [self.obstacle.name])])
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,9 @@ class ContactPair(Contact):
         check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)
         check_number(f"the clearance of {self.first!r}", self.clearance)
         if self.obstacle is None and (np.any(self.moved) or self.clearance):
-            raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle: moved and clearance are of obstacles")
+            raise SceneError(
+                f"({self.first!r}, {self.second!r}) has no obstacle: moved and clearance are of obstacles"
+            )
         _ = self.unit_direction  # raises an error for an invalid direction
 
     @property
@@ -98,11 +105,6 @@ class ContactPair(Contact):
         if self.obstacle is None:
             return [*self.surfaces, *direction]
         return [self.first, *self.obstacle.data, *map(float, (*self.moved, self.clearance)), *direction]
-
-    @property
-    def name(self) -> str:
-        """As `Contact.name`, "surface on rigid sphere" for an obstacle."""
-        return super().name if self.obstacle is None else f"{self.first} on {self.obstacle.name}"
 
     def gaps(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gaps (n,) [m] of points (n, 3) [m] over the moved obstacle, and unit normals (n, 3) into it.

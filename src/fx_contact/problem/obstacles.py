@@ -29,7 +29,7 @@ class Obstacle(ABC):
 
     @abstractmethod
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Signed distances (n,) [m] of points (n, 3) [m], positive outside, and unit normals (n, 3) out of the obstacle.
+        """Signed distances (n,) [m] of points (n, 3) [m], and unit normals (n, 3) out of the obstacle.
 
         Raises SceneError for functions that give other shapes or values that are not finite.
         """
@@ -160,7 +160,9 @@ class RigidCone(Obstacle):
         check_direction("the axis of a rigid cone", self.axis)
         angle = check_number("the angle of a rigid cone", self.angle, positive=True)
         if not (0 < angle < 180 and angle != 90):
-            raise SceneError(f"the angle of a rigid cone must be 0 to 180 degrees and not 90 (a plane), got {angle:g}")
+            raise SceneError(
+                f"the angle of a rigid cone must be 0 to 180 degrees and not 90 (a plane), got {angle:g}"
+            )
 
     @property
     def name(self) -> str:

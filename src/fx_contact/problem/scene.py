@@ -99,10 +99,7 @@ class Scene:
         materials = ((body, self.materials[body]) for body in self.mesh.bodies)
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
-            "contact": [
-                " on ".join([*map(repr, contact.surfaces), *([] if contact.obstacle is None else [contact.obstacle.name])])
-                for contact in self.contact
-            ],
+            "contact": [contact.label for contact in self.contact],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
