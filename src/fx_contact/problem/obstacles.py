@@ -68,7 +68,7 @@ class RigidPlane(Obstacle):
     @property
     def unit_normal(self) -> FloatArray:
         """(3,), `normal` normalised [-]."""
-        return check_direction("the normal of a rigid plane", self.normal)
+        return _unit(self.normal)
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`."""
@@ -133,7 +133,7 @@ class RigidCylinder(Obstacle):
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`; normals on the axis have one direction across it."""
-        axis = check_direction("the axis of a rigid cylinder", self.axis)
+        axis = _unit(self.axis)
         arm = points - np.array(self.point)
         return _around(arm - np.outer(arm @ axis, axis), self.radius, _across(axis))
 
@@ -171,7 +171,7 @@ class RigidCone(Obstacle):
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`; on the axis the normal is along it, and the distance is that from the apex."""
-        axis, angle = check_direction("the axis of a rigid cone", self.axis), np.radians(self.angle)
+        axis, angle = _unit(self.axis), np.radians(self.angle)
         arm = points - np.array(self.apex)
         along = arm @ axis
         radial = arm - np.outer(along, axis)
@@ -213,7 +213,7 @@ class RigidSurface(Obstacle):
         return "rigid surface"
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `Obstacle.distances`."""
+        """As `Obstacle.distances`, also its Raises: SceneError."""
         gap = evaluated("the gap of a rigid surface", self.gap, points, 1)
         normal = evaluated("the normal of a rigid surface", self.normal, points, 3)
         length = np.linalg.norm(normal, axis=1)
@@ -234,6 +234,11 @@ def _around(arm: FloatArray, radius: float, other: FloatArray) -> tuple[FloatArr
     central = length <= _ON_AXIS * abs(radius)
     normal = np.where(central[:, None], other, arm / np.where(central, 1.0, length)[:, None])
     return side * length - radius, side * normal
+
+
+def _unit(vector: tuple[float, float, float]) -> FloatArray:
+    """The unit vector (3,) of a vector that is not 0."""
+    return check_direction("a direction", vector)
 
 
 def _across(axis: FloatArray) -> FloatArray:
