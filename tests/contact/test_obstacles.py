@@ -1,5 +1,6 @@
 """Rigid obstacles against exact solutions and against bodies a million times as stiff."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,7 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive.beginning import Beginning
+from fx_contact.plot import draw_bodies, plotter_for
 from fx_contact.problem import ball, block, cylinder, ring, root_mesh_from_shapes
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.results import contact_functions, model_warnings
@@ -237,7 +239,7 @@ def surface_of_pairs():
     def height(x):
         return x[2] + 1 - np.sqrt(1 - np.minimum(x[0] ** 2 + x[1] ** 2, 1))
 
-    return RigidSurface(height, lambda x: np.stack([0 * x[0], 0 * x[1], 1 + 0 * x[2]]))
+    return RigidSurface(height, upward)
 
 
 @pytest.mark.slow
@@ -401,6 +403,25 @@ def test_several_obstacles():
     assert np.allclose(step.record.pair_forces, 3 * bulk * 0.001, rtol=1e-6)
 
 
+@all_ranks
+def test_pictures(folder):
+    """An obstacle is drawn where it has moved to; one by functions is not."""
+    shown = {}
+    for name, obstacle in (("sphere", RigidSphere((0, 0, -1), 1.0)), ("none", RigidSurface(lambda x: x[2], upward))):
+        step = next(adapt(on_obstacle(obstacle, 0.0, moved=(0.0, 0.0, 0.01)), 0.1))
+        with plotter_for(folder / f"{name}.png") if WORLD.rank == 0 else nullcontext() as plotter:
+            draw_bodies(step, plotter=plotter, factor=10.0)
+            if plotter is not None:
+                shown[name] = [actor.bounds for actor in plotter.actors.values() if hasattr(actor, "mapper")]
+    everywhere(WORLD.rank > 0 or len(shown["sphere"]) == len(shown["none"]) + 1, "not drawn")
+    everywhere(WORLD.rank > 0 or any(abs(b[5] - 0.1) < 1e-3 for b in shown["sphere"]), "not moved")
+
+
+def upward(x):
+    """The z axis at points (3, n)."""
+    return np.stack([0 * x[0], 0 * x[0], 1 + 0 * x[0]])
+
+
 # ------------------------------------------------------------------------------------------- load paths and restarts
 
 
@@ -474,9 +495,7 @@ def test_bad_input(make, message):
 @all_ranks
 def test_a_function_that_fails_later():
     """Not finite at some points only, on one rank: an error on all."""
-    scene = on_obstacle(
-        RigidSurface(lambda x: np.where(count(x), np.nan, x[2]), lambda x: np.stack([0 * x[0]] * 2 + [1 + 0 * x[0]]))
-    )
+    scene = on_obstacle(RigidSurface(lambda x: np.where(count(x), np.nan, x[2]), upward))
     with pytest.raises(SceneError, match="gap of a rigid surface is nan"):
         list(adapt(scene, 0.1))
 
