@@ -43,6 +43,7 @@ from fx_contact.results.accuracy import field_error, fine_quadrature
 
 #: Centre x_c on the inner surface, width w and direction d of u = d exp(-|x - x_c|^2 / (2 w^2)) [m].
 _CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)
+_MATERIAL = Material(young=1.0, poisson=0.3)
 
 
 def quarter_ring(order: int = 3, coarse: int = 4) -> RootMesh:
@@ -122,7 +123,7 @@ def adapt_manufactured(
         max_steps: most solves.
     """
     control = ErrorControl() if control is None else control
-    mesh, history, step = quarter_ring(order, coarse), control.begin(), None
+    mesh, history, step = quarter_ring(order, coarse), control.begin(degree, _MATERIAL.poisson), None
     for number in range(max_steps):
         stages = Stages()
         if step is None:
@@ -145,13 +146,13 @@ def adapt_manufactured(
 
 def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stages) -> ManufacturedStep:
     """Discretise, solve and estimate.  Collective."""
-    forest, material = space.forest, Material(young=1.0, poisson=0.3)
+    forest = space.forest
     with stages("hanging"):
         prolongation = Prolongation(space)
     with stages("mesh"):
         cells = create_leaf_mesh(forest, order)
     with stages("assemble"):
-        constants = np.array([[material.young, material.poisson]])
+        constants = np.array([[_MATERIAL.young, _MATERIAL.poisson]])
         elasticity = Elasticity(cells, constants, np.zeros(len(forest), dtype=np.int32), prolongation, stages)
         matrix = elasticity.stiffness()
     with stages("system"):

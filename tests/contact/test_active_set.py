@@ -139,7 +139,7 @@ def test_what_pulls_is_not_tried_in_turn():
 def test_limit_of_updates():
     """The user's limit ends the run; by default there is none."""
     status = active_set(-np.arange(5), most=3)
-    with pytest.raises(SolveError, match="after 3 updates, the limit that Solver.max_contact sets"):
+    with pytest.raises(SolveError, match="after 3 linear solves, the limit that Solver.max_contact sets"):
         for _ in range(4):
             status.update(~status.active)
 

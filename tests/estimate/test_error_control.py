@@ -160,10 +160,10 @@ def test_a_first_mesh_may_be_enough():
     assert CONTACT.sought(spread(np.zeros(8)), 0.1, begin) is None
 
 
-@pytest.mark.parametrize("degree, poisson", [(1, 0.3), (2, 0.4)])
-def test_a_first_mesh_is_refined_to_see(degree, poisson):
+@pytest.mark.parametrize("data", [(1, 0.3), (2, 0.4), (2, 0.3, True)], ids=["degree 1", "rubber", "functions"])
+def test_a_first_mesh_is_refined_to_see(data):
     """Where an estimate that meets the tolerance on a first mesh shows nothing, all of it is refined, once."""
-    error, begin = spread(np.geomspace(1e-4, 1e-3, 8)), CONTACT.begin(degree, poisson)
+    error, begin = spread(np.geomspace(1e-4, 1e-3, 8)), CONTACT.begin(*data)
     assert CONTACT.sought(error, 0.5, begin) is not None
     marked, history = CONTACT.marked(error, 0.5, begin, WORLD)
     everywhere((marked == 1).all(), "not uniformly")

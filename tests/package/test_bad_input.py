@@ -749,7 +749,7 @@ def garbage(capfd):
     "options, words",
     [
         ({"solver": Solver(max_krylov=1)}, "PCG"),
-        ({"solver": Solver(max_contact=1), "scene": scenes.punch(force=1e-3)}, "after 1 updates"),
+        ({"solver": Solver(max_contact=1), "scene": scenes.punch(force=1e-3)}, "after 1 linear solves"),
         ({"solver": Solver(options={"pc_type": "none"})}, "jacobi is as simple"),
         ({"solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),
         ({"scene": unpaired(), "solver": Solver(options={"pc_typ": "jacobi"})}, "misspelt"),

@@ -106,7 +106,8 @@ class Settings:
 
     def begin(self) -> RefinementHistory:
         """The RefinementHistory of a run that begins.  Local."""
-        return self.control.begin(self.degree, max(material.poisson for material in self.scene.materials.values()))
+        poisson = max(material.poisson for material in self.scene.materials.values())
+        return self.control.begin(self.degree, poisson, any(map(callable, self.scene.data)))
 
     @cached_property
     def problem(self) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError, ValidityError
 from fx_contact.parallel.validation import check_name, shown
 from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet
+from fx_contact.problem.boundary_conditions import BodyForce
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.scene import Scene
 
@@ -101,9 +101,7 @@ def check_model_warnings(warnings: Sequence[ModelWarning], allow: Sequence[str])
 
 def load_warnings(scene: Scene) -> list[ModelWarning]:
     """A warning if nothing loads a scene: no displacement, force, function of position, or initial overlap.  Local."""
-    prescribed = (value for c in scene.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
-    applied = (force.value for force in (*scene.tractions, *scene.body_forces))
-    if any(callable(value) or np.any(value) for value in (*applied, *prescribed) if value is not None):
+    if any(callable(value) or np.any(value) for value in scene.data):
         return []
     if scene.contact and _initial_overlap(scene) > _TOUCHING * np.ptp(scene.mesh.points, axis=0).max():
         return []

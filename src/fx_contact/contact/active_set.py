@@ -24,7 +24,7 @@ class ActiveSet:
     Args:
         scene: to support bodies that an active set leaves unconstrained; None: not checked.
         u: (owned, 3), displacement [m].
-        most: updates; None: no limit.
+        most: linear solves; None: no limit.
 
     Attributes:
         active: (n,), closed rows.
@@ -54,8 +54,11 @@ class ActiveSet:
         self._penetrate_when_open = False
 
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
-        """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves."""
-        self.updates += solves + 1
+        """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.
+
+        Raises SolveError if they are too many.
+        """
+        self._count(solves + 1)
         self.active = self._supporting(active, self._rows.penetration(u))
         self.reset_cycles()
 
@@ -97,11 +100,7 @@ class ActiveSet:
         """
         if self.cycles(wanted):
             self.check_supported()
-        self.updates += 1
-        if self._most is not None and self.updates > self._most:
-            raise SolveError(
-                f"the active set still changes after {self._most} updates, the limit that Solver.max_contact sets"
-            )
+        self._count(1)
         wrong = self.differs(wanted)
         if wrong < self._fewest:
             self._fewest, self._single, self._one_by_one = wrong, False, []
@@ -120,6 +119,13 @@ class ActiveSet:
             self._one_by_one.append(wanted)
         self.active = wanted
         self._tried.append(wanted)
+
+    def _count(self, solves: int) -> None:
+        self.updates += solves
+        if self._most is not None and self.updates > self._most:
+            raise SolveError(
+                f"the active set still changes after {self._most} linear solves, the limit that Solver.max_contact sets"
+            )
 
     def _among(self, wanted: BoolArray, sets: list[BoolArray]) -> bool:
         same = np.array([np.array_equal(wanted, other) for other in sets], dtype=np.int8)

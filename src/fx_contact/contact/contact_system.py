@@ -62,6 +62,8 @@ class ContactSystem:
         solver: of K with the capped penalty term.
         exact: closed rows do not yield.
         movable: (n,), as of `Jump`.
+        capped_stiffness, stiffness: (n,), k of closed rows in the preconditioner and of their enforcement [N/m].
+        energy_norm, comm: as of the problem.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ class ErrorControl:
         trusted_effectivity: the error in (6) is xi with a theta of this or more, else xi / theta [-].  With 1 runs take
             1.6 to 1.7 times the unknowns if theta is 0.8 to 0.9 (studies/parameters).
         least_effectivity: lower bound of theta, and theta before it is measured; 0.43 was measured in thin plates at
-            degree 1 (studies/effectivity), 0.58 on first meshes that may be enough (studies.effectivity.first_mesh)
+            degree 1 (studies/effectivity), 0.58 on first meshes of studies.effectivity.first_mesh that may be enough
             [-].
 
     Raises:
@@ -68,14 +68,16 @@ class ErrorControl:
         """True if the mode controls errors of contact too."""
         return self.mode == "contact"
 
-    def begin(self, degree: int, poisson: float) -> RefinementHistory:
+    def begin(self, degree: int, poisson: float, functions: bool = False) -> RefinementHistory:
         """The RefinementHistory of a run that begins, by the degree and the largest Poisson's ratio.
 
-        Local.  One mesh is not enough at degree 1, where (3) alone may be 0 on one layer of cells (`other loads/weight
-        of a film`, `between nodes/all held` of studies/stability), nor in nearly incompressible bodies, where theta may
-        be less than `least_effectivity` (studies.effectivity.first_mesh).
+        Local.  One mesh is not enough in three cases.  At degree 1 (3) alone may be 0 on one layer of cells (`other
+        loads/weight of a film`, `between nodes/all held` of studies/stability).  In nearly incompressible bodies theta
+        may be less than `least_effectivity` (studies.effectivity.first_mesh).  Functions of position may vary within
+        a cell.
         """
-        return RefinementHistory(self.least_effectivity, compared=degree > 1 and poisson < LOCKING_POISSON)
+        enough = degree > 1 and poisson < LOCKING_POISSON and not functions
+        return RefinementHistory(self.least_effectivity, compared=enough)
 
     def effectivity(self, history: RefinementHistory) -> float:
         """The measured effectivity of the estimate, 1 in the mode "energy".  Local."""

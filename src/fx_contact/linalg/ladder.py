@@ -3,7 +3,7 @@
 1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.  Below p-multigrid stand
    Cholesky factors of the coarse level if they cost at most `COARSE` iterations, else BoomerAMG.
 2. MUMPS' Cholesky factors, once solves since the set-up have taken the iterations that they cost, unless the user has
-   chosen a preconditioner.  Whatever PCG still needs, this costs at most twice the cheaper of the two ways.
+   chosen a preconditioner.  Whatever PCG still needs, the solves of a set-up cost at most twice the cheaper way.
 3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG.
 
 The costs are counts, the same on all ranks and in each run.  An iteration costs as much as `FLOPS` operations of a
@@ -101,7 +101,7 @@ def can_be_made(comm: MPI.Intracomm, size: float) -> bool:
 
 @dataclass(frozen=True)
 class Factors:
-    """What MUMPS' analysis predicts of Cholesky factors, summed over ranks: operations, bytes of entries, of all."""
+    """Costs of Cholesky factors, summed over ranks, by MUMPS' analysis: operations, bytes of entries, of all memory."""
 
     flops: float
     entries: float
@@ -123,5 +123,6 @@ def analysed(matrix: PETSc.Mat) -> Factors:
     factor.setMumpsIcntl(23, 1)  # memory [MB], too little to go on after the analysis
     pc.setUp()
     flops, entries, megabytes = factor.getMumpsRinfog(1), factor.getMumpsInfog(20), factor.getMumpsInfog(17)
-    pc.destroy()
+    for thing in (factor, pc):
+        thing.destroy()
     return Factors(flops, 8.0 * (entries if entries >= 0 else -1e6 * entries), 1e6 * megabytes)

@@ -176,12 +176,14 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
 
 
 def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
-    """Which facets of the larger surface are not the nearest one of a facet of the smaller."""
+    """Where facets of the larger surface are not the nearest one of a facet of the smaller."""
     (_, few), (name, many) = sorted(zip(pair.surfaces, (first, second)), key=lambda side: len(side[1]))
     points = mesh.facet_points(many, order=1)
     nearest = cKDTree(points.mean(axis=1)).query(mesh.facet_points(few, order=1).mean(axis=1))[1]
     left = np.delete(points, nearest, axis=0)
     low, high = left.min(axis=(0, 1)), left.max(axis=(0, 1))
+    if np.array_equal([low, high], [points.min(axis=(0, 1)), points.max(axis=(0, 1))]):
+        return "their meshes differ"
     box = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high))
     return f"{len(left)} of {name!r}, in {box}, are too many"
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from textwrap import indent
+from typing import Any
 
 import numpy as np
 
@@ -147,6 +148,13 @@ class Scene:
                 cell, entity = groups[name].T
                 return np.unique(mesh.corners[cell[:, None], corners[entity]])
         return mesh.vertices[name]
+
+    @property
+    def data(self) -> tuple[Any, ...]:
+        """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
+        conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
+        loads = (load.value for load in (*self.tractions, *self.body_forces))
+        return tuple(value for value in (*conditions, *loads) if value is not None)
 
     def samples(self, name: str) -> FloatArray:
         """Sampling points (n, 3) [m] of a surface, curve, vertex or body, for functions of position."""
