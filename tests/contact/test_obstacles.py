@@ -471,7 +471,6 @@ def test_restart(folder):
         (lambda: RigidCone((0, 0, 0), (0, 0, 1), 180), "0 to 180"),
         (lambda: RigidSurface(1.0, lambda x: x), "must be a function"),
         (lambda: ContactPair("a", "b", moved=(0, 0, 1)), "has no obstacle"),
-        (lambda: ContactPair("a", "b", clearance=0.1), "has no obstacle"),
         (lambda: ContactPair("a", FLOOR, clearance="much"), "clearance"),
         (lambda: ContactPair("a", FLOOR, moved=1.0), "three components"),
         (lambda: ContactPair("a", FLOOR, (0, 0, 0)), "direction .* is zero"),

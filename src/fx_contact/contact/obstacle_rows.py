@@ -1,6 +1,6 @@
 """Rows of a surface on a rigid obstacle: n . u <= g at each conforming node.
 
-g is the signed distance of the node from the obstacle, less the play, and n the normal into it at the closest point.
+g is the signed distance of the node from the obstacle plus the clearance, n the normal into it at the closest point.
 """
 
 import numpy as np
@@ -31,12 +31,12 @@ class ObstacleRows(RowKind):
         first, example, sums = nodal_sums(prolongation, leaf, face, np.stack([area, stiffness], axis=2))
         position, count = here.reshape(-1, 3)[example], len(first)
         with together(prolongation.comm):
-            gap, normal = self._gaps(position)
+            distance, normal = self._distances(position)
         return RowColumns(
             first=first,
             entries=Entries(np.arange(count), first, np.zeros(count, dtype=np.int64), np.ones(count)),
             across=sums[:, :1] * normal,
-            apart=gap[:, None] * normal,
+            apart=distance[:, None] * normal,
             area=sums[:, 0],
             stiffness=sums[:, 1],
             position=position,
@@ -50,13 +50,13 @@ class ObstacleRows(RowKind):
 
     def apart_from(self, position: FloatArray) -> FloatArray:
         """As `RowKind.apart_from`.  Local.  Raises SceneError as `columns`."""
-        gap, normal = self._gaps(position)
-        return gap[:, None] * normal
+        distance, normal = self._distances(position)
+        return distance[:, None] * normal
 
-    def _gaps(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `ContactPair.gaps`."""
+    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `ContactPair.distances`."""
         assert isinstance(self.contact, ContactPair)
-        return self.contact.gaps(points)
+        return self.contact.distances(points)
 
     def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> FacetPressure | None:
         """At degree 2 force over area alternates around the pressure."""

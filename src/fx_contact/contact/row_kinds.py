@@ -77,7 +77,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
         kinds=kinds,
         entries=_joined([part.entries for part in parts], counts),
         normal=normal,
-        gap=np.einsum("ni,ni->n", normal, columns["apart"]),
+        gap=np.zeros(len(normal)),
         node_area=columns["area"],
         modulus=moduli(scene, columns["bodies"]),
         contact=np.repeat(np.arange(len(parts), dtype=np.int32), counts),
@@ -94,7 +94,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness)
+    return _with_clearance(rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness))
 
 
 #: Columns of `RowColumns` that are joined as they are.
@@ -117,6 +117,12 @@ def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | N
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
     normal = np.where(smooth[:, None], mean, rows.normal)
-    gap = np.einsum("ni,ni->n", normal, rows.apart)
     stiffness = stiffness if node_stiffness is None else node_stiffness
-    return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal, gap=gap)
+    return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal)
+
+
+def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
+    """Rows whose gaps, and vectors between the sides, have the clearance of their contacts."""
+    clearance = np.array([float(kind.contact.clearance) for kind in rows.kinds])[rows.contact]
+    apart = rows.apart + clearance[:, None] * rows.normal
+    return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

@@ -100,7 +100,7 @@ class _Facets:
 
     def penetrate(self) -> BoolArray:
         """Facets that penetrate more than at their nodes and than rounding: (n,)."""
-        gap = _normal_part(self._apart, self._normal)
+        gap = _normal_part(self._apart, self._normal) + self._kind.contact.clearance
         limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
         limit -= _VARIATION * np.ptp(gap, axis=1)
         deeper: BoolArray = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
@@ -124,11 +124,11 @@ class _Facets:
             apart = self._kind.apart_from(position.reshape(-1, 3))
             apart = at(self._apart[some]) if apart is None else apart.reshape(position.shape) - at(self._jump[some])
             least[start : start + _CHUNK] = _normal_part(apart, at(self._normal[some])).min(axis=(0, 1))
-        return least
+        return least + self._kind.contact.clearance
 
     def work(self, pressure: FloatArray) -> FloatArray:
         """int max(p, 0) |g - g_I| dA by nodal p (n, (p+1)^2): (n,)."""
-        gap = _normal_part(self._apart, self._normal)
+        gap = _normal_part(self._apart, self._normal)  # and a constant clearance
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
         density = np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)
         return self._area * (density @ self._simpson)

@@ -33,7 +33,7 @@ def add_obstacles(plotter: "Plotter", scene: Scene, points: FloatArray, factor: 
     for pair in (pair for pair in pairs if not isinstance(pair.obstacle, RigidSurface)):
         x, y, z = pair.moved
         grid = import_pyvista().RectilinearGrid(*axes)
-        grid["gap"] = replace(pair, moved=(factor * x, factor * y, factor * z)).gaps(np.asarray(grid.points))[0]
+        grid["gap"] = replace(pair, moved=(factor * x, factor * y, factor * z)).distances(np.asarray(grid.points))[0]
         surface = grid.contour([0.0], scalars="gap")
         if surface.n_points:
             plotter.add_mesh(surface, color="#8090a0", opacity=0.3)

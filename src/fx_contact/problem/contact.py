@@ -12,7 +12,13 @@ from fx_contact.problem.obstacles import Obstacle, RigidPlane
 
 
 class Contact(ABC):
-    """Possible contact of a surface with an obstacle, or of two surfaces."""
+    """Possible contact of a surface with an obstacle, or of two surfaces.
+
+    Attributes:
+        clearance: added to the gap, negative for interference [m].
+    """
+
+    clearance: float = 0.0
 
     @property
     @abstractmethod
@@ -52,8 +58,7 @@ class ContactPair(Contact):
     Two surfaces are meshed alike: each facet of the first faces one of the second (`Pairing`).  Contact forces are
     normal to the surfaces, or to the obstacle.
 
-    Raises SceneError for a surface with itself, an invalid direction, vector or number, or `moved` or `clearance`
-    without an obstacle.
+    Raises SceneError for a surface with itself, an invalid direction, vector or number, or `moved` without an obstacle.
 
     Attributes:
         second: the other surface, or the obstacle.
@@ -61,7 +66,7 @@ class ContactPair(Contact):
             the contact force is summed along it.  None: closest points face each other, and magnitudes are summed,
             on a plane along its normal.  From an obstacle closest points are taken in any case.
         moved: displacement of the obstacle [m].
-        clearance: added to the distance from the obstacle, negative for interference [m].
+        clearance: added to the gap, negative for interference [m].
     """
 
     first: str
@@ -75,10 +80,8 @@ class ContactPair(Contact):
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)
         check_number(f"the clearance of {self.first!r}", self.clearance)
-        if self.obstacle is None and (np.any(self.moved) or self.clearance):
-            raise SceneError(
-                f"({self.first!r}, {self.second!r}) has no obstacle: moved and clearance are of obstacles"
-            )
+        if self.obstacle is None and np.any(self.moved):
+            raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that could be moved")
         _ = self.unit_direction  # raises an error for an invalid direction
 
     @property
@@ -100,17 +103,17 @@ class ContactPair(Contact):
 
     @property
     def data(self) -> list[str | float]:
-        """Names, or definition of the obstacle, and direction."""
+        """Names, or definition of the obstacle, clearance if there is one, and direction."""
         direction = map(float, () if self.direction is None else self.direction)
         if self.obstacle is None:
-            return [*self.surfaces, *direction]
+            return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
         return [self.first, *self.obstacle.data, *map(float, (*self.moved, self.clearance)), *direction]
 
-    def gaps(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gaps (n,) [m] of points (n, 3) [m] over the moved obstacle, and unit normals (n, 3) into it.
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.
 
         Local.  Raises SceneError as `Obstacle.distances`.
         """
         assert self.obstacle is not None
         distance, outward = self.obstacle.distances(points - np.array(self.moved, dtype=np.float64))
-        return distance + self.clearance, -outward
+        return distance, -outward

@@ -62,8 +62,8 @@ def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
         return contact.data
     return [
         *contact.data,
-        *_given(scene, contact.first, 1, lambda x: contact.gaps(x.T)[0]),
-        *_given(scene, contact.first, 3, lambda x: contact.gaps(x.T)[1].T),
+        *_given(scene, contact.first, 1, lambda x: contact.distances(x.T)[0]),
+        *_given(scene, contact.first, 3, lambda x: contact.distances(x.T)[1].T),
     ]
 
 

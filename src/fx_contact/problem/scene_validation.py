@@ -57,14 +57,14 @@ def check_obstacles(scene: Scene) -> None:
     for contact in scene.contact:
         if contact.obstacle is None or not isinstance(contact, ContactPair):
             continue
-        nearest = contact.gaps(scene.samples(contact.first))[0].min()
+        nearest = contact.distances(scene.samples(contact.first))[0].min()
         if nearest > _LARGEST_STRAIN * size:
             raise SceneError(
                 f"{contact.name!r}: the obstacle is {nearest:.3g} away from the surface, and all bodies together are "
                 f"{size:.3g} large: check its place and units"
             )
         for body in np.unique(mesh.body[mesh.surface(contact.first)[:, 0]]):
-            farthest = contact.gaps(mesh.points[np.unique(mesh.cells[mesh.body == body])])[0].max()
+            farthest = contact.distances(mesh.points[np.unique(mesh.cells[mesh.body == body])])[0].max()
             if farthest <= _ROUNDING * size:
                 raise SceneError(
                     f"{contact.name!r}: body {mesh.bodies[body]!r} is inside the obstacle; turn the normal of a plane "
