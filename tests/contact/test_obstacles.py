@@ -19,6 +19,7 @@ from fx_contact import (
     Gap,
     Material,
     MaxPressure,
+    PairingError,
     Pressure,
     RigidCone,
     RigidCylinder,
@@ -478,6 +479,8 @@ def test_restart(folder):
         (lambda: on_obstacle(RigidSphere((0.5, 0.5, 0.5), 3.0)), "is inside the obstacle"),
         (lambda: on_obstacle(RigidSphere((0.3, 0.3, 0.3), -0.2)), "is inside the obstacle"),
         (lambda: on_obstacle(RigidPlane((0, 0, -2.5), (0, 0, 1))), "2.5 away from the surface"),
+        (lambda: with_contacts(ContactPair("block top", FLOOR)), "looks away from the obstacle"),
+        (lambda: with_contacts(ContactPair("block top", RigidSphere((0.5, 0.5, -1), 1))), "looks away from the obst"),
         (lambda: on_obstacle(RigidSurface(lambda x: x[:2], lambda x: x)), "gap of a rigid surface .* shape"),
         (lambda: on_obstacle(RigidSurface(lambda x: x[2], lambda x: x[2])), "normal of a rigid surface .* shape"),
         (lambda: on_obstacle(RigidSurface(lambda x: x[2] / 0, lambda x: x)), "finite"),
@@ -489,6 +492,34 @@ def test_restart(folder):
 def test_bad_input(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+def with_contacts(*contacts):
+    """The block with other contacts."""
+    return replace(on_obstacle(FLOOR), contact=contacts)
+
+
+def test_two_obstacles_on_one_facet():
+    """An error says which facet, and what to do."""
+    pairs = ContactPair("block bottom", FLOOR), ContactPair("block bottom", RigidSphere((0.5, 0.5, -1.0), 1.0))
+    with pytest.raises(PairingError, match="in two contact pairs.*rigid plane.*rigid sphere.*split the surface"):
+        with_contacts(*pairs).contact_surfaces
+
+
+@all_ranks
+@pytest.mark.parametrize("degree", [1, 2])
+def test_two_obstacles_on_one_side(degree):
+    """Two planes at one height, each below half of a side: the nodes between them are in rows of both, as in one."""
+    body = block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)
+    for name, low in (("one", 0.0), ("other", 0.5)):
+        body = body.named(name, "bottom", where=lambda x, low=low: (x[0] > low - 1e-9) & (x[0] < low + 0.5 + 1e-9))
+    mesh, whole = root_mesh_from_shapes({"block": body}), on_obstacle(FLOOR)
+    other = RigidPlane((5.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    halves = replace(whole, mesh=mesh, contact=(ContactPair("block one", FLOOR), ContactPair("block other", other)))
+    one, two = (solve(scene, 0.1, degree=degree) for scene in (whole, halves))
+    assert len(two.record.pair_forces) == 2 and min(two.record.pair_forces) > 0
+    assert abs(sum(two.record.pair_forces) / one.record.force - 1) < 1e-9
+    assert abs(two.record.max_pressure / one.record.max_pressure - 1) < 1e-6
 
 
 @all_ranks

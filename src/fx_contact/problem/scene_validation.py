@@ -51,25 +51,31 @@ def check_units(scene: Scene) -> None:
 
 
 def check_obstacles(scene: Scene) -> None:
-    """Raises SceneError for an obstacle with a body inside it, or too far away for small strain."""
+    """Raises SceneError for an obstacle with a body inside it, behind the surface, or too far away."""
     mesh = scene.mesh
     size = np.ptp(mesh.points, axis=0).max()
     for contact in scene.contact:
         if contact.obstacle is None or not isinstance(contact, ContactPair):
             continue
-        nearest = contact.distances(scene.samples(contact.first))[0].min()
+        facets = mesh.surface(contact.first)
+        distance, towards = contact.distances(scene.samples(contact.first))
+        nearest = distance.min()
         if nearest > _LARGEST_STRAIN * size:
             raise SceneError(
                 f"{contact.name!r}: the obstacle is {nearest:.3g} away from the surface, and all bodies together are "
                 f"{size:.3g} large: check its place and units"
             )
-        for body in np.unique(mesh.body[mesh.surface(contact.first)[:, 0]]):
+        for body in np.unique(mesh.body[facets[:, 0]]):
             farthest = contact.distances(mesh.points[np.unique(mesh.cells[mesh.body == body])])[0].max()
             if farthest <= _ROUNDING * size:
                 raise SceneError(
                     f"{contact.name!r}: body {mesh.bodies[body]!r} is inside the obstacle; turn the normal of a plane "
                     "out of the obstacle, change the sign of a radius (negative: the body is inside), or move it"
                 )
+        if (np.einsum("nmi,ni->nm", towards.reshape(len(facets), -1, 3), mesh.outward_normals(facets)) <= 0).all():
+            raise SceneError(
+                f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
+            )
 
 
 def check_constrained(scene: Scene) -> None:
