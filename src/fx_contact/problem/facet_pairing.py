@@ -47,8 +47,8 @@ class Pairing:
         self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
-        for pair in (contact for contact in contacts if isinstance(contact, ContactPair)):
-            first, second = mesh.surface(pair.first), mesh.surface(pair.second)
+        for pair in (one for one in contacts if isinstance(one, ContactPair) and one.obstacle is None):
+            first, second = map(mesh.surface, pair.surfaces)
             match, symmetry = _match(mesh, pair, first, second)
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
@@ -177,7 +177,7 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
 
 def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
     """Where facets of the larger surface are not the nearest one of a facet of the smaller."""
-    (_, few), (name, many) = sorted(((pair.first, first), (pair.second, second)), key=lambda side: len(side[1]))
+    (_, few), (name, many) = sorted(zip(pair.surfaces, (first, second)), key=lambda side: len(side[1]))
     points = mesh.facet_points(many, order=1)
     nearest = cKDTree(points.mean(axis=1)).query(mesh.facet_points(few, order=1).mean(axis=1))[1]
     left = np.delete(points, nearest, axis=0)
@@ -193,7 +193,7 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
     direction = pair.unit_direction
     if pair.direction is None or direction is None:
         return
-    for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
+    for name, facets, sign in zip(pair.surfaces, (first, second), (1, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
         if away.any():
             cell, face = facets[away][0]
