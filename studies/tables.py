@@ -158,6 +158,13 @@ COLUMNS = {
         "estimated": "{estimated:.2%}",
         "estimated over true": "{effectivity:.1f}",
     },
+    "studies/goals/rigid_twins.csv": {
+        "nu": "{poisson:g}",
+        "approach": "{approach:g}",
+        "contact radius": "{radius:.3f}",
+        "force, rigid ball": "{ball:+.2%}",
+        "rigid surface": "{surface:+.4%}",
+    },
     "studies/effectivity/stress.csv": {
         "problem": "{problem}",
         "degree": "{degree:d}",

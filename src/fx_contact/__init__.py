@@ -32,6 +32,7 @@ from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressur
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
+from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 
@@ -64,6 +65,11 @@ __all__ = [
     "Pressure",
     "Reaction",
     "Resultant",
+    "RigidCone",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "RigidSurface",
     "RootMesh",
     "Run",
     "Scene",

@@ -208,7 +208,7 @@ def show(one):
         print(f"    {'holds' if holds else 'FAILS'}  {name:32} {deviation:9.2e}, allowed {allowed:9.2e}")
     skip = ("name", "axis", "row", "value", "checks", "score", "message", "doubts")
     print("    doubts:", one.get("doubts") or "none")
-    print("   ", ", ".join(f"{k} {v:.4g}" for k, v in one.items() if k not in skip))
+    print("   ", ", ".join(f"{k} {v:.4g}" for k, v in one.items() if k not in skip and v is not None))
 
 
 def main():

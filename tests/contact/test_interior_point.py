@@ -63,6 +63,15 @@ def test_leaf_springs(loaded):
     assert len(step.record.krylov_iterations) < 60
 
 
+@pytest.mark.ranks(1)  # 500 iterations with factors, slow on more ranks than cores
+def test_a_preconditioner_of_few_rows():
+    """Five slender plates: 20 rows are closed, then more than 300; PCG fails with the factors of the 20."""
+    scene, force = leaf_springs(10, plates=5, slenderness=200, loaded=False)
+    (step,) = adapt(scene, 0.9, max_steps=1)
+    assert step.record.active_pairs > 200
+    assert step.record.pair_forces[0] == pytest.approx(force, rel=3e-3)
+
+
 def test_contact_that_opens():
     """Springs pulled apart: all rows open, and all forces tend to 0."""
     scene, _ = leaf_springs(20)

@@ -46,6 +46,13 @@ def test_shaft_in_bore_is_persson(tmp_path, play):
     assert abs(record["errors"]["load"]) < 1e-4
 
 
+@pytest.mark.parametrize("rounding", ["1", "0.1"])
+def test_rigid_stamp_is_sneddon(tmp_path, rounding):
+    """On a block 30 times as wide and high as the stamp, the force is that on a half-space."""
+    record = last_record("rigid_stamp", tmp_path, "--rounding", rounding)
+    assert record["reached"] and 0 < record["errors"]["force"] < 0.04
+
+
 def test_step_part_is_in_balance(tmp_path, monkeypatch):
     """From CAD to a picture: round sides are round, and the contact carries the pull of the pin."""
     path = DEMOS / "step_part.py"

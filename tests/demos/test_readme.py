@@ -31,7 +31,7 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
-    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore)\.py.*"
+    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
 )
@@ -76,9 +76,8 @@ SMALLER = (
 #: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
 #: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
-LONG += (
-    r"|studies\.stability\.(without|iterations)|studies\.goals\.forces|studies\.effectivity\.(stress|cad|first_mesh)"
-)
+LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins)"
+LONG += r"|studies\.effectivity\.(stress|cad|first_mesh)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"

@@ -106,8 +106,16 @@ class RowKind(ABC):
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors from points of the first surface to the second or the obstacle, undeformed: (n, m, 3) [m].
 
-        Local.  By the lattice coordinates (n, m, 3) of the points on local faces (n,) of leaves (n,).
+        Local.  Without the clearance.  By the lattice coordinates (n, m, 3) of the points on local faces (n,) of leaves
+        (n,).
         """
+
+    def apart_from(self, position: FloatArray) -> FloatArray | None:
+        """As `apart`, from positions (k, 3) [m]: (k, 3) [m]; None: on facets `apart` has the order of the root mesh.
+
+        Local.
+        """
+        return None
 
     def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
         """Correction of force over area (n,) [Pa], 0 in rows of other contacts; None: there is none.  Collective."""
@@ -124,8 +132,9 @@ class ConstraintRows:
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
         normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
-        apart: (n, 3), vector from the first side to the second with the weights of the row, undeformed [m].
-        gap: (n,), D, initial distance along the normal on the true curved geometry [m].
+        apart: (n, 3), vector from the first side to the second with the weights of the row, undeformed, and the
+            clearance along the normal [m].
+        gap: (n,), D, initial distance along the normal on the true curved geometry, and the clearance [m].
         area: (n,), tributary area [m^2].
         node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
         stiffness: (n,), k_N, in exact contact that in the preconditioner matrix [N/m].

@@ -119,6 +119,18 @@ class ContactSystem:
             if self._projection is not None:
                 self._projection.close(active & self._projected)
                 u = self._projection.onto_closed(u)
+        try:
+            return self._solved(u, tolerance)
+        except SolveError:
+            if not self._any(self._in_matrix != active * self.capped_stiffness):
+                raise
+        # Of another set the preconditioner may be useless: where 20 rows of slender bodies close to 340.
+        self._set_up(active * self.capped_stiffness)
+        return self._solved(u, tolerance)
+
+    def _solved(self, u: FloatArray, tolerance: float) -> FloatArray:
+        """The displacement for the active set, by the present preconditioner."""
+        with self._stages("system"):
             equations = self._equations(self._jump, self._load, self.stiffness, self._projection)
         with self._stages("solve"):
             return self._supports.tangential(self.solver.solve(equations, u, tolerance))

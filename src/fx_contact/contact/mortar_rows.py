@@ -1,6 +1,6 @@
 """Rows of B for surfaces meshed apart, by dual multipliers psi_j on the first surface (mortar method).
 
-    row of node j:   n_j . (u_j - sum_l M_jl u_l) <= n_j . int psi_j d / D_j,     M_jl = int psi_j N_l / D_j,  D_j = int psi_j
+    n_j . (u_j - sum_l M_jl u_l) <= n_j . int psi_j d / D_j,    M_jl = int psi_j N_l / D_j,    D_j = int psi_j
 
 with the functions N_l of the nodes on the second surface, and the vector d to it.  On surfaces meshed alike these are
 the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000; S. Hueeber,

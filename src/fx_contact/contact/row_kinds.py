@@ -15,14 +15,20 @@ from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
+from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
 
-#: The kind of rows of each type of contact; of a type that is not named, that of the nearest base class.
-KINDS: dict[type[Contact], type[RowKind]] = {ContactPair: NodePairs}
+#: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
+KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
+    ContactPair: NodePairs,
+    Obstacle: ObstacleRows,
+    RigidPlane: PlaneRows,
+}
 
 #: Cosine of the angle to their mean up to which normals at one node are those of a smooth surface: 15 degrees, as of
 #: the facets of a circle of twelve cells.
@@ -33,7 +39,8 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     """Kinds of the contacts of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
     for index, contact in enumerate(scene.contact):
-        kind = next((KINDS[base] for base in type(contact).__mro__ if base in KINDS), None)
+        decisive = type(contact if contact.obstacle is None else contact.obstacle)
+        kind = next((KINDS[base] for base in decisive.__mro__ if base in KINDS), None)
         if kind is NodePairs and index in scene.pairing.unlike:
             kind = MortarRows
         if kind is None:
@@ -66,7 +73,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
         kinds=kinds,
         entries=_at_conforming(keyed, prolongation),
         normal=normal,
-        gap=np.einsum("ni,ni->n", normal, columns["apart"]),
+        gap=np.zeros(len(normal)),
         node_area=columns["area"],
         modulus=moduli(scene, columns["bodies"]),
         contact=np.repeat(np.arange(len(parts), dtype=np.int32), counts),
@@ -80,7 +87,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness)
+    return _with_clearance(rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness))
 
 
 #: Columns of `RowColumns` that are joined as they are.
@@ -117,6 +124,12 @@ def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | N
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
     normal = np.where(smooth[:, None], mean, rows.normal)
-    gap = np.einsum("ni,ni->n", normal, rows.apart)
     stiffness = stiffness if node_stiffness is None else node_stiffness
-    return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal, gap=gap)
+    return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal)
+
+
+def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
+    """Rows whose gaps, and vectors between the sides, have the clearance of their contacts."""
+    clearance = np.array([float(kind.contact.clearance) for kind in rows.kinds])[rows.contact]
+    apart = rows.apart + clearance[:, None] * rows.normal
+    return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

@@ -8,6 +8,7 @@ from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
+from fx_contact.parallel.mpi import together
 from fx_contact.problem import hexahedron
 
 #: Penetrations up to this part of the variation of the gap on a facet are errors of the linear solver (its tolerance),
@@ -43,15 +44,17 @@ class GapBetweenNodes:
             cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
             near = _touched(prolongation, cells, pairs.first[closed])
             nodal = pairs.at_nodes(kind.index, known)[cells]
-            away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (~near, near))
+            with together(forest.comm):
+                away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (~near, near))
             self._open.append((leaf[~near], away))
             self._closed.append((kind.index, leaf[near], cells[near], close))
 
     def penetrated(self) -> BoolArray:
-        """Leaves with a facet that is penetrated between open nodes: (n,).  Local."""
+        """Leaves with a facet that is penetrated between open nodes: (n,).  Collective."""
         refine = np.zeros(len(self._forest), dtype=bool)
-        for leaf, facets in self._open:
-            refine[leaf[facets.penetrate()]] = True
+        with together(self._forest.comm):
+            for leaf, facets in self._open:
+                refine[leaf[facets.penetrate()]] = True
         return refine
 
     def on_cells(self, pressure: FloatArray) -> FloatArray:
@@ -89,6 +92,7 @@ class _Facets:
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
         jump, self._normal = np.split(self._sampled(nodal), 2, axis=2)
         self._apart = apart - jump  # small, however far the bodies come
+        self._kind, self._here, self._jump = kind, here, jump
 
     def _sampled(self, nodal: FloatArray) -> FloatArray:
         """Nodal values (n, (p+1)^2, ...) at the points: (n, points, ...)."""
@@ -96,16 +100,35 @@ class _Facets:
 
     def penetrate(self) -> BoolArray:
         """Facets that penetrate more than at their nodes and than rounding: (n,)."""
-        gap = _normal_part(self._apart, self._normal)
+        gap = _normal_part(self._apart, self._normal) + self._kind.contact.clearance
         limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
         limit -= _VARIATION * np.ptp(gap, axis=1)
         deeper: BoolArray = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
-        deeper[deeper] = _least(self._apart[deeper], self._normal[deeper]) < limit[deeper]
+        deeper[deeper] = self._least(np.flatnonzero(deeper)) < limit[deeper]
         return deeper
+
+    def _least(self, facets: Int64Array) -> FloatArray:
+        """The least gap (k,) [m] of facets (k,) on a grid on each."""
+        side = int(np.sqrt(self._apart.shape[1]))
+        finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, _PARTS + 1))
+
+        def at(values: FloatArray) -> FloatArray:
+            """Values on the grid."""
+            grid = values.reshape(-1, side, side, 3)
+            return np.einsum("qy,pynj->qpnj", finer, np.einsum("px,nyxj->pynj", finer, grid))
+
+        least = np.empty(len(facets))
+        for start in range(0, len(least), _CHUNK):
+            some = facets[start : start + _CHUNK]
+            position = at(self._here[some])
+            apart = self._kind.apart_from(position.reshape(-1, 3))
+            apart = at(self._apart[some]) if apart is None else apart.reshape(position.shape) - at(self._jump[some])
+            least[start : start + _CHUNK] = _normal_part(apart, at(self._normal[some])).min(axis=(0, 1))
+        return least + self._kind.contact.clearance
 
     def work(self, pressure: FloatArray) -> FloatArray:
         """int max(p, 0) |g - g_I| dA by nodal p (n, (p+1)^2): (n,)."""
-        gap = _normal_part(self._apart, self._normal)
+        gap = _normal_part(self._apart, self._normal)  # and a constant clearance
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
         density = np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)
         return self._area * (density @ self._simpson)
@@ -131,23 +154,6 @@ def _touched(prolongation: Prolongation, cells: IntArray, closed: IntArray) -> B
         closed = prolongation.conforming[np.unique(cells[facets])]
         closed = closed[closed >= 0]
     return facets
-
-
-def _least(apart: FloatArray, normal: FloatArray) -> FloatArray:
-    """The least gap (n,) [m] on a grid of each facet, by gap vectors and normals at its points (n, points, 3)."""
-    side = int(np.sqrt(apart.shape[1]))
-    finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, _PARTS + 1))
-
-    def at(values: FloatArray) -> FloatArray:
-        """Values on the grid."""
-        grid = values.reshape(-1, side, side, 3)
-        return np.einsum("qy,pynj->qpnj", finer, np.einsum("px,nyxj->pynj", finer, grid))
-
-    least = np.empty(len(apart))
-    for start in range(0, len(least), _CHUNK):
-        some = slice(start, start + _CHUNK)
-        least[some] = _normal_part(at(apart[some]), at(normal[some])).min(axis=(0, 1))
-    return least
 
 
 def _normal_part(apart: FloatArray, normal: FloatArray) -> FloatArray:

@@ -160,7 +160,7 @@ class Prolongation:
         gathered = vector(self.index_map, k)
         gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)
-        return gathered.array[: self.owned * k].reshape(-1, k).copy()
+        return gathered.array[: self.owned * k].reshape(self.owned, k).copy()
 
 
 def _masters(space: Space) -> tuple[Int64Array, FloatArray]:

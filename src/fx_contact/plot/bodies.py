@@ -22,6 +22,7 @@ from fx_contact.plot.canvas import (
     view_axes,
 )
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
+from fx_contact.plot.obstacles import add_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.contact_surface import face_interpolation, nodal_values
@@ -50,7 +51,7 @@ def draw_bodies(
     top: float | None = None,
     plotter: "Plotter | None" = None,
 ) -> "Path | Plotter | None":
-    """Deformed bodies and their leaves, coloured by contact pressure or by von Mises stress.
+    """Deformed bodies and their leaves, coloured by contact pressure or by von Mises stress, and rigid obstacles.
 
     Collective on the step's communicator; rank 0 draws and receives the faces on the surface only.
 
@@ -86,6 +87,7 @@ def draw_bodies(
     def draw(plotter: "Plotter") -> None:
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
+        add_obstacles(plotter, step.scene, points.reshape(-1, 3), factor)
         add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)

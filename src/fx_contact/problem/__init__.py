@@ -4,6 +4,7 @@ from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressur
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material
+from fx_contact.problem.obstacles import Obstacle, RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
@@ -16,7 +17,13 @@ __all__ = [
     "ContactPair",
     "Dirichlet",
     "Material",
+    "Obstacle",
     "Pressure",
+    "RigidCone",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "RigidSurface",
     "RootMesh",
     "Scene",
     "Shape",

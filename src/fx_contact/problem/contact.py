@@ -3,13 +3,22 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction
+from fx_contact.parallel.validation import check_direction, check_number, check_vector
+from fx_contact.problem.obstacles import Obstacle, RigidPlane
 
 
 class Contact(ABC):
-    """Possible contact of a surface with an obstacle, or of two surfaces."""
+    """Possible contact of a surface with an obstacle, or of two surfaces.
+
+    Attributes:
+        clearance: added to the gap, negative for interference [m].
+    """
+
+    clearance: float = 0.0
 
     @property
     @abstractmethod
@@ -27,44 +36,84 @@ class Contact(ABC):
         """Definition of the contact for JSON, compared with that in a checkpoint."""
 
     @property
+    def obstacle(self) -> Obstacle | None:
+        """The rigid obstacle, if there is one of the kinds of `problem.obstacles`."""
+        return None
+
+    @property
     def name(self) -> str:
-        """Name in records, from those of the surfaces."""
-        return " on ".join(self.surfaces)
+        """Name in records, from those of the surfaces, "surface on rigid sphere" for an obstacle."""
+        return " on ".join([*self.surfaces, *([] if self.obstacle is None else [self.obstacle.name])])
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
 
 
 @dataclass(frozen=True)
 class ContactPair(Contact):
-    """Two surfaces that may touch, meshed alike: each facet of the first faces one of the second (`Pairing`).
+    """A surface that may touch another one, or a rigid obstacle.
 
-    Contact forces are normal to the surfaces.  Raises SceneError for a surface with itself, or an invalid direction.
+    Two surfaces are meshed alike: each facet of the first faces one of the second (`Pairing`).  Contact forces are
+    normal to the surfaces, or to the obstacle.
+
+    Raises SceneError for a surface with itself, an invalid direction, vector or number, or `moved` without an obstacle.
 
     Attributes:
+        second: the other surface, or the obstacle.
         direction: from the first body to the second, of any length [-]; points face each other in this direction, and
-            the contact force is summed along it.  None: closest points face each other, and magnitudes are summed.
+            the contact force is summed along it.  None: closest points face each other, and magnitudes are summed,
+            on a plane along its normal.  From an obstacle closest points are taken in any case.
+        moved: displacement of the obstacle [m].
+        clearance: added to the gap, negative for interference [m].
     """
 
     first: str
-    second: str
+    second: str | Obstacle
     direction: tuple[float, float, float] | None = None
+    moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clearance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
+        check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)
+        check_number(f"the clearance of {self.first!r}", self.clearance)
+        if self.obstacle is None and np.any(self.moved):
+            raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that could be moved")
         _ = self.unit_direction  # raises an error for an invalid direction
 
     @property
+    def obstacle(self) -> Obstacle | None:
+        """As `Contact.obstacle`."""
+        return self.second if isinstance(self.second, Obstacle) else None
+
+    @property
     def surfaces(self) -> tuple[str, ...]:
-        """Names of both surfaces."""
-        return self.first, self.second
+        """Names of both surfaces, or of the one."""
+        return (self.first,) if isinstance(self.second, Obstacle) else (self.first, self.second)
 
     @property
     def unit_direction(self) -> FloatArray | None:
-        """(3,), `direction` normalised [-].  Raises SceneError if it is not a non-zero vector."""
-        if self.direction is None:
-            return None
-        return check_direction(f"the direction of ({self.first!r}, {self.second!r})", self.direction)
+        """(3,), `direction` normalised, or that into a plane [-].  Raises SceneError unless it is a non-zero vector."""
+        if self.direction is not None:
+            return check_direction(f"the direction of {self.name!r}", self.direction)
+        return -self.second.unit_normal if isinstance(self.second, RigidPlane) else None
 
     @property
     def data(self) -> list[str | float]:
-        """Names and direction."""
-        return [self.first, self.second, *map(float, () if self.direction is None else self.direction)]
+        """Names, or definition of the obstacle, clearance if there is one, and direction."""
+        direction = map(float, () if self.direction is None else self.direction)
+        if self.obstacle is None:
+            return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
+        return [self.first, *self.obstacle.data, *map(float, (*self.moved, self.clearance)), *direction]
+
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.
+
+        Local.  Raises SceneError as `Obstacle.distances`.
+        """
+        assert self.obstacle is not None
+        distance, outward = self.obstacle.distances(points - np.array(self.moved, dtype=np.float64))
+        return distance, -outward

@@ -50,9 +50,9 @@ class Pairing:
         #: Why surfaces are not meshed alike, by the index of the contact.
         self.unlike: dict[int, str] = {}
         for index, pair in enumerate(contacts):
-            if not isinstance(pair, ContactPair):
+            if not isinstance(pair, ContactPair) or pair.obstacle is not None:
                 continue
-            first, second = mesh.surface(pair.first), mesh.surface(pair.second)
+            first, second = map(mesh.surface, pair.surfaces)
             _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             try:
                 match, symmetry = _match(mesh, pair, first, second)
@@ -185,7 +185,7 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
 
 def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
     """Where facets of the larger surface are not the nearest one of a facet of the smaller."""
-    (_, few), (name, many) = sorted(((pair.first, first), (pair.second, second)), key=lambda side: len(side[1]))
+    (_, few), (name, many) = sorted(zip(pair.surfaces, (first, second)), key=lambda side: len(side[1]))
     points = mesh.facet_points(many, order=1)
     nearest = cKDTree(points.mean(axis=1)).query(mesh.facet_points(few, order=1).mean(axis=1))[1]
     left = np.delete(points, nearest, axis=0)
@@ -201,7 +201,7 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
     direction = pair.unit_direction
     if pair.direction is None or direction is None:
         return
-    for name, facets, sign in ((pair.first, first, 1), (pair.second, second, -1)):
+    for name, facets, sign in zip(pair.surfaces, (first, second), (1, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
         if away.any():
             cell, face = facets[away][0]

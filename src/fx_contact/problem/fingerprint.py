@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from fx_contact.problem.boundary_conditions import ScalarValue, SymmetryPlane, Traction, VectorValue, evaluated
+from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 
@@ -24,7 +26,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
             )
             for c in scene.dirichlet
         ],
-        "contact pairs": [c.data for c in scene.contact],
+        "contact pairs": [_of_contact(scene, c) for c in scene.contact],
         "tractions": [
             _given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value) for t in scene.tractions
         ],
@@ -52,6 +54,17 @@ def mesh_digest(mesh: RootMesh) -> str:
 def same_mesh(one: RootMesh, other: RootMesh) -> bool:
     """True for root meshes of one digest.  Local."""
     return one is other or mesh_digest(one) == mesh_digest(other)
+
+
+def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
+    """A contact for JSON, with digests of the functions of an obstacle by their values at samples of the surface."""
+    if not isinstance(contact, ContactPair) or not isinstance(contact.obstacle, RigidSurface):
+        return contact.data
+    return [
+        *contact.data,
+        *_given(scene, contact.first, 1, lambda x: contact.distances(x.T)[0]),
+        *_given(scene, contact.first, 3, lambda x: contact.distances(x.T)[1].T),
+    ]
 
 
 def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:

@@ -28,7 +28,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
-from fx_contact.problem.scene_validation import check_constrained, check_units
+from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_units
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +51,7 @@ class Scene:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name.
+            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large.
     """
 
     name: str
@@ -87,6 +87,7 @@ class Scene:
         for force in self.body_forces:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
+        check_obstacles(self)
         check_constrained(self)
         _ = self.mirrors  # raises an error for an impossible number of parts
         names = [contact.name for contact in self.contact]
@@ -99,7 +100,7 @@ class Scene:
         materials = ((body, self.materials[body]) for body in self.mesh.bodies)
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
-            "contact": [" on ".join(map(repr, contact.surfaces)) for contact in self.contact],
+            "contact": [contact.label for contact in self.contact],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],

@@ -9,6 +9,7 @@ import numpy as np
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
+from fx_contact.problem.contact import ContactPair
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
+#: Positions relative to the size of all bodies that are rounding [-].
+_ROUNDING = 1e-9
 
 
 def check_units(scene: Scene) -> None:
@@ -44,6 +47,34 @@ def check_units(scene: Scene) -> None:
             raise SceneError(
                 f"prescribed displacements along {name} differ by {np.ptp(known):.3g}, and all bodies together "
                 f"are {size:.3g} large: strains must be small, check the units"
+            )
+
+
+def check_obstacles(scene: Scene) -> None:
+    """Raises SceneError for an obstacle with a body inside it, behind the surface, or too far away."""
+    mesh = scene.mesh
+    size = np.ptp(mesh.points, axis=0).max()
+    for contact in scene.contact:
+        if contact.obstacle is None or not isinstance(contact, ContactPair):
+            continue
+        facets = mesh.surface(contact.first)
+        distance, towards = contact.distances(scene.samples(contact.first))
+        nearest = distance.min()
+        if nearest > _LARGEST_STRAIN * size:
+            raise SceneError(
+                f"{contact.name!r}: the obstacle is {nearest:.3g} away from the surface, and all bodies together are "
+                f"{size:.3g} large: check its place and units"
+            )
+        for body in np.unique(mesh.body[facets[:, 0]]):
+            farthest = contact.distances(mesh.points[np.unique(mesh.cells[mesh.body == body])])[0].max()
+            if farthest <= _ROUNDING * size:
+                raise SceneError(
+                    f"{contact.name!r}: body {mesh.bodies[body]!r} is inside the obstacle; turn the normal of a plane "
+                    "out of the obstacle, change the sign of a radius (negative: the body is inside), or move it"
+                )
+        if (np.einsum("nmi,ni->nm", towards.reshape(len(facets), -1, 3), mesh.outward_normals(facets)) <= 0).all():
+            raise SceneError(
+                f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
 
 

@@ -1,0 +1,71 @@
+"""Rows of a surface on a rigid obstacle: n . u <= g at each conforming node.
+
+g is the signed distance of the node from the obstacle plus the clearance, n the normal into it at the closest point.
+"""
+
+import numpy as np
+
+from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, spring_stiffness
+from fx_contact.contact.enforcement import Enforcement
+from fx_contact.contact.pressure import FacetPressure
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.parallel.mpi import together
+from fx_contact.problem.contact import ContactPair
+
+
+class ObstacleRows(RowKind):
+    """Rows without a second body."""
+
+    def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
+        """As `RowKind.columns`.  Collective.  Raises SceneError for functions that are not finite."""
+        space, forest = prolongation.space, prolongation.space.forest
+        leaf, face = self.facets(forest)
+        points = space.points[leaf[:, None], space.face_nodes[face]]
+        here = forest.evaluate(forest.cell[leaf], points)
+        area, _ = facet_shares(space, here, face)
+        bodies = np.stack([forest.mesh.body[forest.cell[leaf]], np.full(len(leaf), -1)], axis=1).astype(np.int32)
+        stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
+        first, example, sums = nodal_sums(prolongation, leaf, face, np.stack([area, stiffness], axis=2))
+        position, count = here.reshape(-1, 3)[example], len(first)
+        keys = space.keys[space.on_faces(leaf, face)].ravel()[example]
+        with together(prolongation.comm):
+            distance, normal = self._distances(position)
+        return RowColumns(
+            first=first,
+            entries=KeyedEntries(np.arange(count), keys, np.zeros(count, dtype=np.int64), np.ones(count)),
+            across=sums[:, :1] * normal,
+            apart=distance[:, None] * normal,
+            area=sums[:, 0],
+            stiffness=sums[:, 1],
+            position=position,
+            bodies=bodies[example // points.shape[1]],
+        )
+
+    def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
+        """Vectors to the closest points of the obstacle.  Local.  Raises SceneError as `columns`."""
+        here = forest.evaluate(forest.cell[leaf], points)
+        return self.apart_from(here.reshape(-1, 3)).reshape(here.shape)
+
+    def apart_from(self, position: FloatArray) -> FloatArray:
+        """As `RowKind.apart_from`.  Local.  Raises SceneError as `columns`."""
+        distance, normal = self._distances(position)
+        return distance[:, None] * normal
+
+    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `ContactPair.distances`."""
+        assert isinstance(self.contact, ContactPair)
+        return self.contact.distances(points)
+
+    def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> FacetPressure | None:
+        """At degree 2 force over area alternates around the pressure."""
+        degree = rows.prolongation.space.degree
+        return None if degree == 1 else FacetPressure(rows, pressure, self.index)
+
+
+class PlaneRows(ObstacleRows):
+    """Rows of a plane, along which bodies slide."""
+
+    SLIDES = True
