@@ -90,8 +90,8 @@ class MortarRows(RowKind):
         normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
         distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance.reshape(count, m)
         far = 2 * np.linalg.norm(np.ptp(forest.mesh.points, axis=0))
-        distance = np.where(np.isnan(distance).any(axis=1)[:, None], far, distance)
-        return distance[..., None] * normal
+        covered = np.isfinite(distance.sum(axis=1))
+        return np.asarray(np.where(covered[:, None], distance, far)[..., None] * normal)
 
     def _facing(self, forest: Forest, first: LeafFacets) -> tuple[LeafFacets, IntArray, IntArray, Int64Array]:
         """Second facets that first ones may see, with anchors and levels of their leaves, and the pairs (k, 2)."""
@@ -103,9 +103,8 @@ class MortarRows(RowKind):
         names = np.column_stack([forest.cell[leaf], forest.level[leaf], face, forest.anchor[leaf]]).astype(np.int64)
         asked, name = overlapping(forest.comm, self._opposite(first), _boxes(_samples(mine)), names)
         distinct, number = np.unique(name, axis=0, return_inverse=True)
-        cell, level, face, anchor = distinct[:, 0], distinct[:, 1], distinct[:, 2], distinct[:, 3:]
-        anchor, level = anchor.astype(np.int32), level.astype(np.int8)
-        second = LeafFacets.of_leaves(forest.mesh, cell.astype(np.int32), level, anchor, face)
+        anchor, level = distinct[:, 3:].astype(np.int32), distinct[:, 1].astype(np.int8)
+        second = LeafFacets.of_leaves(forest.mesh, distinct[:, 0].astype(np.int32), level, anchor, distinct[:, 2])
         return second, anchor, level, np.stack([asked, number.ravel()], axis=1)
 
     def _opposite(self, first: LeafFacets) -> Boxes:
@@ -116,9 +115,10 @@ class MortarRows(RowKind):
         normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
         distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance
         distance = distance.reshape(at.position.shape[:2])
-        none = np.isnan(distance).all(axis=1)
-        least = np.where(none, 0.0, np.nanmin(np.where(none[:, None], 0.0, distance), axis=1))
-        places = at.position + np.where(np.isnan(distance), least[:, None], distance)[..., None] * normal
+        met = np.isfinite(distance)
+        none = ~met.any(axis=1)
+        least = np.where(none, 0.0, np.where(met, distance, np.inf).min(axis=1, initial=np.inf))
+        places = at.position + np.where(met, distance, least[:, None])[..., None] * normal
         boxes = _boxes(places)
         reach = np.where(none, self._second.nearest(at.position[:, 4]) + boxes.sizes, 0.0)[:, None]
         return Boxes(boxes.low - reach, boxes.high + reach)
@@ -164,9 +164,8 @@ def _conforming(prolongation: Prolongation, nodes: IntArray) -> tuple[FloatArray
     # Conforming nodes of the facet itself keep its order.
     own = prolongation.conforming[nodes]
     place = np.where(own >= 0, own, -1)
-    order = np.empty((count, k), dtype=np.int64)
     where = (place[:, :, None] == conforming[:, None, :]) & (place[:, :, None] >= 0)
-    order[:] = np.where(where.any(axis=2), where.argmax(axis=2), -1)
+    order = np.where(where.any(axis=2), where.argmax(axis=2), -1)
     taken = where.any(axis=1)
     for_hanging = np.argsort(taken, axis=1, kind="stable")
     rank = np.cumsum(order < 0, axis=1) - 1
