@@ -21,12 +21,13 @@ from fx_contact.problem.boundary_conditions import (
     Traction,
     merged,
 )
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
+from fx_contact.problem.nonmatching import finer_first
 from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_units
 
@@ -123,9 +124,18 @@ class Scene:
         return mirrors_of(self)
 
     @cached_property
+    def oriented(self) -> tuple[Contact, ...]:
+        """`contact` with the surface first that carries the rows: the finer one where meshes do not match."""
+        nonmatching = self.pairing.nonmatching
+        return tuple(
+            finer_first(self.mesh, contact) if index in nonmatching and isinstance(contact, ContactPair) else contact
+            for index, contact in enumerate(self.contact)
+        )
+
+    @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
         """Root facets on contact surfaces."""
-        return ContactSurfaces(self.mesh, self.contact)
+        return ContactSurfaces(self.mesh, self.oriented, self.pairing.nonmatching)
 
     @cached_property
     def pairing(self) -> Pairing:
@@ -176,7 +186,7 @@ class Scene:
         """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
         of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
-        for index, contact in enumerate(self.contact):
+        for index, contact in enumerate(self.oriented):
             if contact.unit_direction is not None:
                 result[of == index] = contact.unit_direction
         return result

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
+#: Instead of a body, of facets that face nothing.
+_NOTHING = -2
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 
@@ -81,12 +83,12 @@ def check_obstacles(scene: Scene) -> None:
 def check_constrained(scene: Scene) -> None:
     """Raises SceneError for a rigid motion that neither a condition nor contact resists."""
     motions = scene.rigid_motions
-    first = scene.contact_surfaces.facets(0)
+    first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
     points = _resisting_points(scene, first, direction).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
-        for bodies in (scene.mesh.body[first[:, 0]], _opposite_bodies(scene, first))
+        for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
     resisted = here - there
     loose = motions.unresisted(resisted.T @ resisted)
@@ -98,14 +100,22 @@ def check_constrained(scene: Scene) -> None:
         )
 
 
-def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
-    """Bodies (n,) that facets (n, 2) of first surfaces face, -1 for an obstacle; of surfaces meshed apart any one."""
+def _facing_bodies(scene: Scene) -> tuple[Int64Array, Int64Array]:
+    """Facets (n, 2) of first surfaces, and the bodies (n,) that they face, -1: an obstacle.
+
+    Without facets that face nothing.
+    """
+    surfaces = scene.contact_surfaces
+    first = surfaces.facets(0)
     partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    result = np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
-    of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    for index in scene.pairing.unlike:
-        result[of == index] = scene.mesh.body[scene.mesh.surface(scene.contact[index].surfaces[1])[0, 0]]
-    return result
+    body = np.full(surfaces.side.shape, -1, dtype=np.int64)
+    body[tuple(first.T)] = np.where(partner >= 0, scene.mesh.body[partner], -1)
+    for pair in surfaces.nonmatching.values():
+        faced = pair.faced_samples.max(axis=1)  # any of them
+        there = scene.mesh.body[pair.second.facets[faced, 0]]
+        body[tuple(pair.first.facets.T)] = np.where(faced >= 0, there, _NOTHING)
+    bodies = body[tuple(first.T)]
+    return first[bodies != _NOTHING], bodies[bodies != _NOTHING]
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
