@@ -120,7 +120,8 @@ def _of_contact(state: SolvedState, centre: FloatArray) -> FloatArray:
         entries, ours = rows.entries, rows.contact == index
         push = -np.where(ours, state.solution.force, 0.0)[entries.row, None] * rows.values
         nodal = rows.prolongation.zeros(6)
-        columns = 3 * entries.side[:, None] + np.arange(3)
+        given = entries.side ^ (scene.oriented[index] is not scene.contact[index])  # as the user gave the surfaces
+        columns = 3 * given[:, None] + np.arange(3)
         np.add.at(nodal, (entries.node[:, None], columns), push)
         nodal = rows.prolongation.summed(nodal)
         for side in np.split(nodal, 2, axis=1):

@@ -87,6 +87,8 @@ class RowKind(ABC):
     """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
 
     SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
+    #: Weight of the second side in the projection, over its modulus.
+    FOLLOWED: ClassVar[float] = 1.0
     #: Parts of each side of a facet in the sampling of the least gap; 64 miss 1/4096 of the variation of a round gap.
     PARTS: ClassVar[int] = 64
     INTEGRATED: ClassVar[bool] = False  # rows hold integrals of the gap, also of what is between nodes

@@ -12,8 +12,8 @@ from fx_contact.parallel.errors import SolveError
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    W weighs each body by its modulus: the softer body follows the stiffer one.  P^T K P is then as well conditioned
-    as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
+    W weighs each body by its modulus, and by `RowKind.FOLLOWED`: the softer body follows the stiffer one.  P^T K P is
+    then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
 
     Collective on the prolongation's comm.
 
@@ -39,7 +39,8 @@ class Projection:
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
         self.rigid = stiffness is None
-        weighted = jump.values / rows.modulus[entries.row, entries.side][:, None]
+        factor = np.array([[1.0, kind.FOLLOWED] for kind in rows.kinds])[rows.contact] * rows.modulus
+        weighted = jump.values / factor[entries.row, entries.side][:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = vector(rows.prolongation.index_map, 1)
