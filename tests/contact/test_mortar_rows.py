@@ -155,7 +155,7 @@ class TestMatching:
         rows = create_rows(scene, prolongation, Enforcement())
         size = np.abs(scene.mesh.points).max()
         # Areas of curved facets are those of two rules of integration.
-        for name, off in (("gap", 1e-12 * size), ("normal", 1e-12), ("area", 1e-4 * pairs.area.max())):
+        for name, off in (("gap", 1e-12 * size), ("normal", 1e-12), ("area", 1e-4 * largest(pairs.area))):
             one, other = (
                 dict(zip(gathered(WORLD, r.node_keys), gathered(WORLD, getattr(r, name)))) for r in (pairs, rows)
             )
