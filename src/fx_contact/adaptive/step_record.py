@@ -146,6 +146,8 @@ class StepRecord(SolveRecord, ContactFigures):
         effectivity: estimate over true error [-], or None.
         resultants: of contact pairs, loads, conditions, and the balance of each body.
         goals: of the run; None: it has none.
+        approaches: for each contact pair, how far its obstacle has moved from `moved` along the force on it [m], or
+            None; None: no obstacle has a force.
     """
 
     enforcement: str
@@ -165,6 +167,7 @@ class StepRecord(SolveRecord, ContactFigures):
     effectivity: float | None = None
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] | None = None
+    approaches: list[float | None] | None = None
 
     @property
     def unseen_contact(self) -> int | None:
