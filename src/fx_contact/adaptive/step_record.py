@@ -133,7 +133,7 @@ class StepRecord(SolveRecord, ContactFigures):
             in the mode "energy" [-].
         pair_errors: estimated error of each pair's force, relative to the force: in runs with goals that of a goal
             `ContactForce`, else an upper bound of it if the tolerance allows the bound; None where it is 0 or nothing
-            is known [-].
+            is known [-].  With a force on the obstacle: as of `ContactForce`, at a fixed place.
         pair_leaves: leaves marked for the force of each contact pair.
         penetrated_leaves: leaves penetrated between nodes, which are marked; None: not computed.
         penalty_share: largest share of a pair's force that the penetration of a penalty takes [-]; None: not computed,

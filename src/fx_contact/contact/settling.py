@@ -82,7 +82,8 @@ def settle(
             step, before = step / 2, before / 2
             t, u = t - step, u + np.tensordot(step, z, axes=1)
         else:
-            z, slope = sensitivities(system, rows, closed, options.loose_tolerance, z)
+            z, m = sensitivities(system, rows, closed, options.loose_tolerance, z)
+            slope = -_sum(rows, rows.rates @ m.T)
             # A solve changes the force by up to its energy error times the norm of z; two are compared.
             if solver is options and (np.abs(excess) <= 2 * error * np.sqrt(slope.diagonal())).all():
                 return Settled(jump, u, trial, error)
@@ -104,7 +105,7 @@ def settle(
 def sensitivities(
     system: ContactSystem, rows: ConstraintRows, closed: BoolArray, tolerance: float, guess: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """z (k, owned, 3) [-], and d(w . f)/dt (k, k) [N/m]; 0 of obstacles without closed rows.
+    """z (k, owned, 3) [-], and m (k, n) [N/m] of the closed rows; 0 of obstacles without any.
 
     Collective.  Raises SolveError as `ContactSystem.dual`.
 
@@ -117,7 +118,7 @@ def sensitivities(
     for index, rate in enumerate(rates):
         if rows.prolongation.comm.allreduce(bool(rate.any()), op=MPI.LOR):
             z[index], m[index] = system.dual(np.zeros_like(guess[index]), rate, tolerance, guess[index])
-    return z, -_sum(rows, rates @ m.T)
+    return z, np.where(closed, m, 0.0)
 
 
 def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
