@@ -22,6 +22,7 @@ from fx_contact.contact.contact_problem import ContactProblem
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.linalg.solver_options import Solver
+from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.validation import percent
@@ -37,8 +38,10 @@ RowsAt: TypeAlias = Callable[[Sequence[float | None]], ConstraintRows]
 _NEAR = 0.1
 #: Most solves of the contact problem.
 _MOST = 60
-#: Distance up to which an obstacle touches, relative to its least indentation, and most steps to it.
+#: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
 _TOUCHING, _STEPS = 0.01, 30
+#: Bisections for the expected indentation, a first guess.
+_BISECTIONS = 20
 
 
 class Settled(NamedTuple):
@@ -74,6 +77,7 @@ def settle(
     rows, loose = jump.rows, replace(options, tolerance=options.loose_tolerance)
     t, force, solver = _distances(problem.scene, rows), _forces(rows), loose
     step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
+    size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
     for _ in range(_MOST):
         u, trial = loop(system, status, u, solver)
         error, closed = system.solver.energy_error, status.active & jump.movable
@@ -84,8 +88,10 @@ def settle(
         else:
             z, m = sensitivities(system, rows, closed, options.loose_tolerance, z)
             slope = -_sum(rows, rows.rates @ m.T)
+            stiffness = slope.diagonal()
             # A solve changes the force by up to its energy error times the norm of z; two are compared.
-            if solver is options and (np.abs(excess) <= 2 * error * np.sqrt(slope.diagonal())).all():
+            allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
+            if solver is options and (np.abs(excess) <= allowed).all():
                 return Settled(jump, u, trial, error)
             step, last = _step(rows, u, excess, slope), solver
             solver = options if (np.abs(excess) <= _NEAR * force).all() else loose
@@ -122,19 +128,18 @@ def sensitivities(
 
 
 def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
-    """Rows with the obstacles as far along their forces as they touch a displacement (owned, 3) [m], and a bit more.
+    """Rows with the obstacles in a displacement (owned, 3) [m] as far as their forces are expected to press them.
 
-    Collective.  The bit is the least indentation, that of a flat punch as large as the surface.  Raises SolveError
-    unless the obstacles meet the surface.
+    Collective.  Raises SolveError unless the obstacles meet the surface.
     """
     rows = rows_at([None] * len(scene.contact))
-    least, t = _least_indentation(rows), np.zeros(len(rows.pressed))
+    t = np.zeros(len(rows.pressed))
     for _ in range(_STEPS):
-        step = _gap(rows, u)
-        t += step
+        gap, indentation = _expected(rows, u)
+        t += gap
+        if (np.abs(gap) <= _TOUCHING * indentation).all():
+            return rows_at(_listed(rows, t + indentation))
         rows = rows_at(_listed(rows, t))
-        if (np.abs(step) <= _TOUCHING * least).all():
-            return rows_at(_listed(rows, t + least))
     raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
 
 
@@ -143,29 +148,40 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
     presses = slope.diagonal() > 0
     if presses.all():
         return np.asarray(np.linalg.solve(slope, -excess))
-    step = _gap(rows, u) + _least_indentation(rows)
+    step = np.add(*_expected(rows, u))
     step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
     return step
 
 
-def _gap(rows: ConstraintRows, u: FloatArray) -> FloatArray:
-    """Distance (k,) [m] of each obstacle from the deformed surface along its force, to first order."""
+def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
+
+    That of a flat punch as large as the area A that would overlap, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
-    ahead = [np.divide(gap, rate, out=np.full_like(gap, np.inf), where=rate > 0) for rate in rows.rates]
+    ours = [rates > 0 for rates in rows.rates]
+    ahead = [gap[some] / rates[some] for some, rates in zip(ours, rows.rates)]
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
     if not np.isfinite(least).all():
         raise SolveError(
-            "the force on a rigid obstacle pulls it away from the surface, or along it: nothing balances it"
+            "the force on a rigid obstacle pulls it away from the surface or along it, or has pressed it through the "
+            "body: reverse the force, or check its unit"
         )
-    return least
+    soft = rows.area * (1 / rows.modulus).sum(axis=1)
 
+    def punches(depth: FloatArray) -> FloatArray:
+        """The indentation of flat punches as large as the areas that overlap by a depth (k,)."""
+        inside = [np.flatnonzero(some)[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
+        area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
+        return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
 
-def _least_indentation(rows: ConstraintRows) -> FloatArray:
-    """F / (E* A^(1/2)) (k,) [m] of each obstacle, a flat punch as large as all of its surface."""
-    ours = np.array([rows.contact == index for index in rows.pressed], dtype=float)
-    area, compliance = _sum(rows, ours @ np.column_stack([rows.area, rows.area * (1 / rows.modulus).sum(axis=1)])).T
-    return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
+    low, high = np.zeros(len(least)), punches(np.zeros(len(least)))
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        beyond = punches(middle) < middle
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return least, high
 
 
 def _forces(rows: ConstraintRows) -> FloatArray:
