@@ -34,7 +34,7 @@ Loop: TypeAlias = Callable[[ContactSystem, ActiveSet, FloatArray, Solver], tuple
 #: Rows for distances of the obstacles, as of `Scene.approached`.
 RowsAt: TypeAlias = Callable[[Sequence[float | None]], ConstraintRows]
 
-#: Excess of the contact force over the force on the obstacle, relative to it, up to which the next solve is tight.
+#: Excess of the contact force over the force on the obstacle, relative to it, up to which solves become tight.
 _NEAR = 0.1
 #: Most solves of the contact problem.
 _MOST = 60
@@ -93,9 +93,10 @@ def settle(
             allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
             if solver is options and (np.abs(excess) <= allowed).all():
                 return Settled(jump, u, trial, error)
-            step, last = _step(rows, u, excess, slope), solver
-            solver = options if (np.abs(excess) <= _NEAR * force).all() else loose
-            before = -float(excess @ step) if solver is last else np.inf  # forces of loose solves are not as accurate
+            step = _step(rows, u, excess, slope)
+            before = -float(excess @ step)
+            if solver is loose and ((np.abs(excess) <= _NEAR * force + allowed) | (stiffness == 0)).all():
+                solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
             t, u = t + step, u - np.tensordot(step, z, axes=1)
         rows = problem.rows_at(_listed(rows, t))
         jump = Jump(rows, problem.supports)
@@ -148,7 +149,8 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
     presses = slope.diagonal() > 0
     if presses.all():
         return np.asarray(np.linalg.solve(slope, -excess))
-    step = np.add(*_expected(rows, u))
+    gap, indentation = _expected(rows, u)
+    step = gap + indentation
     step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
     return step
 
@@ -176,7 +178,8 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
         area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
         return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
 
-    low, high = np.zeros(len(least)), punches(np.zeros(len(least)))
+    low: FloatArray = np.zeros(len(least))
+    high = punches(low)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         beyond = punches(middle) < middle
