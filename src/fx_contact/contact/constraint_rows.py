@@ -280,7 +280,8 @@ class ConstraintRows:
     def rates(self) -> FloatArray:
         """(k, n), w = -n . d, penetration of the rows as each obstacle moves along its force d, if any [-].  Local."""
         along, pressed = self.force_components(np.ones(len(self))), self.pressed
-        return np.array([np.where(self.contact == index, along, 0.0) for index in pressed]).reshape(-1, len(self))
+        rates = [np.where(self.contact == index, along, 0.0) for index in pressed]
+        return np.array(rates).reshape(len(pressed), len(self))
 
     @property
     def pressed(self) -> list[int]:
