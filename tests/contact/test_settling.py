@@ -212,7 +212,7 @@ def test_from_an_undeformed_fine_mesh():
 
 @pytest.mark.slow
 def test_goals_where_the_obstacle_gives_way():
-    """A point below a flat punch moves with it: the estimated error is that of the distance, not that of a held punch."""
+    """A point below a flat punch moves with it: its estimated error is that of the distance, not that if it is held."""
     scene = punch(force=(0.0, 0.0, -0.02))
     goals = Displacement((0, 0, 0), (0, 0, 1), 0.03), ContactForce("block foot on rigid plane", 0.03)
     record = solve(scene, 0.3, degree=1, goals=goals).record

@@ -161,8 +161,8 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     That of a flat punch as large as the area A that would overlap, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
-    ours = [rates > 0 for rates in rows.rates]
-    ahead = [gap[some] / rates[some] for some, rates in zip(ours, rows.rates)]
+    ours = [np.flatnonzero(rate > 0) for rate in rows.rates]
+    ahead = [gap[some] / rows.rates[one, some] for one, some in enumerate(ours)]
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
     if not np.isfinite(least).all():
@@ -174,7 +174,7 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
 
     def punches(depth: FloatArray) -> FloatArray:
         """The indentation of flat punches as large as the areas that overlap by a depth (k,)."""
-        inside = [np.flatnonzero(some)[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
+        inside = [some[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
         area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
         return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
 
