@@ -73,7 +73,7 @@ def add_obstacles(plotter: "Plotter", obstacles: Sequence[Shown], points: FloatA
             grid["gap"] = obstacle.distances(np.asarray(grid.points))[0]
             surface = grid.contour([0.0], scalars="gap")
         else:
-            near = ((obstacle >= low - margin) & (obstacle <= high + margin)).all(axis=(1, 2))
-            surface, _ = surface_and_edges(obstacle[near])
+            box = np.stack([low - margin, high + margin], axis=1).ravel()
+            surface = surface_and_edges(obstacle)[0].clip_box(box, invert=False)
         if surface.n_points:
             plotter.add_mesh(surface, color="#8090a0", opacity=0.3)
