@@ -158,7 +158,7 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
 
-    That of a flat punch as large as the area A that would overlap, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    That of a flat punch as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
     ours = [np.flatnonzero(rate > 0) for rate in rows.rates]
@@ -173,7 +173,7 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     soft = rows.area * (1 / rows.modulus).sum(axis=1)
 
     def punches(depth: FloatArray) -> FloatArray:
-        """The indentation of flat punches as large as the areas that overlap by a depth (k,)."""
+        """The indentation of flat punches as large as the areas that obstacles penetrate at a depth (k,)."""
         inside = [some[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
         area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
         return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5

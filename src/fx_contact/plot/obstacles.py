@@ -45,8 +45,7 @@ def placed_obstacles(step: Step, factor: float) -> list[Shown]:
             continue
         points = face_points(step.forest, *kind.facets(step.forest))
         distance, towards = pair.distances(points.reshape(-1, 3))
-        (there,) = on_first(step.forest.comm, points + (distance[:, None] * towards).reshape(points.shape))
-        result.append(there)
+        result += on_first(step.forest.comm, points + (distance[:, None] * towards).reshape(points.shape))
     return result
 
 
