@@ -29,6 +29,7 @@ class ActiveSet:
     Attributes:
         active: (n,), closed rows.
         updates: number of active sets, with linear solves that found one (`restart`).
+        of_others: updates for rows before the present ones (`exchange_rows`).
     """
 
     #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
@@ -40,7 +41,7 @@ class ActiveSet:
     def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int | None) -> None:
         self._rows, self._scene, self._most = rows, scene, most
         self._comm = rows.prolongation.comm
-        self.updates = 1
+        self.updates, self.of_others = 1, 0
         penetration = rows.penetration(u)
         deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = penetration >= min(deepest, 0.0) - rounding
@@ -52,6 +53,12 @@ class ActiveSet:
         self._tried, self._fewest, self._single = [self.active], np.inf, False
         self._one_by_one: list[BoolArray] = []
         self._penetrate_when_open = False
+
+    def exchange_rows(self, rows: ConstraintRows) -> None:
+        """Go on with the same set of rows with other normals and gaps.  Local.  Raises SolveError: too many sets."""
+        self._rows, self.of_others = rows, self.updates
+        self._count(1)
+        self.reset_cycles()
 
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
         """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.

@@ -281,6 +281,18 @@ class ConstraintRows:
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
+    @property
+    def rates(self) -> FloatArray:
+        """(k, n), w = -n . d, penetration of the rows as each obstacle moves along its force d, if any [-].  Local."""
+        along, pressed = self.force_components(np.ones(len(self))), self.pressed
+        rates = [np.where(self.contact == index, along, 0.0) for index in pressed]
+        return np.array(rates).reshape(len(pressed), len(self))
+
+    @property
+    def pressed(self) -> list[int]:
+        """(k,), indices of the contacts whose obstacle has a force.  Local."""
+        return [kind.index for kind in self.kinds if kind.contact.force is not None]
+
     def force_components(self, force: FloatArray) -> FloatArray:
         """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""
         result = force.copy()

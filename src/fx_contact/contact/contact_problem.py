@@ -1,5 +1,6 @@
 """The discrete contact problem, and the user's options for its solution."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -29,6 +30,8 @@ class ContactProblem:
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
+        rows_at: the rows for distances [m] by which obstacles have moved along their forces, as of
+            `Scene.approached`; collective.  None: no obstacle has a force.
     """
 
     matrix: BlockMatrix
@@ -39,6 +42,7 @@ class ContactProblem:
     scene: Scene | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
+    rows_at: Callable[[Sequence[float | None]], ConstraintRows] | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""

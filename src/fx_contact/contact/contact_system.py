@@ -7,7 +7,7 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.contact.projection import Projection
-from fx_contact.linalg.operator import Equations
+from fx_contact.linalg.operator import Equations, Sum
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -89,8 +89,13 @@ class ContactSystem:
             self._coarse.couple(jump.matrix.distributed())
         self.solver = problem.linear_solver(self._options, objects)
         self._active = active  # of the last solve
-        self._in_matrix = active * self.capped_stiffness  # penalty term in the matrix
+        self._in_matrix, self._jump_in_matrix = active * self.capped_stiffness, jump  # penalty term in the matrix
         self._is_set_up = False
+
+    def exchange_rows(self, jump: Jump) -> None:
+        """Go on with rows of the same nodes with other normals and gaps; the preconditioner keeps the former ones."""
+        self._jump, self._rows = jump, jump.rows
+        self._projection, self._nearest = self._projection_of(jump), Projection(jump)
 
     def _projection_of(self, jump: Jump) -> Projection | None:
         """Projection of the projected rows, if any."""
@@ -102,6 +107,10 @@ class ContactSystem:
         self, jump: Jump, load: FloatArray, stiffness: FloatArray, projection: Projection | None
     ) -> Equations:
         """Equations of the active set with a penalty of the closed rows."""
+        if self._jump_in_matrix is not self._jump:
+            former = self._jump_in_matrix.with_gap(np.zeros_like(jump.gap))
+            terms = PenaltyTerm(jump, self._active * stiffness), PenaltyTerm(former, -self._in_matrix)
+            return Equations(load, Sum(terms), projection)
         difference = self._active * stiffness - self._in_matrix
         term = PenaltyTerm(jump, difference) if self._any(difference) else None
         return Equations(load + PenaltyTerm(jump, self._in_matrix).load(), term, projection)
@@ -122,7 +131,8 @@ class ContactSystem:
         try:
             return self._solved(u, tolerance)
         except SolveError:
-            if not self._any(self._in_matrix != active * self.capped_stiffness):
+            others = self._jump_in_matrix is not self._jump
+            if not (others or self._any(self._in_matrix != active * self.capped_stiffness)):
                 raise
         # Of another set the preconditioner may be useless: where 20 rows of slender bodies close to 340.
         self._set_up(active * self.capped_stiffness)
@@ -162,6 +172,12 @@ class ContactSystem:
     def _set_up(self, stiffness: FloatArray) -> None:
         """Build the preconditioner with a penalty term (n,) of all rows [N/m]."""
         with self._stages("setup"):
+            if self._jump_in_matrix is not self._jump:
+                PenaltyTerm(self._jump_in_matrix, -self._in_matrix).add_to(self.solver.matrix)
+                self._in_matrix, self._jump_in_matrix = np.zeros_like(stiffness), self._jump
+                if self._coarse is not None:
+                    self._coarse.set_penalty(self._in_matrix)
+                    self._coarse.couple(self._jump.matrix.distributed())
             PenaltyTerm(self._jump, stiffness - self._in_matrix).add_to(self.solver.matrix)
             if self._coarse is not None:
                 self._coarse.set_penalty(stiffness)

@@ -15,6 +15,10 @@ p_z of z, and the families P of cells T of one parent, |J(u) - J(u_h)| is estima
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
+Obstacles that settle under forces give way in dual problems too: with the rates w and the solutions z_w, m_w of
+`contact.settling`, z + c z_w has c from w . (m + c m_w) = 0.  The force of such an obstacle is known; its error is that
+at a fixed place of the obstacle, the error of the distance times the stiffness.
+
 Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
 reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
 chapter 11.
@@ -27,6 +31,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
+from fx_contact.contact.settling import sensitivities
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.solved_state import SolvedState
@@ -55,6 +60,7 @@ class Functional:
         prescribed: (owned, 3), w, 0 in components that are not prescribed.
         local: (n,), error at each row that the dual solution does not contain, in the unit of the value; the largest
             one counts.
+        fixed: obstacles that settle under forces stay in place.
     """
 
     value: float
@@ -63,6 +69,7 @@ class Functional:
     penetration: FloatArray | None = None
     prescribed: FloatArray | None = None
     local: FloatArray | None = None
+    fixed: bool = False
 
     def depends(self, comm: MPI.Intracomm) -> bool:
         """True if the dual problem has data on any rank.  Collective."""
@@ -113,12 +120,23 @@ class Goals:
             stages,
         )
         self._comm = state.forest.comm
-        self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact else (_TIGHT,)
+        settles = state.rows is not None and bool(state.rows.pressed)
+        self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact and not settles else (_TIGHT,)
 
     @cached_property
     def between(self) -> GapBetweenNodes:
         """The gap between the nodes of the step.  Collective at the first call."""
         return GapBetweenNodes(self._state)
+
+    @cached_property
+    def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """z_w (k, owned, 3), m_w and w, both (k, n), of obstacles that settle.  Collective at the first call."""
+        rows, system = self._state.rows, self._system
+        assert rows is not None and isinstance(system, ContactSystem)
+        closed = self._state.solution.active & system.movable
+        guess = np.zeros((len(rows.pressed), *self._state.solution.displacement.shape))
+        with self._stages("solve"):
+            return *sensitivities(system, rows, closed, _TIGHT, guess), np.where(closed, rows.rates, 0.0)
 
     def of(self, functional: Functional, allowed: float) -> Goal:
         """A quantity of interest and its error.
@@ -135,6 +153,11 @@ class Goals:
         for tolerance in self._tolerances:
             with self._stages("solve"):
                 y, force = self._system.dual(load, penetration, tolerance, y)
+            if self._state.rows is not None and self._state.rows.pressed and not functional.fixed:
+                z, m, rates = self._of_obstacles
+                sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
+                share = np.linalg.solve(sums[:, 1:], -sums[:, 0])
+                y, force = y + np.tensordot(share, z, axes=1), force + share @ m
             goal = self._estimated(functional, y, force)
             bound = goal.total + tolerance * self._error.estimate.error_global * goal.dual.energy_norm
             if tolerance == _LOOSE and bound <= allowed:

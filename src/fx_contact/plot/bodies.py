@@ -22,7 +22,7 @@ from fx_contact.plot.canvas import (
     view_axes,
 )
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
-from fx_contact.plot.obstacles import add_obstacles
+from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.contact_surface import face_interpolation, nodal_values
@@ -82,12 +82,12 @@ def draw_bodies(
     leaf, face = visible_faces(step.forest, np.asarray(step.record.contact_centre), 10 * extent, cut)
     points, values = _on_faces(step, leaf, face, field, factor)
     points += apart * _outward(mesh)[mesh.body[step.forest.cell[leaf]]][:, None]
-    shown = on_first(step.forest.comm, points, values)
+    shown, obstacles = on_first(step.forest.comm, points, values), placed_obstacles(step, factor)
 
     def draw(plotter: "Plotter") -> None:
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
-        add_obstacles(plotter, step.scene, points.reshape(-1, 3), factor)
+        add_obstacles(plotter, obstacles, points.reshape(-1, 3))
         add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)

@@ -1,6 +1,7 @@
 """Contact problem: materials, conditions, loads and contacts on a root mesh; frozen and validated.  All is local."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from textwrap import indent
@@ -52,7 +53,8 @@ class Scene:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large.
+            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large; a
+            force that pulls an obstacle away, or across a symmetry plane.
     """
 
     name: str
@@ -175,7 +177,16 @@ class Scene:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces))
-        return tuple(value for value in (*conditions, *loads) if value is not None)
+        forces = (contact.force for contact in self.contact)
+        return tuple(value for value in (*conditions, *loads, *forces) if value is not None)
+
+    def approached(self, distances: Sequence[float | None]) -> "Scene":
+        """The scene with each contact's obstacle moved along its force by a distance [m]; None: not moved.  Local."""
+        other = copy(self)  # with what is known of surfaces and bodies, which do not move
+        pairs = zip(self.contact, distances, strict=True)
+        moved = tuple(c.approached(t) if isinstance(c, ContactPair) and t is not None else c for c, t in pairs)
+        object.__setattr__(other, "contact", moved)
+        return other
 
     def samples(self, name: str) -> FloatArray:
         """Sampling points (n, 3) [m] of a surface, curve, vertex or body, for functions of position."""

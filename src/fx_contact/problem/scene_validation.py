@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
+from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, SymmetryPlane
 from fx_contact.problem.contact import ContactPair
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def check_units(scene: Scene) -> None:
 
 
 def check_obstacles(scene: Scene) -> None:
-    """Raises SceneError for an obstacle with a body inside it, behind the surface, or too far away."""
+    """Raises SceneError for an obstacle with a body inside it, behind the surface, too far away, or not pressed."""
     mesh = scene.mesh
     size = np.ptp(mesh.points, axis=0).max()
     for contact in scene.contact:
@@ -78,6 +78,22 @@ def check_obstacles(scene: Scene) -> None:
             raise SceneError(
                 f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
+        if contact.force is not None:
+            _check_force(scene, contact, towards)
+
+
+def _check_force(scene: Scene, contact: ContactPair, towards: FloatArray) -> None:
+    """Raises SceneError for a force across a symmetry plane, or along all directions (n, 3) into the obstacle."""
+    against = contact.unit_direction
+    assert against is not None, "of a pair with a force"
+    for given, condition in zip(scene.dirichlet, scene.conditions):
+        if isinstance(given, SymmetryPlane) and np.abs(condition.across @ against).max() > PLANE:
+            raise SceneError(
+                f"{contact.name!r}: the force on the obstacle crosses the symmetry plane {given.surface!r}, where its "
+                "mirror image would cancel it; give the force of all symmetric parts, along the plane"
+            )
+    if (towards @ against <= _ROUNDING).all():
+        raise SceneError(f"{contact.name!r}: the force pulls the obstacle away from the surface; reverse it")
 
 
 def check_constrained(scene: Scene) -> None:
@@ -90,7 +106,10 @@ def check_constrained(scene: Scene) -> None:
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
         for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
-    resisted = here - there
+    of = np.repeat(scene.contact_surfaces.contact[first[:, 0], first[:, 1]], 4)
+    # Obstacles below forces give way along them: `direction` is against the force there.
+    yields = [of == index for index, contact in enumerate(scene.contact) if contact.force is not None]
+    resisted = np.column_stack([here - there, *yields])
     loose = motions.unresisted(resisted.T @ resisted)
     if loose:
         raise SceneError(
