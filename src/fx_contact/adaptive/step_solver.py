@@ -127,7 +127,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
         mesh = create_leaf_mesh(forest, order)
     with stages("assemble"):
-        rows = create_rows(scene, start.prolongation, settings.enforcement) if scene.contact else None
+        rows = create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None
         prolongation = start.prolongation if rows is None else rows.prolongation
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
@@ -199,7 +199,10 @@ def _estimate(
     touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement)
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
-    state = SolvedState(scene, forest, elasticity, field, discrete.problem.rows, solution, error.estimate)
+    every = discrete.problem.rows
+    rows = None if every is None or not scene.contact else every.part(~every.equality)
+    ties = None if every is None or not scene.ties else every.part(every.equality)
+    state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 
 

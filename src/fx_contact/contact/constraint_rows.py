@@ -1,11 +1,12 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
 A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
-both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).  Ties have the same rows
+along each axis, as equations: B u = 0.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -16,7 +17,7 @@ from scipy.sparse import csr_matrix
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
 
 
@@ -72,6 +73,11 @@ class RowColumns:
     position: FloatArray
     bodies: Int32Array
 
+    def along(self, axis: int) -> "RowColumns":
+        """The rows of a tie along an axis: without gap.  Local."""
+        across = self.area[:, None] * np.eye(3)[axis]
+        return replace(self, across=across, apart=np.zeros_like(self.apart))
+
 
 class PressureCorrection(Protocol):
     """A linear correction of force over area in the rows of one contact, 0 in others."""
@@ -84,12 +90,12 @@ class PressureCorrection(Protocol):
 
 
 class RowKind(ABC):
-    """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
+    """The rows of a contact or tie, by its index among `Scene.interfaces`, and the geometry between their nodes."""
 
     SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
 
     def __init__(self, scene: Scene, index: int) -> None:
-        self.scene, self.index, self.contact = scene, index, scene.contact[index]
+        self.scene, self.index, self.contact = scene, index, scene.interfaces[index]
 
     def facets(self, forest: Forest) -> tuple[Int64Array, Int64Array]:
         """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
@@ -101,6 +107,11 @@ class RowKind(ABC):
     @abstractmethod
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """The rows.  Collective."""
+
+    def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+        """The rows of a tie along x, y and z.  Collective."""
+        columns = self.columns(prolongation, enforcement)
+        return [columns.along(axis) for axis in range(3)]
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -128,7 +139,7 @@ class ConstraintRows:
 
     Attributes:
         prolongation: B acts on its conforming unknowns; it has the nodes of all entries.
-        kinds: of each contact of the scene.
+        kinds: of each contact of the scene, not of its ties.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
         normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
@@ -141,7 +152,8 @@ class ConstraintRows:
         modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
-        contact: (n,), index of the contact in the scene.
+        contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
+        equality: (n,), rows of ties: always closed, with forces of either sign.
         symmetry: number of copies of the modelled part in the bodies.
     """
 
@@ -159,10 +171,20 @@ class ConstraintRows:
     position: FloatArray
     bodies: Int32Array
     contact: Int32Array
+    equality: BoolArray
     symmetry: int
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def part(self, some: BoolArray) -> "ConstraintRows":
+        """Some of the rows, by a mask (n,).  Local."""
+        if some.all():
+            return self
+        row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
+        number, kept = np.cumsum(some) - 1, some[row]
+        entries = (self.entries.node[kept], self.entries.side[kept], self.entries.weight[kept])
+        return replace(self, entries=Entries(number[row[kept]], *entries), **columns)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -172,8 +194,9 @@ class ConstraintRows:
     @property
     def key(self) -> Int64Array:
         """(n,), unique number of each row, on all ranks.  Local."""
+        axis = np.where(self.equality, self.normal.argmax(axis=1), 0)
         node: Int64Array = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
-        return node << 32 | self.contact
+        return node << 32 | self.contact << 2 | axis
 
     @property
     def node_keys(self) -> Int64Array:
@@ -285,3 +308,10 @@ class ConstraintRows:
                 ours = self.contact == kind.index
                 result[ours] *= self.normal[ours] @ direction
         return result
+
+
+#: Columns of `ConstraintRows` with an entry for each row.
+_OF_ROWS = (
+    *("first", "normal", "apart", "gap", "area", "node_area", "stiffness", "modulus", "position", "bodies"),
+    *("contact", "equality"),
+)

@@ -8,6 +8,7 @@ B. Wohlmuth, CMAME 194, 2005.
 """
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -16,14 +17,17 @@ from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.box_search import Boxes, overlapping
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
+from fx_contact.problem.boundary_conditions import ObliquePlane
 from fx_contact.problem.lattice import leaf_side
 from fx_contact.problem.leaf_facets import LeafFacets
+from fx_contact.problem.scene import Scene
 from fx_contact.problem.surface_projection import SurfaceProjection
 
 #: Points along each side of a facet of which the foot points bound the place on the other surface.
@@ -32,6 +36,23 @@ _SAMPLES = np.stack(np.meshgrid(np.linspace(0, 1, 3), np.linspace(0, 1, 3)), axi
 _MARGIN = 0.25
 #: Weights below this part of the largest of a row are rounding.
 _ROUNDING = 1e-13
+
+
+class _Multipliers(NamedTuple):
+    """The multipliers on this rank's first facets, and those of them that are kept.
+
+    Attributes:
+        keys: (m, (p+1)^2), of the nodes of second facets.
+        bodies: (n, 2), of each first facet and one that it faces.
+        nodes: (n, (p+1)^2), conforming nodes of first facets, positions in the index map.
+        kept: (owned + ghosts,), nodes with a row.
+    """
+
+    keys: Int64Array
+    bodies: IntArray
+    nodes: Int64Array
+    dual: DualFunctions
+    kept: BoolArray
 
 
 class MortarRows(RowKind):
@@ -44,6 +65,17 @@ class MortarRows(RowKind):
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`.  Collective."""
+        multipliers = self._multipliers(prolongation)
+        return self._columns(prolongation, enforcement, multipliers, multipliers.kept)
+
+    def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+        """As `RowKind.tie_columns`, without rows of components that other constraints hold.  Collective."""
+        multipliers = self._multipliers(prolongation)
+        kept = _not_held(self.scene, prolongation, self.index, multipliers)
+        return [self._columns(prolongation, enforcement, multipliers, kept[:, axis]).along(axis) for axis in range(3)]
+
+    def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
+        """Of all covered nodes.  Collective."""
         space, forest = prolongation.space, prolongation.space.forest
         leaf, face = self.facets(forest)
         first = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
@@ -51,9 +83,15 @@ class MortarRows(RowKind):
         segments = SegmentIntegrals.of(first, second, pairs, space.degree, direction=self.contact.unit_direction)
         tables, nodes = _conforming(prolongation, space.on_faces(leaf, face))
         dual = DualFunctions(first, space.degree, tables, segments)
-        kept = _kept(prolongation, dual, nodes)
+        keys = forest.lattice.keys(second.cell, _node_points(anchors, levels, second.face, space.degree))
+        return _Multipliers(keys, self._bodies(first, second, pairs), nodes, dual, _kept(prolongation, dual, nodes))
+
+    def _columns(
+        self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
+    ) -> RowColumns:
+        """The rows of kept nodes (owned + ghosts,).  Collective."""
+        keys, bodies, nodes, dual, _ = multipliers
         integrals = dual.integrals(kept[nodes])
-        bodies = self._bodies(first, second, pairs)
         stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), np.maximum(integrals.area, 0.0))
         across = integrals.first_normal - integrals.second_normal
         shares = np.concatenate(
@@ -65,7 +103,6 @@ class MortarRows(RowKind):
         body = np.full((len(prolongation.zeros(0)), 2), -1, dtype=np.int32)
         body[nodes] = bodies[:, None]
         ours = np.flatnonzero(kept[: prolongation.owned])
-        keys = forest.lattice.keys(second.cell, _node_points(anchors, levels, second.face, space.degree))
         entries = _entries(prolongation, integrals, nodes, keys)
         return RowColumns(
             first=ours,
@@ -74,7 +111,7 @@ class MortarRows(RowKind):
             apart=sums[ours, 5:] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
-            position=prolongation.injected(space.positions())[ours],
+            position=prolongation.injected(prolongation.space.positions())[ours],
             bodies=body[ours],
         )
 
@@ -183,6 +220,29 @@ def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) ->
     wanted = prolongation.zeros(1)
     wanted[nodes[dual.candidates(part[nodes])]] = 1.0
     return np.asarray(prolongation.ghosted(prolongation.summed(wanted))[:, 0] > 0)
+
+
+def _not_held(scene: Scene, prolongation: Prolongation, index: int, multipliers: _Multipliers) -> BoolArray:
+    """Kept nodes of a tie along each axis, (owned + ghosts, 3), without those that other constraints hold.
+
+    Collective.  They are components that conditions prescribe, all on oblique symmetry planes, and nodes of other ties:
+    with a row each the second surface would lock.  Their multipliers go to neighbours; a facet without any keeps its
+    own.  Source: B. Wohlmuth, Discretization Methods and Iterative Solvers Based on Domain Decomposition, 2001, 1.2.
+    """
+    held = prolongation.zeros(3)
+    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
+        held[nodes] += 1.0 if isinstance(condition, ObliquePlane) else np.diag(condition.across)
+    space, forest = prolongation.space, prolongation.space.forest
+    leaf, face = forest.contact_faces()
+    of = forest.contact_surfaces.contact[forest.cell[leaf], face]
+    others = (of >= len(scene.contact)) & (of != index)
+    here = prolongation.conforming[space.on_faces(leaf[others], face[others])]
+    held[here[here >= 0]] = 1.0
+    free = multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(held)) == 0)
+    lonely = prolongation.zeros(3)
+    facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
+    lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
+    return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
 
 
 def _entries(

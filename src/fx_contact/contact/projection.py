@@ -13,7 +13,8 @@ class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
     W weighs each body by its modulus: the softer body follows the stiffer one.  P^T K P is then as well conditioned
-    as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
+    as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows, or no component in two of ties.  Equal rows
+    share their force by area.
 
     Collective on the prolongation's comm.
 
@@ -42,10 +43,11 @@ class Projection:
         weighted = jump.values / rows.modulus[entries.row, entries.side][:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
-        count = vector(rows.prolongation.index_map, 1)
-        np.add.at(count.array, entries.node, 1.0)
+        count = vector(rows.prolongation.index_map, 3)
+        touched = ~rows.equality[entries.row, None] | (jump.values != 0)
+        np.add.at(count.array.reshape(-1, 3), entries.node, touched.astype(float))
         count.scatter_reverse(InsertMode.add)
-        most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
+        most = float(count.array[: 3 * rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
         self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
         self.close(np.zeros(len(rows), dtype=bool))

@@ -37,8 +37,8 @@ class ContactSurfaces:
                             f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
                         )
                     raise PairingError(
-                        f"{place} is in two contact pairs, {other.name!r} and {contact.name!r}; split the surface so "
-                        "that each facet is in one"
+                        f"{place} is in two contact pairs or ties, {other.name!r} and {contact.name!r}; split the "
+                        "surface so that each facet is in one"
                     )
                 self.contact[cell, face], self.side[cell, face] = index, side
 

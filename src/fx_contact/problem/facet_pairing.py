@@ -18,6 +18,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 Coordinate = TypeVar("Coordinate", bound=np.number[Any])
 
@@ -32,7 +33,7 @@ _OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the surfaces of each ContactPair, the same on all ranks.
+    """Facing facets of the surfaces of each ContactPair and Tie, the same on all ranks.
 
     Raises SceneError for an unknown surface, PairingError unless they match facet by facet and node by node.
 
@@ -50,10 +51,11 @@ class Pairing:
         #: Why surfaces are not meshed alike, by the index of the contact.
         self.unlike: dict[int, str] = {}
         for index, pair in enumerate(contacts):
-            if not isinstance(pair, ContactPair) or pair.obstacle is not None:
+            if not isinstance(pair, (ContactPair, Tie)) or pair.obstacle is not None:
                 continue
             first, second = map(mesh.surface, pair.surfaces)
-            _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
+            if isinstance(pair, ContactPair):
+                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             try:
                 match, symmetry = _match(mesh, pair, first, second)
             except PairingError as error:
@@ -138,7 +140,9 @@ def decode_leaf(code: Int64Array) -> tuple[Int32Array, Int32Array]:
     return (code >> 3 * MAX_LEVEL).astype(np.int32), anchor.astype(np.int32)
 
 
-def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
+def _match(
+    mesh: RootMesh, pair: ContactPair | Tie, first: Int32Array, second: Int32Array
+) -> tuple[Int64Array, Int64Array]:
     """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises PairingError.
 
     Partners have the nearest centres, both ways, and coincident nodes, seen along the direction or the normal.
@@ -167,12 +171,13 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
         normal = mesh.outward_normals(first)
         difference -= np.einsum("nmi,ni,nj->nmj", difference, normal, normal)
     distance = np.linalg.norm(difference, axis=2).max(axis=1)
-    limit = (_OFFSET if direction is None else _MATCH) * size
+    # The rows of a tie have all components: they compare displacements at one place.
+    limit = (_OFFSET if direction is None and isinstance(pair, ContactPair) else _MATCH) * size
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
         cell, face = first[unmatched][0]
         advice = ", or give the direction in which they face each other"
-        if pair.direction is not None:
+        if isinstance(pair, ContactPair) and pair.direction is not None:
             advice = f": seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
         raise PairingError(
             f"{label}: {unmatched.sum()} of {len(first)} facets have no partner, the first near "
@@ -183,7 +188,7 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
     return match, symmetry
 
 
-def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
+def _surplus(mesh: RootMesh, pair: ContactPair | Tie, first: Int32Array, second: Int32Array) -> str:
     """Where facets of the larger surface are not the nearest one of a facet of the smaller."""
     (_, few), (name, many) = sorted(zip(pair.surfaces, (first, second)), key=lambda side: len(side[1]))
     points = mesh.facet_points(many, order=1)

@@ -28,7 +28,8 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
-from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_units
+from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,12 +47,14 @@ class Scene:
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
             planes; None: the centroid of the contact forces.
         body_forces: those on one body add up.
+        ties: glued surfaces; a facet is in at most one contact or tie.
 
     Raises:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large.
+            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large;
+            tied surfaces that lie apart.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Scene:
     symmetry: int = 1
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
+    ties: tuple[Tie, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -88,9 +92,10 @@ class Scene:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
         check_obstacles(self)
+        check_ties(self)
         check_constrained(self)
         _ = self.mirrors  # raises an error for an impossible number of parts
-        names = [contact.name for contact in self.contact]
+        names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:
                 raise SceneError(f"two contacts have the name {name!r}: rename a surface")
@@ -101,6 +106,7 @@ class Scene:
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
             "contact": [contact.label for contact in self.contact],
+            "ties": [tie.label for tie in self.ties],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
@@ -122,15 +128,20 @@ class Scene:
         """Symmetry group of the scene."""
         return mirrors_of(self)
 
+    @property
+    def interfaces(self) -> tuple[Contact, ...]:
+        """`contact`, then `ties`: both have surfaces, rows and an index among all."""
+        return (*self.contact, *self.ties)
+
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
-        """Root facets on contact surfaces."""
-        return ContactSurfaces(self.mesh, self.contact)
+        """Root facets on contact and tied surfaces."""
+        return ContactSurfaces(self.mesh, self.interfaces)
 
     @cached_property
     def pairing(self) -> Pairing:
         """Root facets that face each other."""
-        return Pairing(self.mesh, self.contact)
+        return Pairing(self.mesh, self.interfaces)
 
     @cached_property
     def rigid_motions(self) -> RigidMotions:
@@ -176,7 +187,7 @@ class Scene:
         """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
         of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
-        for index, contact in enumerate(self.contact):
+        for index, contact in enumerate(self.interfaces):
             if contact.unit_direction is not None:
                 result[of == index] = contact.unit_direction
         return result
@@ -205,6 +216,7 @@ _ITEMS = {
     "contact": (Contact,),
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
+    "ties": (Tie,),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5

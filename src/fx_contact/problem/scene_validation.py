@@ -10,6 +10,10 @@ from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
 from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.hexahedron import face_nodes, grid_points
+from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.surface_projection import SurfaceProjection
+from fx_contact.problem.ties import Tie
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -18,6 +22,9 @@ if TYPE_CHECKING:
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
+#: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
+#: facets are 0.207 of their length away from it.
+_APART = 0.25
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 
@@ -78,11 +85,56 @@ def check_obstacles(scene: Scene) -> None:
             )
 
 
+def check_ties(scene: Scene) -> None:
+    """Raises SceneError for a tie among the contacts, and for tied surfaces that lie apart."""
+    if any(isinstance(contact, Tie) for contact in scene.contact):
+        raise SceneError(
+            "contact must be a tuple of contact pairs: ties are an argument of their own, ties=(Tie(...),)"
+        )
+    for index, tie in enumerate(scene.ties, len(scene.contact)):
+        distance, size = _between(scene, index)
+        met = np.isfinite(distance)
+        if not met.any():
+            raise SceneError(
+                f"{tie.label}: no facet of one surface faces the other along its normal; exchange a name"
+            )
+        part = np.where(met, np.abs(distance), 0.0) / size
+        worst = np.unravel_index(part.argmax(), part.shape)
+        if part[worst] > _APART:
+            place = scene.mesh.facet_points(scene.mesh.surface(tie.first)[worst[:1]]).mean(axis=(0, 1))
+            raise SceneError(
+                f"{tie.label}: the surfaces are {abs(distance[worst]):.3g} apart near {place}, {part[worst]:.2g} of "
+                f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
+                "other"
+            )
+
+
+def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
+    """Distances (n, 9) of tied surfaces at points of the first, nan where none faces it, and facet diagonals [m]."""
+    mesh, (first, second) = scene.mesh, map(scene.mesh.surface, scene.interfaces[index].surfaces)
+    here = mesh.facet_points(first, order=2)
+    size = np.linalg.norm(np.ptp(here, axis=1), axis=1)[:, None]
+    if index not in scene.pairing.unlike:
+        points = grid_points(2)[face_nodes(2)[first[:, 1]]] * (SIDE // 2)
+        cell, _, opposite = scene.pairing.opposite(first[:, 0], first[:, 1], points)
+        there = mesh.evaluate(np.repeat(cell, 9), opposite.reshape(-1, 3, 1) / SIDE).reshape(here.shape)
+        return np.linalg.norm(there - here, axis=2), np.broadcast_to(size, here.shape[:2])
+    other = np.linalg.norm(np.ptp(mesh.facet_points(second, order=1), axis=1), axis=1)
+    normal = np.repeat(mesh.outward_normals(first), 9, axis=0)
+    found = SurfaceProjection(mesh, second)(here.reshape(-1, 3), normal)
+    facet, distance = found.facet.reshape(here.shape[:2]), found.distance.reshape(here.shape[:2])
+    return distance, np.maximum(size, np.where(facet >= 0, other[facet], 0.0))
+
+
 def check_constrained(scene: Scene) -> None:
-    """Raises SceneError for a rigid motion that neither a condition nor contact resists."""
+    """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
     motions = scene.rigid_motions
     first = scene.contact_surfaces.facets(0)
     direction = scene.contact_directions(first)
+    tied = scene.contact_surfaces.contact[first[:, 0], first[:, 1]] >= len(scene.contact)
+    axes = np.tile(np.eye(3), (int(tied.sum()), 1))
+    direction = np.concatenate([direction[~tied], axes])
+    first = np.concatenate([first[~tied], np.repeat(first[tied], 3, axis=0)])
     points = _resisting_points(scene, first, direction).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
@@ -104,18 +156,20 @@ def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
     result = np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
     of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
     for index in scene.pairing.unlike:
-        result[of == index] = scene.mesh.body[scene.mesh.surface(scene.contact[index].surfaces[1])[0, 0]]
+        result[of == index] = scene.mesh.body[scene.mesh.surface(scene.interfaces[index].surfaces[1])[0, 0]]
     return result
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
     """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3): their corners.
 
-    Curved facets without a given direction have four times the mean of them, where `direction` is the normal.
+    Curved facets without a given direction have four times the mean of them, where `direction` is the normal, except
+    for ties.
     """
     corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)
     height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
     curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
-    along_normals = np.array([contact.unit_direction is None for contact in scene.contact], dtype=bool)[of]
+    pairs = [contact.unit_direction is None for contact in scene.contact]
+    along_normals = np.array([*pairs, *(False for _ in scene.ties)], dtype=bool)[of]
     return np.where((curved & along_normals)[:, None, None], middle, corners)
