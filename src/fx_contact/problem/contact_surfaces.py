@@ -9,6 +9,7 @@ from fx_contact.parallel.errors import PairingError
 from fx_contact.problem.contact import Contact
 from fx_contact.problem.lattice import root_faces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 
 class ContactSurfaces:
@@ -36,9 +37,10 @@ class ContactSurfaces:
                         raise PairingError(
                             f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
                         )
+                    kinds = "contact pairs or ties" if isinstance(contact, Tie) else "contact pairs"
                     raise PairingError(
-                        f"{place} is in two contact pairs or ties, {other.name!r} and {contact.name!r}; split the "
-                        "surface so that each facet is in one"
+                        f"{place} is in two {kinds}, {other.name!r} and {contact.name!r}; split the surface so "
+                        "that each facet is in one"
                     )
                 self.contact[cell, face], self.side[cell, face] = index, side
 

@@ -101,7 +101,7 @@ def check_ties(scene: Scene) -> None:
         part = np.where(met, np.abs(distance), 0.0) / size
         worst = np.unravel_index(part.argmax(), part.shape)
         if part[worst] > _APART:
-            place = scene.mesh.facet_points(scene.mesh.surface(tie.first)[worst[:1]]).mean(axis=(0, 1))
+            place = scene.mesh.facet_points(scene.mesh.surface(tie.first)[[worst[0]]]).mean(axis=(0, 1))
             raise SceneError(
                 f"{tie.label}: the surfaces are {abs(distance[worst]):.3g} apart near {place}, {part[worst]:.2g} of "
                 f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
