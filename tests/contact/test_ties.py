@@ -384,6 +384,12 @@ def test_a_tie_that_cannot_be_held():
         next(adapt(replace(scene, dirichlet=(*scene.dirichlet, *held)), 0.9, degree=1))
 
 
+def test_surfaces_that_do_not_face_each_other():
+    """No line along a normal of one meets the other."""
+    with pytest.raises(SceneError, match="'base right' tied to 'tip top': no facet of one surface faces the other"):
+        bar(cut(), (Tie("base right", "tip top"),))
+
+
 @pytest.mark.parametrize("distance, n, refused", [(0.1, 2, False), (0.2, 2, True), (0.2, 1, False), (-0.2, 2, True)])
 @pytest.mark.parametrize("other", [0, 1], ids=["alike", "apart"])
 def test_surfaces_apart(distance, n, refused, other):

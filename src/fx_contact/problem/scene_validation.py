@@ -91,6 +91,8 @@ def check_ties(scene: Scene) -> None:
         raise SceneError(
             "contact must be a tuple of contact pairs: ties are an argument of their own, ties=(Tie(...),)"
         )
+    if scene.ties:
+        _ = scene.contact_surfaces  # raises an error for a facet in two of them
     for index, tie in enumerate(scene.ties, len(scene.contact)):
         distance, size = _between(scene, index)
         met = np.isfinite(distance)
