@@ -15,6 +15,7 @@ from fx_contact import (
     Displacement,
     Enforcement,
     Material,
+    PairingError,
     Pressure,
     Reaction,
     Scene,
@@ -121,7 +122,7 @@ def test_uniform_strain(degree, counts, refined):
     mesh, ties = cubes([(0, 0, 1), (0, 0, 0)], counts), (Tie("a bottom", "b top"),)
     for held in (["b bottom"], ["a left", "b left", "a front", "b front"]):
         scene = strained(mesh, ties, held)
-        assert bool(scene.pairing.unlike) == (counts[0] != counts[1])
+        assert bool(scene.pairing.nonmatching) == (counts[0] != counts[1])
         step = next(adapt(scene, 0.9, degree=degree, solver=TIGHT, beginning=around(scene, (0, 0, 1), refined)))
         assert (step.record.hanging_nodes > 0) == bool(refined)
         assert off(step, positions(step) @ STRAIN) < 1e-10
@@ -138,7 +139,7 @@ def test_four_ties_at_an_edge(degree, counts):
     mesh = cubes([(0, 0, 0), (1, 0, 0), (0, 0, 1), (1, 0, 1)], counts)
     ties = Tie("a right", "b left"), Tie("c right", "d left"), Tie("a top", "c bottom"), Tie("b top", "d bottom")
     scene = strained(mesh, ties, ["a bottom"])
-    assert len(scene.pairing.unlike) == {(2, 2, 2, 2): 0, (3, 2, 2, 3): 4, (2, 2, 2, 3): 2}[counts]
+    assert len(scene.pairing.nonmatching) == {(2, 2, 2, 2): 0, (3, 2, 2, 3): 4, (2, 2, 2, 3): 2}[counts]
     step = next(adapt(scene, 0.9, degree=degree, solver=TIGHT))
     assert off(step, positions(step) @ STRAIN) < 1e-10
     for tie, force in of_kind(step, "tie").items():
@@ -386,7 +387,7 @@ def test_a_tie_that_cannot_be_held():
 
 def test_surfaces_that_do_not_face_each_other():
     """No line along a normal of one meets the other."""
-    with pytest.raises(SceneError, match="'base right' tied to 'tip top': no facet of one surface faces the other"):
+    with pytest.raises(PairingError, match="the surfaces do not face each other"):
         bar(cut(), (Tie("base right", "tip top"),))
 
 

@@ -137,11 +137,13 @@ class Beginning:
 
 
 def first_forest(scene: Scene, comm: MPI.Intracomm, kind: str) -> Forest:
-    """The root cells, refined uniformly until every rank gets a leaf; on few ranks not at all.
+    """The root cells, refined where facets are too large, then uniformly until every rank gets a leaf.
 
     Collective on comm.  The kind of partition is a key of `partition.KINDS`.  Raises PartitionError.
     """
     forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
+    while comm.allreduce(bool((large := forest.too_large(np.zeros(len(forest), dtype=bool))).any()), op=MPI.LOR):
+        forest, _ = forest.refined(large)
     while True:
         try:
             return repartition(forest, None, kind)[0]

@@ -127,7 +127,8 @@ def _of_interfaces(state: SolvedState, centre: FloatArray) -> FloatArray:
         entries, ours = rows.entries, rows.contact == index
         push = -np.where(ours, force, 0.0)[entries.row, None] * rows.values
         nodal = rows.prolongation.zeros(6)
-        columns = 3 * entries.side[:, None] + np.arange(3)
+        given = entries.side ^ (scene.oriented[index] is not scene.interfaces[index])  # as the user gave the surfaces
+        columns = 3 * given[:, None] + np.arange(3)
         np.add.at(nodal, (entries.node[:, None], columns), push)
         nodal = rows.prolongation.summed(nodal)
         for side in np.split(nodal, 2, axis=1):

@@ -7,7 +7,6 @@ the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J.
 B. Wohlmuth, CMAME 194, 2005.
 """
 
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,19 +20,14 @@ from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
-from fx_contact.parallel.box_search import Boxes, overlapping
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import ObliquePlane
 from fx_contact.problem.lattice import leaf_side
 from fx_contact.problem.leaf_facets import LeafFacets
+from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.surface_projection import SurfaceProjection
 
-#: Points along each side of a facet of which the foot points bound the place on the other surface.
-_SAMPLES = np.stack(np.meshgrid(np.linspace(0, 1, 3), np.linspace(0, 1, 3)), axis=-1).reshape(-1, 2)
-#: Part of its size by which the box of a facet is enlarged, for its curvature between these points.
-_MARGIN = 0.25
 #: Weights below this part of the largest of a row are rounding.
 _ROUNDING = 1e-13
 
@@ -58,10 +52,12 @@ class _Multipliers(NamedTuple):
 class MortarRows(RowKind):
     """Rows of the conforming nodes of the first surface that the second surface covers."""
 
-    @cached_property
-    def _second(self) -> SurfaceProjection:
-        """The whole second surface."""
-        return SurfaceProjection(self.scene.mesh, self.scene.mesh.surface(self.contact.surfaces[1]))
+    PARTS = 16  # a point on a surface of any mesh costs a hundred times that on a polynomial
+    INTEGRATED = True
+
+    @property
+    def _surfaces(self) -> NonmatchingSurfaces:
+        return self.scene.contact_surfaces.nonmatching[self.index]
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`.  Collective."""
@@ -77,13 +73,13 @@ class MortarRows(RowKind):
     def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
         """Of all covered nodes.  Collective."""
         space, forest = prolongation.space, prolongation.space.forest
-        leaf, face = self.facets(forest)
-        first = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        second, anchors, levels, pairs = self._facing(forest, first)
-        segments = SegmentIntegrals.of(first, second, pairs, space.degree, direction=self.contact.unit_direction)
-        tables, nodes = _conforming(prolongation, space.on_faces(leaf, face))
+        facing = forest.facing[self.index]
+        first, second, pairs = facing.first, facing.second, facing.pairs
+        depth, direction = self._surfaces.depth, self.contact.unit_direction
+        segments = SegmentIntegrals.of(first, second, pairs, space.degree, depth, direction)
+        tables, nodes = _conforming(prolongation, space.on_faces(facing.leaf, facing.face))
         dual = DualFunctions(first, space.degree, tables, segments)
-        keys = forest.lattice.keys(second.cell, _node_points(anchors, levels, second.face, space.degree))
+        keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
         return _Multipliers(keys, self._bodies(first, second, pairs), nodes, dual, _kept(prolongation, dual, nodes))
 
     def _columns(
@@ -116,69 +112,29 @@ class MortarRows(RowKind):
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
-        """Vectors along the normal or the direction; beyond all else on facets that are not wholly covered.  Local."""
+        """Vectors along the normal or the direction, beyond all else where the second surface does not cover.  Local."""
         cell, (count, m, _) = forest.cell[leaf], points.shape
         facets = LeafFacets.of_leaves(forest.mesh, cell, forest.level[leaf], forest.anchor[leaf], face)
         tangents = hexahedron.FACE_TANGENTS[face][:, None]
         side = leaf_side(forest.level[leaf])[:, None, None]
         uv = (np.take_along_axis(points, tangents, axis=2) - facets.low[:, None]) / side
         at = facets.at(np.asarray(uv, np.float64))
-        direction = self.contact.unit_direction
-        normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
-        distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance.reshape(count, m)
-        far = 2 * np.linalg.norm(np.ptp(forest.mesh.points, axis=0))
-        covered = np.isfinite(distance.sum(axis=1))
-        return np.asarray(np.where(covered[:, None], distance, far)[..., None] * normal)
+        return self.apart_from(at.position.reshape(-1, 3), at.normal.reshape(-1, 3)).reshape(count, m, 3)
 
-    def _facing(self, forest: Forest, first: LeafFacets) -> tuple[LeafFacets, IntArray, IntArray, Int64Array]:
-        """Second facets that first ones may see, with anchors and levels of their leaves, and the pairs (k, 2)."""
-        leaf, face = forest.contact_faces()
-        cell, surfaces = forest.cell[leaf], forest.contact_surfaces
-        ours = (surfaces.side[cell, face] == 1) & (surfaces.contact[cell, face] == self.index)
-        leaf, face = leaf[ours], face[ours]
-        mine = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        names = np.column_stack([forest.cell[leaf], forest.level[leaf], face, forest.anchor[leaf]]).astype(np.int64)
-        asked, name = overlapping(forest.comm, self._opposite(first), _boxes(_samples(mine)), names)
-        distinct, number = np.unique(name, axis=0, return_inverse=True)
-        anchor, level = distinct[:, 3:].astype(np.int32), distinct[:, 1].astype(np.int8)
-        second = LeafFacets.of_leaves(forest.mesh, distinct[:, 0].astype(np.int32), level, anchor, distinct[:, 2])
-        return second, anchor, level, np.stack([asked, number.ravel()], axis=1)
-
-    def _opposite(self, first: LeafFacets) -> Boxes:
-        """Boxes around the places on the second surface that facets face."""
-        uv = np.broadcast_to(_SAMPLES, (len(first), *_SAMPLES.shape))
-        at = first.at(uv)
-        direction = self.contact.unit_direction
-        normal = at.normal if direction is None else np.broadcast_to(direction, at.position.shape)
-        distance = self._second(at.position.reshape(-1, 3), normal.reshape(-1, 3)).distance
-        distance = distance.reshape(at.position.shape[:2])
-        met = np.isfinite(distance)
-        none = ~met.any(axis=1)
-        least = np.where(none, 0.0, np.where(met, distance, np.inf).min(axis=1, initial=np.inf))
-        places = at.position + np.where(met, distance, least[:, None])[..., None] * normal
-        boxes = _boxes(places)
-        reach = np.where(none, self._second.nearest(at.position[:, 4]) + boxes.sizes, 0.0)[:, None]
-        return Boxes(boxes.low - reach, boxes.high + reach)
+    def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray:
+        """As `apart`.  Local."""
+        along = self._surfaces.directions(normal / np.linalg.norm(normal, axis=1)[:, None])
+        distance = self._surfaces.faced(position, along).distance
+        far = 2 * np.linalg.norm(np.ptp(self.scene.mesh.points, axis=0))
+        return np.asarray(np.where(np.isnan(distance), far, distance)[:, None] * along)
 
     def _bodies(self, first: LeafFacets, second: LeafFacets, pairs: Int64Array) -> IntArray:
         """Bodies (n, 2) of first facets and of a facet that each faces."""
         body = self.scene.mesh.body
-        other = self.scene.mesh.surface(self.contact.surfaces[1])[0, 0]
+        other = self._surfaces.second.facets[0, 0]
         result = np.stack([body[first.cell], np.full(len(first), body[other])], axis=1)
         result[pairs[:, 0], 1] = body[second.cell[pairs[:, 1]]]
         return result
-
-
-def _samples(facets: LeafFacets) -> FloatArray:
-    """Positions (n, 9, 3) [m]."""
-    return facets.at(np.broadcast_to(_SAMPLES, (len(facets), *_SAMPLES.shape))).position
-
-
-def _boxes(points: FloatArray) -> Boxes:
-    """Enlarged boxes around points (n, m, 3)."""
-    low, high = points.min(axis=1), points.max(axis=1)
-    margin = _MARGIN * (high - low).max(axis=1, keepdims=True)
-    return Boxes(low - margin, high + margin)
 
 
 def _node_points(anchor: IntArray, level: IntArray, face: IntArray, degree: int) -> IntArray:

@@ -47,9 +47,9 @@ class ObstacleRows(RowKind):
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors to the closest points of the obstacle.  Local.  Raises SceneError as `columns`."""
         here = forest.evaluate(forest.cell[leaf], points)
-        return self.apart_from(here.reshape(-1, 3)).reshape(here.shape)
+        return self.apart_from(here.reshape(-1, 3), np.zeros(0)).reshape(here.shape)
 
-    def apart_from(self, position: FloatArray) -> FloatArray:
+    def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray:
         """As `RowKind.apart_from`.  Local.  Raises SceneError as `columns`."""
         distance, normal = self._distances(position)
         return distance[:, None] * normal

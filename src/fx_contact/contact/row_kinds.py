@@ -43,7 +43,7 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     for index, contact in enumerate(scene.interfaces):
         decisive = type(contact if contact.obstacle is None else contact.obstacle)
         kind = next((KINDS[base] for base in decisive.__mro__ if base in KINDS), None)
-        if kind is NodePairs and index in scene.pairing.unlike:
+        if kind is NodePairs and index in scene.pairing.nonmatching:
             kind = MortarRows
         if kind is None:
             known = ", ".join(base.__name__ for base in KINDS)

@@ -39,7 +39,7 @@ class Boxes:
         return np.asarray((self.high - self.low).max(axis=1, initial=0.0))
 
 
-def overlapping(
+def meeting_boxes(
     comm: MPI.Intracomm, queries: Boxes, boxes: Boxes, names: Int64Array
 ) -> tuple[Int64Array, Int64Array]:
     """All pairs of a query of this rank and a box of any rank that overlap or touch, each once.

@@ -1,7 +1,8 @@
 """Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -55,8 +56,9 @@ class Contact(ABC):
 class ContactPair(Contact):
     """A surface that may touch another one, or a rigid obstacle.
 
-    Two surfaces are meshed alike: each facet of the first faces one of the second (`Pairing`).  Contact forces are
-    normal to the surfaces, or to the obstacle.
+    Where each facet of the first surface faces one of the second (`Pairing`), rows are of pairs of nodes.  Other
+    meshes have mortar rows on the finer surface, in whichever order the surfaces are given.  Contact forces are normal
+    to the surfaces, or to the obstacle.
 
     Raises SceneError for a surface with itself, an invalid direction, vector or number, or `moved` without an obstacle.
 
@@ -93,6 +95,13 @@ class ContactPair(Contact):
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces, or of the one."""
         return (self.first,) if isinstance(self.second, Obstacle) else (self.first, self.second)
+
+    def reversed(self) -> Self:
+        """The contact of two surfaces with the second one first."""
+        assert isinstance(self.second, str)
+        x, y, z = self.direction or (0.0, 0.0, 0.0)
+        direction = None if self.direction is None else (-x, -y, -z)
+        return replace(self, first=self.second, second=self.first, direction=direction)
 
     @property
     def unit_direction(self) -> FloatArray | None:

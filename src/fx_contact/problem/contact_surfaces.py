@@ -1,28 +1,35 @@
 """Root facets of the contact surfaces: index of the contact, and side.  All is local."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 
 from fx_contact.parallel.arrays import Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.errors import PairingError
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import root_faces
+from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Tie
 
 
 class ContactSurfaces:
-    """The contact surfaces of a root mesh, meshed alike (`Pairing`) or not; the same on all ranks.
+    """The contact surfaces of a root mesh; the same on all ranks.
 
     Raises SceneError for an unknown surface, PairingError for a facet in two contacts, or on both sides of one.
 
     Attributes:
         contact: (ncells, 6), index of the contact of each local face, -1 for none.
         side: (ncells, 6), 0 on the first surface of a contact, 1 on the second, -1 on none.
+        nonmatching: surfaces whose meshes do not match, by the index of the contact.
     """
 
-    def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:
+    def __init__(self, mesh: RootMesh, contacts: Sequence[Contact], nonmatching: Container[int] = ()) -> None:
+        self.nonmatching = {
+            index: NonmatchingSurfaces(mesh, contact)
+            for index, contact in enumerate(contacts)
+            if index in nonmatching and isinstance(contact, (ContactPair, Tie))
+        }
         shape = len(mesh.cells), 6
         self.contact: Int32Array = np.full(shape, -1, dtype=np.int32)
         self.side: Int8Array = np.full(shape, -1, dtype=np.int8)

@@ -48,19 +48,19 @@ class Pairing:
         self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
-        #: Why surfaces are not meshed alike, by the index of the contact.
-        self.unlike: dict[int, str] = {}
+        #: Why meshes do not match, by the index of the contact.
+        self.nonmatching: dict[int, str] = {}
         for index, pair in enumerate(contacts):
             if not isinstance(pair, (ContactPair, Tie)) or pair.obstacle is not None:
                 continue
             first, second = map(mesh.surface, pair.surfaces)
-            if isinstance(pair, ContactPair):
-                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             try:
                 match, symmetry = _match(mesh, pair, first, second)
             except PairingError as error:
-                self.unlike[index] = str(error)
+                self.nonmatching[index] = str(error)
                 continue
+            if isinstance(pair, ContactPair):
+                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other

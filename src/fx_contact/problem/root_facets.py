@@ -66,9 +66,17 @@ class RootFacets:
         slope = hexahedron.lagrange_derivative(self.order, np.arange(n) / self.order)
         nodal = np.concatenate([x, slope @ x, np.einsum("ij,fjud->fiud", slope, x)], axis=3)
         self._nodal = nodal.reshape(len(facets), n * n, 9)
+        #: (n, 4, 3), positions of the corners, first tangent fastest [m].
+        self.corners: FloatArray = x[:, :: self.order, :: self.order].reshape(len(facets), 4, 3)
 
     def __len__(self) -> int:
         return len(self.facets)
+
+    @property
+    def size(self) -> FloatArray:
+        """(n,), root of the area of the quadrilateral of the corners, along their mean plane [m]."""
+        diagonals = self.corners[:, 3] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 1]
+        return np.asarray(np.sqrt(np.linalg.norm(np.cross(*diagonals), axis=1) / 2))
 
     def at(self, facet: IntArray, uv: FloatArray) -> SurfacePoints:
         """Points (k, m) of facets (k,) at coordinates (k, m, 2)."""

@@ -21,11 +21,12 @@ from fx_contact.problem.boundary_conditions import (
     Traction,
     merged,
 )
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
+from fx_contact.problem.nonmatching import finer_first
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
@@ -134,9 +135,18 @@ class Scene:
         return (*self.contact, *self.ties)
 
     @cached_property
+    def oriented(self) -> tuple[Contact, ...]:
+        """`interfaces` with the surface first that carries the rows: the finer one where meshes do not match."""
+        nonmatching = self.pairing.nonmatching
+        return tuple(
+            finer_first(self.mesh, one) if index in nonmatching and isinstance(one, (ContactPair, Tie)) else one
+            for index, one in enumerate(self.interfaces)
+        )
+
+    @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
         """Root facets on contact and tied surfaces."""
-        return ContactSurfaces(self.mesh, self.interfaces)
+        return ContactSurfaces(self.mesh, self.oriented, self.pairing.nonmatching)
 
     @cached_property
     def pairing(self) -> Pairing:
@@ -187,7 +197,7 @@ class Scene:
         """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
         of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
-        for index, contact in enumerate(self.interfaces):
+        for index, contact in enumerate(self.oriented):
             if contact.unit_direction is not None:
                 result[of == index] = contact.unit_direction
         return result

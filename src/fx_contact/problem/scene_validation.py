@@ -12,7 +12,6 @@ from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
-from fx_contact.problem.surface_projection import SurfaceProjection
 from fx_contact.problem.ties import Tie
 
 if TYPE_CHECKING:
@@ -25,6 +24,8 @@ _LARGEST_STRAIN = 1.0
 #: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
 #: facets are 0.207 of their length away from it.
 _APART = 0.25
+#: Instead of a body, of facets that face nothing.
+_NOTHING = -2
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 
@@ -95,15 +96,12 @@ def check_ties(scene: Scene) -> None:
         _ = scene.contact_surfaces  # raises an error for a facet in two of them
     for index, tie in enumerate(scene.ties, len(scene.contact)):
         distance, size = _between(scene, index)
-        met = np.isfinite(distance)
-        if not met.any():
-            raise SceneError(
-                f"{tie.label}: no facet of one surface faces the other along its normal; exchange a name"
-            )
-        part = np.where(met, np.abs(distance), 0.0) / size
+        part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)
         if part[worst] > _APART:
-            place = scene.mesh.facet_points(scene.mesh.surface(tie.first)[[worst[0]]]).mean(axis=(0, 1))
+            place = scene.mesh.facet_points(scene.mesh.surface(scene.oriented[index].surfaces[0])[[worst[0]]]).mean(
+                axis=(0, 1)
+            )
             raise SceneError(
                 f"{tie.label}: the surfaces are {abs(distance[worst]):.3g} apart near {place}, {part[worst]:.2g} of "
                 f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
@@ -113,17 +111,17 @@ def check_ties(scene: Scene) -> None:
 
 def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
     """Distances (n, 9) of tied surfaces at points of the first, nan where none faces it, and facet diagonals [m]."""
-    mesh, (first, second) = scene.mesh, map(scene.mesh.surface, scene.interfaces[index].surfaces)
+    mesh, pair = scene.mesh, scene.contact_surfaces.nonmatching.get(index)
+    first = mesh.surface(scene.oriented[index].surfaces[0])
     here = mesh.facet_points(first, order=2)
     size = np.linalg.norm(np.ptp(here, axis=1), axis=1)[:, None]
-    if index not in scene.pairing.unlike:
+    if pair is None:
         points = grid_points(2)[face_nodes(2)[first[:, 1]]] * (SIDE // 2)
         cell, _, opposite = scene.pairing.opposite(first[:, 0], first[:, 1], points)
         there = mesh.evaluate(np.repeat(cell, 9), opposite.reshape(-1, 3, 1) / SIDE).reshape(here.shape)
         return np.linalg.norm(there - here, axis=2), np.broadcast_to(size, here.shape[:2])
-    other = np.linalg.norm(np.ptp(mesh.facet_points(second, order=1), axis=1), axis=1)
-    normal = np.repeat(mesh.outward_normals(first), 9, axis=0)
-    found = SurfaceProjection(mesh, second)(here.reshape(-1, 3), normal)
+    other = np.linalg.norm(np.ptp(pair.second.corners, axis=1), axis=1)
+    found = pair.faced(here.reshape(-1, 3), np.repeat(mesh.outward_normals(first), 9, axis=0))
     facet, distance = found.facet.reshape(here.shape[:2]), found.distance.reshape(here.shape[:2])
     return distance, np.maximum(size, np.where(facet >= 0, other[facet], 0.0))
 
@@ -131,16 +129,18 @@ def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
 def check_constrained(scene: Scene) -> None:
     """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
     motions = scene.rigid_motions
-    first = scene.contact_surfaces.facets(0)
+    first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
     tied = scene.contact_surfaces.contact[first[:, 0], first[:, 1]] >= len(scene.contact)
     axes = np.tile(np.eye(3), (int(tied.sum()), 1))
     direction = np.concatenate([direction[~tied], axes])
-    first = np.concatenate([first[~tied], np.repeat(first[tied], 3, axis=0)])
+    first, opposite = (
+        np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
+    )
     points = _resisting_points(scene, first, direction).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
-        for bodies in (scene.mesh.body[first[:, 0]], _opposite_bodies(scene, first))
+        for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
     resisted = here - there
     loose = motions.unresisted(resisted.T @ resisted)
@@ -152,14 +152,22 @@ def check_constrained(scene: Scene) -> None:
         )
 
 
-def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
-    """Bodies (n,) that facets (n, 2) of first surfaces face, -1 for an obstacle; of surfaces meshed apart any one."""
+def _facing_bodies(scene: Scene) -> tuple[Int64Array, Int64Array]:
+    """Facets (n, 2) of first surfaces, and the bodies (n,) that they face, -1: an obstacle.
+
+    Without facets that face nothing.
+    """
+    surfaces = scene.contact_surfaces
+    first = surfaces.facets(0)
     partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    result = np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
-    of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    for index in scene.pairing.unlike:
-        result[of == index] = scene.mesh.body[scene.mesh.surface(scene.interfaces[index].surfaces[1])[0, 0]]
-    return result
+    body = np.full(surfaces.side.shape, -1, dtype=np.int64)
+    body[tuple(first.T)] = np.where(partner >= 0, scene.mesh.body[partner], -1)
+    for pair in surfaces.nonmatching.values():
+        faced = pair.faced_samples.max(axis=1)  # any of them
+        there = scene.mesh.body[pair.second.facets[faced, 0]]
+        body[tuple(pair.first.facets.T)] = np.where(faced >= 0, there, _NOTHING)
+    bodies = body[tuple(first.T)]
+    return first[bodies != _NOTHING], bodies[bodies != _NOTHING]
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:

@@ -11,8 +11,9 @@ from fx_contact.problem.contact import Contact
 class Tie(Contact):
     """Two surfaces that are glued, u_1 = u_2: they transmit pressure, tension and shear.
 
-    Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on the first surface.  The
-    undeformed distance of the sides remains; facets of the first surface that face none of the second are free.
+    Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on the finer surface, in
+    whichever order the surfaces are given.  The undeformed distance of the sides remains; facets of the finer surface
+    that face none of the other are free.
 
     Raises SceneError for a surface with itself.
 
@@ -35,6 +36,11 @@ class Tie(Contact):
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces."""
         return self.first, self.second
+
+    @property
+    def direction(self) -> None:
+        """As `unit_direction`."""
+        return None
 
     @property
     def unit_direction(self) -> None:
