@@ -549,12 +549,15 @@ CASES = {
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, -1)),)), "looks away from the other surface"),
         (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
-        (lambda: press(mesh=two_cubes(shift=0.1)), "face 5 of root cell 0"),
+        (lambda: press(mesh=two_cubes(shift=3.0)), "do not face each other anywhere along the direction (0, 0, 1)"),
         (
             lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
             "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
         ),
-        (lambda: with_surface("under", [[0, 5], [0, 1]]), "2 facets face 1"),
+        (
+            lambda: press(mesh=two_cubes(shift=3.0), contact=(ContactPair("over", "under"),)),
+            "('over', 'under'): the surfaces do not face each other anywhere along their normals",
+        ),
         (
             lambda: press(ties=(Tie("over", "under"),)),
             "two contact pairs or ties, 'under on over' and 'over tied to under'",

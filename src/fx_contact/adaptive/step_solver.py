@@ -200,8 +200,8 @@ def _estimate(
     field = elasticity.field(solution.displacement)
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
     every = discrete.problem.rows
-    rows = None if every is None or not scene.contact else every.part(~every.equality)
-    ties = None if every is None or not scene.ties else every.part(every.equality)
+    rows = None if every is None or not scene.contact else every.part(ties=False)
+    ties = None if every is None or not scene.ties else every.part(ties=True)
     state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 

@@ -19,6 +19,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,8 @@ class RowKind(ABC):
     """The rows of a contact or tie, by its index among `Scene.interfaces`, and the geometry between their nodes."""
 
     SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
+    #: Weight of the second side in the projection, over its modulus.
+    FOLLOWED: ClassVar[float] = 1.0
     #: Parts of each side of a facet in the sampling of the least gap; 64 miss 1/4096 of the variation of a round gap.
     PARTS: ClassVar[int] = 64
     INTEGRATED: ClassVar[bool] = False  # rows hold integrals of the gap, also of what is between nodes
@@ -142,7 +145,7 @@ class ConstraintRows:
 
     Attributes:
         prolongation: B acts on its conforming unknowns; it has the nodes of all entries.
-        kinds: of each contact of the scene, not of its ties.
+        kinds: of each contact of the scene, then of its ties.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
         normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
@@ -180,14 +183,18 @@ class ConstraintRows:
     def __len__(self) -> int:
         return len(self.first)
 
-    def part(self, some: BoolArray) -> "ConstraintRows":
-        """Some of the rows, by a mask (n,).  Local."""
-        if some.all():
+    def part(self, ties: bool) -> "ConstraintRows":
+        """The rows and kinds of ties, or those of contacts.  Local."""
+        kinds, some = (
+            tuple(kind for kind in self.kinds if isinstance(kind.contact, Tie) == ties),
+            self.equality == ties,
+        )
+        if len(kinds) == len(self.kinds):
             return self
         row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
         number, kept = np.cumsum(some) - 1, some[row]
         entries = (self.entries.node[kept], self.entries.side[kept], self.entries.weight[kept])
-        return replace(self, entries=Entries(number[row[kept]], *entries), **columns)
+        return replace(self, kinds=kinds, entries=Entries(number[row[kept]], *entries), **columns)
 
     @cached_property
     def values(self) -> FloatArray:

@@ -110,7 +110,7 @@ def solve_system(
         penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
         force = np.where(status.active & jump.movable, trial, 0.0)
         tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
-        pressure = rows.part(free).pressure(force)
+        pressure = rows.part(ties=False).pressure(force)
     solution = ContactSolution(
         displacement=u,
         active=active,

@@ -76,7 +76,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
     contact = np.repeat(np.array(of, dtype=np.int32), counts)
     rows = ConstraintRows(
         prolongation=prolongation,
-        kinds=kinds[:contacts],
+        kinds=kinds,
         entries=_at_conforming(keyed, prolongation),
         normal=normal,
         gap=np.zeros(len(normal)),

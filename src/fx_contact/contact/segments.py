@@ -131,7 +131,7 @@ class _Intersections:
         there = self._second[pair].at(np.clip(other, -_BEYOND, 1 + _BEYOND))
         apart, facing = there.position - here.position, there.normal
         good = found & (np.abs(other - 0.5) <= 0.5 + _BEYOND).all(axis=2)
-        good &= np.einsum("tmi,tmi->tm", facing, normal) < 0
+        good &= np.einsum("tmi,tmi->tm", facing, along) < 0
         good &= np.einsum("tmi,tmi->tm", apart, along) >= -depth
         pairs = np.repeat(self._facing[pair], count).reshape(good.shape)
         columns = pairs, uv, other, weight, here.position, apart, normal, facing

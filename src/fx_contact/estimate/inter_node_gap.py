@@ -82,10 +82,10 @@ class _Facets:
         nodes = np.arange(degree + 1) * parts // degree
         self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # among the points
         self._simpson = _simpson(parts + 1)
-        # Bounds of how far the gap leaves the range of its samples, over this range: Lebesgue's constant of a polynomial,
-        # or that of a quadratic function with its minimum in the middle between samples.
-        self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
-        self._swing = 2 / parts**2 if kind.INTEGRATED else self._swing
+        # How far the gap leaves the range of its samples, over this range: by Lebesgue's constant of a polynomial, else
+        # as a quadratic function with its minimum in the middle between samples.
+        constant = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max()
+        self._swing = 2 / parts**2 if kind.INTEGRATED else constant**2
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
         points = points / parts**2

@@ -38,6 +38,7 @@ class FacingFacets:
         second: (m,), distinct.
         level: (m,), of the leaves of the second.
         anchor: (m, 3), of the leaves of the second.
+        rank: (m,), that has the second.
         pairs: (k, 2), numbers of the first and the second.
         faced: (k,), pairs of which a sample of the first faces the second.
     """
@@ -50,6 +51,7 @@ class FacingFacets:
     second: LeafFacets
     level: Int8Array
     anchor: Int32Array
+    rank: Int64Array
     pairs: Int64Array
     faced: BoolArray
 
@@ -60,15 +62,16 @@ class FacingFacets:
         first = _leaf_facets(forest, leaf, face)
         samples = _Faced(surfaces, first)
         mine, my_face = forest.boundary_faces(surfaces.second.facets)
-        names = np.column_stack([forest.cell[mine], forest.level[mine], my_face, forest.anchor[mine]])
+        rank = np.full(len(mine), forest.comm.rank)
+        names = np.column_stack([forest.cell[mine], forest.level[mine], my_face, forest.anchor[mine], rank])
         boxes = _around(_points(_leaf_facets(forest, mine, my_face)).position)
         asked, name = meeting_boxes(forest.comm, samples.boxes, boxes, names.astype(np.int64))
         name, number = np.unique(name, axis=0, return_inverse=True)
-        cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:].astype(np.int32)
+        cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
         second = LeafFacets.of_leaves(forest.mesh, cell, level, anchor, name[:, 2])
         pairs = np.stack([asked, number.ravel()], axis=1)
         faced = samples.on(second, pairs)
-        return cls(forest, surfaces, leaf, face, first, second, level, anchor, pairs, faced)
+        return cls(forest, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
 
     @cached_property
     def _leaves(self) -> tuple[Int64Array, Directory]:
@@ -76,6 +79,11 @@ class FacingFacets:
         mine = np.unique(self.forest.boundary_faces(self.surfaces.second.facets)[0])
         codes = leaf_code(self.forest.cell[mine], self.forest.anchor[mine])
         return mine, Directory(self.forest.comm, codes, self.forest.homes.of_leaves)
+
+    @property
+    def split(self) -> int:
+        """Number of this rank's pairs that face each other, of which the second is on another rank.  Local."""
+        return int((self.rank[self.pairs[self.faced, 1]] != self.forest.comm.rank).sum())
 
     def too_large(self, marked: BoolArray) -> BoolArray:
         """Leaves (n,) whose facets are larger than those they face once marked leaves (n,) are refined.  Collective."""

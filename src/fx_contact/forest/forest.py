@@ -179,8 +179,9 @@ class Forest:
         """Refine the marked leaves (n,), their partners, and the leaves that the balance requires; also the map.
 
         Collective on comm.  Facing leaves are refined together (5), and those around the rim of a paired surface with
-        it.  Where meshes do not match, facets of the first surface stay about as small as those they face.  No quarter point of an edge of a leaf is a vertex, so every edge has at most one hanging node.
-        Children are in the place of their parent.
+        it; those of surfaces that do not match follow the sizes of the facets that they face (`too_large`).  No quarter
+        point of an edge of a leaf is a vertex, so every edge has at most one hanging node.  Children are in the place
+        of their parent.
 
         Raises:
             GeometryError: a leaf of the finest level is marked.

@@ -1,10 +1,10 @@
-"""Contact surfaces whose meshes do not match: their geometry, and the finer one.  All is local."""
+"""Contact surfaces whose meshes do not match: their geometry, and the one that has the rows.  All is local."""
 
 from functools import cached_property
 
 import numpy as np
 
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.leaf_facets import LeafFacets
@@ -15,8 +15,11 @@ from fx_contact.problem.ties import Tie
 
 #: Samples along each side of a root facet: of what it faces.
 _SAMPLES = 4
-#: Ratios of sizes up to this are rounding.
+#: Differences of sizes up to this are rounding [-].
 _SAME = 1e-6
+#: Ratio of moduli up to which bodies are equally soft.  Rows on the stiffer one take more iterations of the Gram system
+#: (`studies/nonmatching`), those on the coarser one have worse pressures.
+_ALIKE = 2.0
 
 
 class NonmatchingSurfaces:
@@ -77,38 +80,56 @@ class NonmatchingSurfaces:
         found = self.faced(at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3))
         return found.facet.reshape(-1, len(uv))
 
-    def mean_ratio(self) -> float:
-        """Mean size of the first surface's root facets over that of those which they face, geometric, by area [-].
+    def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
+        """Sizes of root facets, and moduli of their bodies, of the first surface over those that they face.
 
-        Raises PairingError if no facet faces one.
+        Geometric means by area, None if facets of the first surface face none.
+
+        Args:
+            moduli: (nbodies,) [Pa].
         """
         faced = self.faced_samples
-        seen = faced >= 0
-        if not seen.any():
-            raise PairingError(
-                f"contact pair ({', '.join(map(repr, self.contact.surfaces))}): the surfaces do not face each other "
-                "anywhere, neither along the normals of the first nor along a given direction; exchange or rename the "
-                "surfaces, or turn the direction round"
-            )
-        ratio = np.log(self.first.size[:, None] / self.second.size[faced])
-        weight = np.where(seen, self.first.size[:, None] ** 2, 0.0)
-        return float(np.exp((weight * ratio).sum() / weight.sum()))
+        weight = np.where(faced >= 0, self.first.size[:, None] ** 2, 0.0)
+        if not weight.any():
+            return None
+        one, two = (moduli[self.mesh.body[facets.facets[:, 0]]] for facets in self._both)
+        ratios = self.first.size[:, None] / self.second.size[faced], one[:, None] / two[faced]
+        size, modulus = (float(np.exp((weight * np.log(ratio)).sum() / weight.sum())) for ratio in ratios)
+        return size, modulus
 
-    def places_on_first(self, facets: LeafFacets) -> tuple[Int64Array, FloatArray]:
-        """Root facets (k, 2) of the first surface that the middles of second facets (k,) face, and their coordinates.
+    def faced_by(self, second: LeafFacets) -> tuple[BoolArray, tuple[IntArray, FloatArray]]:
+        """Places on the first surface that the middles of second facets (k,) face.
 
-        (-1, -1) where a middle faces none.  Along the normals of the second surface, or against the direction.
+        Along the normals of the second surface, or against the direction of the contact.
+
+        Returns:
+            (k,), facets whose middle faces one; of these, root facets (n, 2) and coordinates (n, 2) on them.
         """
-        at = facets.at(np.full((len(facets), 1, 2), 0.5))
+        at = second.at(np.full((len(second), 1, 2), 0.5))
         normal, direction = at.normal[:, 0], self.contact.unit_direction
         along = normal if direction is None else np.broadcast_to(-direction, normal.shape)
-        found = self._onto_first(at.position[:, 0], along, self.depth)
-        place = np.full((len(facets), 2), -1, dtype=np.int64)
-        place[found.found] = self.first.facets[found.facet[found.found]]
-        return place, found.uv
+        place = self._onto_first(at.position[:, 0], along, self.depth)
+        return place.found, (self.first.facets[place.facet[place.found]], place.uv[place.found])
 
 
-def finer_first(mesh: RootMesh, contact: ContactPair | Tie) -> ContactPair | Tie:
-    """The contact, or its reverse if the second surface is the finer one.  Raises PairingError."""
-    one = NonmatchingSurfaces(mesh, contact)
-    return contact.reversed() if one.mean_ratio() > 1 + _SAME else contact
+def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> ContactPair | Tie:
+    """The contact, or its reverse, with the surface first that has the rows: of the softer body, else the finer one.
+
+    Raises PairingError if the surfaces do not face each other.
+
+    Args:
+        moduli: of the bodies (nbodies,) [Pa].
+    """
+    ratios = NonmatchingSurfaces(mesh, contact).mean_ratios(moduli)
+    if ratios is not None:
+        size, modulus = ratios
+        softer = modulus < 1 / _ALIKE
+        finer = size <= 1 + _SAME and modulus <= _ALIKE
+        return contact if softer or finer else contact.reversed()
+    if NonmatchingSurfaces(mesh, contact.reversed()).mean_ratios(moduli):  # smaller than a sample's part of a facet
+        return contact.reversed()
+    along = "along their normals" if contact.direction is None else f"along the direction {tuple(contact.direction)}"
+    raise PairingError(
+        f"contact pair ({contact.first!r}, {contact.second!r}): the surfaces do not face each other anywhere {along}: "
+        "check their names and places, exchange them or turn the direction round"
+    )

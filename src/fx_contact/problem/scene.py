@@ -26,7 +26,7 @@ from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
-from fx_contact.problem.nonmatching import finer_first
+from fx_contact.problem.nonmatching import oriented
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
@@ -106,13 +106,20 @@ class Scene:
         materials = ((body, self.materials[body]) for body in self.mesh.bodies)
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
-            "contact": [contact.label for contact in self.contact],
-            "ties": [tie.label for tie in self.ties],
+            "contact": [self._described(index) for index in range(len(self.contact))],
+            "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
         }
         return summary(f"scene {self.name!r}{parts}\n{indent(repr(self.mesh), '  ')}", lists)
+
+    def _described(self, index: int) -> str:
+        """A contact for `repr`, with the surface that has the rows where meshes do not match."""
+        label, reason = self.interfaces[index].label, self.pairing.nonmatching.get(index)
+        if reason is None:
+            return label
+        return f"{label} (meshes do not match: {reason}; rows on {self.oriented[index].surfaces[0]!r})"
 
     @cached_property
     def conditions(self) -> tuple[Dirichlet | ObliquePlane, ...]:
@@ -136,11 +143,15 @@ class Scene:
 
     @cached_property
     def oriented(self) -> tuple[Contact, ...]:
-        """`interfaces` with the surface first that carries the rows: the finer one where meshes do not match."""
-        nonmatching = self.pairing.nonmatching
+        """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
+        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
         return tuple(
-            finer_first(self.mesh, one) if index in nonmatching and isinstance(one, (ContactPair, Tie)) else one
-            for index, one in enumerate(self.interfaces)
+            (
+                oriented(self.mesh, pair, moduli)
+                if index in self.pairing.nonmatching and isinstance(pair, (ContactPair, Tie))
+                else pair
+            )
+            for index, pair in enumerate(self.interfaces)
         )
 
     @cached_property

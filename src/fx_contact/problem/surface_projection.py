@@ -1,8 +1,9 @@
 """Projection of points along lines onto a whole surface of root facets, curved and of any mesh.
 
 Samples of the surface, with balls that cover it, are in search trees.  A line is followed from one ball to the next;
-Newton's method finds where it meets the facets of the balls that it crosses.  All is local, and the cost of a point
-depends on the number of facets by the depth of the trees only.
+Newton's method finds where it meets the facets of the balls that it crosses.  Most points lie beside the surface: for
+them the facet of the nearest sample is tried first.  All is local, and the cost of a point depends on the number of
+facets by the depth of the trees only.
 """
 
 from typing import NamedTuple
@@ -51,6 +52,14 @@ class Projected(NamedTuple):
         return np.asarray(self.facet >= 0)
 
 
+class _Lines(NamedTuple):
+    """Lines through points (k, 3) [m] along unit vectors (k, 3), and the farthest place behind that counts [m]."""
+
+    points: FloatArray
+    direction: FloatArray
+    depth: float
+
+
 class _Balls(NamedTuple):
     """Balls of one radius [m] around samples of facets: search tree, facet and coordinates of each."""
 
@@ -80,9 +89,36 @@ class SurfaceProjection:
             depth: farthest place behind a point that counts [m].
         """
         direction = np.broadcast_to(direction, points.shape)
-        count = len(points)
-        result = Projected(np.full(count, -1), np.zeros((count, 2)), np.full(count, np.nan))
-        nearest = np.full(count, np.inf)
+        result = self._beside(_Lines(points, direction, depth))
+        left = np.flatnonzero(~result.found)
+        if len(left):
+            found = self._on_rays(_Lines(points[left], direction[left], depth))
+            for column, values in zip(result, found):
+                column[left] = values
+        return result
+
+    def _beside(self, lines: _Lines) -> Projected:
+        """Places on the facets of the nearest samples, not farther than their balls reach."""
+        count = len(lines.points)
+        queries = [balls.tree.query(lines.points) for balls in self._balls]
+        which = np.argmin([distance for distance, _ in queries], axis=0)
+        sample = np.array([number for _, number in queries])[which, np.arange(count)]
+        facet, start, reach = np.empty(count, dtype=np.int64), np.empty((count, 2)), np.empty(count)
+        for number, balls in enumerate(self._balls):
+            ours = which == number
+            facet[ours], start[ours], reach[ours] = balls.facet[sample[ours]], balls.uv[sample[ours]], balls.radius
+        result = _none(count)
+        near = np.flatnonzero(np.min([distance for distance, _ in queries], axis=0) <= reach)
+        row, met, uv, t = self._met(lines, near, facet[near], start[near])
+        good = np.abs(t) <= reach[row]
+        row = row[good]
+        result.facet[row], result.uv[row], result.distance[row] = met[good], uv[good], t[good]
+        return result
+
+    def _on_rays(self, lines: _Lines) -> Projected:
+        """Places on all facets, found by following the lines."""
+        (points, direction, depth), count = lines, len(lines.points)
+        result, nearest = _none(count), np.full(count, np.inf)
         from_centre = points - self._centre
         along = np.einsum("ki,ki->k", from_centre, direction)
         beside = np.sqrt(np.maximum(np.einsum("ki,ki->k", from_centre, from_centre) - along**2, 0.0))
@@ -100,7 +136,7 @@ class SurfaceProjection:
             places = points[ray_points] + position[:, None] * direction[ray_points]
             free = np.full(len(rays), np.inf)
             for balls in self._balls:
-                distance = self._meet(balls, points, direction, ray_points, places, depth, result, nearest)
+                distance = self._meet(balls, lines, ray_points, places, result, nearest)
                 stride = np.where(distance > 1.1 * balls.radius, distance - balls.radius, _STRIDE * balls.radius)
                 free = np.minimum(free, stride)
             at[rays] += free
@@ -114,11 +150,9 @@ class SurfaceProjection:
     def _meet(
         self,
         balls: _Balls,
-        points: FloatArray,
-        direction: FloatArray,
+        lines: _Lines,
         rays: Int64Array,
         places: FloatArray,
-        depth: float,
         result: Projected,
         nearest: FloatArray,
     ) -> FloatArray:
@@ -131,21 +165,32 @@ class SurfaceProjection:
         for column in range(1, known):  # each facet once, from its nearest sample
             fresh[:, column] &= (facet[:, :column] != facet[:, column : column + 1]).all(axis=1)
         row, nth = np.nonzero(fresh)
-        facet, start, ray = facet[row, nth], balls.uv[sample[row, nth]], rays[row]
-        uv, met = self.facets.on_lines(facet, points[ray, None], direction[ray, None], start[:, None])
-        inside = ((uv >= -_EDGE) & (uv <= 1 + _EDGE)).all(axis=2)
-        met = (met & inside)[:, 0]
-        facet, uv, ray = facet[met], np.clip(uv[met], 0, 1), ray[met]
-        at = self.facets.at(facet, uv)
-        t = np.einsum("ki,ki->k", at.position[:, 0] - points[ray], direction[ray])
-        facing = np.einsum("ki,ki->k", at.normal[:, 0], direction[ray]) < -LEAST_COSINE
-        counts = np.flatnonzero(facing & (t >= -depth) & (np.abs(t) < nearest[ray]))
-        counts = counts[np.lexsort((np.abs(t[counts]), ray[counts]))]
-        counts = counts[np.unique(ray[counts], return_index=True)[1]]
-        ray = ray[counts]
-        nearest[ray] = np.abs(t[counts])
-        result.facet[ray], result.uv[ray], result.distance[ray] = facet[counts], uv[counts, 0], t[counts]
+        row, facet, uv, t = self._met(lines, rays[row], facet[row, nth], balls.uv[sample[row, nth]])
+        order = np.lexsort((np.abs(t), row))
+        first = order[np.unique(row[order], return_index=True)[1]]
+        first = first[np.abs(t[first]) < nearest[row[first]]]
+        row = row[first]
+        nearest[row] = np.abs(t[first])
+        result.facet[row], result.uv[row], result.distance[row] = facet[first], uv[first], t[first]
         return np.asarray(distance[:, 0])
+
+    def _met(
+        self, lines: _Lines, row: Int64Array, facet: Int64Array, start: FloatArray
+    ) -> tuple[Int64Array, Int64Array, FloatArray, FloatArray]:
+        """Where lines, by their rows (k,), meet facets (k,) that face them: row, facet, uv and distance of these."""
+        points, direction, depth = lines
+        uv, met = self.facets.on_lines(facet, points[row, None], direction[row, None], start[:, None])
+        met &= ((uv >= -_EDGE) & (uv <= 1 + _EDGE)).all(axis=2)
+        row, facet, uv = row[met[:, 0]], facet[met[:, 0]], np.clip(uv[met[:, 0]], 0, 1)
+        at = self.facets.at(facet, uv)
+        t = np.einsum("ki,ki->k", at.position[:, 0] - points[row], direction[row])
+        facing = np.einsum("ki,ki->k", at.normal[:, 0], direction[row]) < -LEAST_COSINE
+        good = facing & (t >= -depth)
+        return row[good], facet[good], uv[good, 0], t[good]
+
+
+def _none(count: int) -> Projected:
+    return Projected(np.full(count, -1), np.zeros((count, 2)), np.full(count, np.nan))
 
 
 def _sampled(facets: RootFacets) -> list[_Balls]:

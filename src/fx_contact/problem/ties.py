@@ -11,8 +11,8 @@ from fx_contact.problem.contact import Contact
 class Tie(Contact):
     """Two surfaces that are glued, u_1 = u_2: they transmit pressure, tension and shear.
 
-    Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on the finer surface, in
-    whichever order the surfaces are given.  The undeformed distance of the sides remains; facets of the finer surface
+    Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on one surface, in
+    whichever order they are given.  The undeformed distance of the sides remains; facets of one surface
     that face none of the other are free.
 
     Raises SceneError for a surface with itself.
