@@ -162,7 +162,7 @@ def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, 
     """Rows of contact, with obstacles below forces where they begin to settle, and as `ContactProblem.rows_at`."""
     scene = settings.scene
     if all(contact.force is None for contact in scene.contact):
-        return create_rows(scene, start.prolongation, settings.enforcement) if scene.contact else None, None
+        return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
 
     def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
         return create_rows(scene.approached(distances), start.prolongation, settings.enforcement)
@@ -219,7 +219,10 @@ def _estimate(
     touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement)
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
-    state = SolvedState(scene, forest, elasticity, field, solution.rows, solution, error.estimate)
+    every = solution.rows
+    rows = None if every is None or not scene.contact else every.part(ties=False)
+    ties = None if every is None or not scene.ties else every.part(ties=True)
+    state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 
 

@@ -1,11 +1,12 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
 A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
-both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).  Ties have the same rows
+along each axis, as equations: B u = 0.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -16,8 +17,9 @@ from scipy.sparse import csr_matrix
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,11 @@ class RowColumns:
     position: FloatArray
     bodies: Int32Array
 
+    def along(self, axis: int) -> "RowColumns":
+        """The rows of a tie along an axis: without gap.  Local."""
+        across = self.area[:, None] * np.eye(3)[axis]
+        return replace(self, across=across, apart=np.zeros_like(self.apart))
+
 
 class PressureCorrection(Protocol):
     """A linear correction of force over area in the rows of one contact, 0 in others."""
@@ -84,7 +91,7 @@ class PressureCorrection(Protocol):
 
 
 class RowKind(ABC):
-    """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
+    """The rows of a contact or tie, by its index among `Scene.interfaces`, and the geometry between their nodes."""
 
     SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
     #: Weight of the second side in the projection, over its modulus.
@@ -106,6 +113,11 @@ class RowKind(ABC):
     @abstractmethod
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """The rows.  Collective."""
+
+    def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+        """The rows of a tie along x, y and z.  Collective."""
+        columns = self.columns(prolongation, enforcement)
+        return [columns.along(axis) for axis in range(3)]
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -133,7 +145,7 @@ class ConstraintRows:
 
     Attributes:
         prolongation: B acts on its conforming unknowns; it has the nodes of all entries.
-        kinds: of each contact of the scene.
+        kinds: of each contact of the scene, then of its ties.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
         normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
@@ -146,7 +158,8 @@ class ConstraintRows:
         modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
-        contact: (n,), index of the contact in the scene.
+        contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
+        equality: (n,), rows of ties: always closed, with forces of either sign.
         symmetry: number of copies of the modelled part in the bodies.
     """
 
@@ -164,10 +177,24 @@ class ConstraintRows:
     position: FloatArray
     bodies: Int32Array
     contact: Int32Array
+    equality: BoolArray
     symmetry: int
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def part(self, ties: bool) -> "ConstraintRows":
+        """The rows and kinds of ties, or those of contacts.  Local."""
+        kinds, some = (
+            tuple(kind for kind in self.kinds if isinstance(kind.contact, Tie) == ties),
+            self.equality == ties,
+        )
+        if len(kinds) == len(self.kinds):
+            return self
+        row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
+        number, kept = np.cumsum(some) - 1, some[row]
+        entries = (self.entries.node[kept], self.entries.side[kept], self.entries.weight[kept])
+        return replace(self, kinds=kinds, entries=Entries(number[row[kept]], *entries), **columns)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -177,8 +204,9 @@ class ConstraintRows:
     @property
     def key(self) -> Int64Array:
         """(n,), unique number of each row, on all ranks.  Local."""
+        axis = np.where(self.equality, self.normal.argmax(axis=1), 0)
         node: Int64Array = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
-        return node << 32 | self.contact
+        return node << 32 | self.contact << 2 | axis
 
     @property
     def node_keys(self) -> Int64Array:
@@ -302,3 +330,10 @@ class ConstraintRows:
                 ours = self.contact == kind.index
                 result[ours] *= self.normal[ours] @ direction
         return result
+
+
+#: Columns of `ConstraintRows` with an entry for each row.
+_OF_ROWS = (
+    *("first", "normal", "apart", "gap", "area", "node_area", "stiffness", "modulus", "position", "bodies"),
+    *("contact", "equality"),
+)

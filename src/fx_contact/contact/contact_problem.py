@@ -19,14 +19,14 @@ from fx_contact.problem.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem:
-    """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
+    """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; in rows of ties B u = 0; without rows K u = L.
 
     Attributes:
         matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
-        rows: B and D; None: no contact.
+        rows: B and D; None: neither contact nor ties.
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.

@@ -30,7 +30,7 @@ _UPDATES = 20
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """Result of the contact loop.
+    """Result of the contact loop; n rows of contact, and m of ties, which follow them among all rows.
 
     Attributes:
         rows: of the problem, or where the obstacles have settled; None without contact.
@@ -42,6 +42,7 @@ class ContactSolution:
         contact_iterations: number of active sets.
         krylov_iterations: of each linear solve.
         preconditioner: of the last solve, as `LinearSolver.preconditioner`.
+        tie_force: (m,), pressure positive, tension negative, shear of either sign [N].
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
         rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
     """
@@ -55,6 +56,7 @@ class ContactSolution:
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
+    tie_force: FloatArray
     energy_error: float
     rounding: float
 
@@ -103,7 +105,7 @@ def solve_system(
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
         error = system.solver.energy_error
-        active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
+        active, (force, pressure, penetration, tied), count = np.zeros(0, dtype=bool), np.zeros((4, 0)), 1
     else:
         with stages("solve"):
             carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
@@ -116,9 +118,10 @@ def solve_system(
         else:
             jump, u, trial, error = settle(problem, jump, system, status, u, options.solver, _find_active_set)
             rows = jump.rows
-        active, penetration, count = status.active, rows.penetration(u), status.updates
-        force = np.where(active & jump.movable, trial, 0.0)
-        pressure = rows.pressure(force)
+        penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
+        force = np.where(status.active & jump.movable, trial, 0.0)
+        tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
+        pressure = rows.part(ties=False).pressure(force)
     solution = ContactSolution(
         rows=rows,
         displacement=u,
@@ -129,6 +132,7 @@ def solve_system(
         contact_iterations=count,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
+        tie_force=tied,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
     )

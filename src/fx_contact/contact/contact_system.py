@@ -62,6 +62,7 @@ class ContactSystem:
         solver: of K with the capped penalty term.
         exact: closed rows do not yield.
         movable: (n,), as of `Jump`.
+        equality: (n,), as of the rows.
         capped_stiffness, stiffness: (n,), k of closed rows in the preconditioner and of their enforcement [N/m].
         energy_norm, comm: as of the problem.
     """
@@ -80,6 +81,7 @@ class ContactSystem:
         self._supports, self.energy_norm = problem.supports, problem.energy_norm
         self._options, self.comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
         self.capped_stiffness, self.movable = self._rows.capped_stiffness, jump.movable
+        self.equality = self._rows.equality
         self.exact = options.enforcement.method == "exact"
         self.stiffness = self.capped_stiffness if self.exact else self._rows.stiffness
         self._projected = np.ones_like(active) if self.exact else self.stiffness > self.capped_stiffness
@@ -223,39 +225,47 @@ class ContactSystem:
     def trial(self, u: FloatArray) -> FloatArray:
         """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Projected rows that other rows keep from closing count as open.  Raises SolveError as `Projection`.
+        Projected rows that other rows keep from closing count as open, except those of ties.  Raises SolveError as
+        `Projection`.
         """
         force = PenaltyTerm(self._jump, self.capped_stiffness).forces(u)
         if self._projection is None:
             return force
         projected = force + self._projected_forces(self._jump, self._load, self._projection, u)
         penetration = self._rows.penetration(self._nearest.onto_closed(u))
-        closed = self._projection.closed & (penetration >= -self._rounding(projected, u))
+        closed = self._projection.closed & (self.equality | (penetration >= -self._rounding(projected, u)))
         return np.where(closed, projected, force)
 
     def check_apart(self, trial: FloatArray, u: FloatArray) -> None:
         """Check that prescribed displacements do not force closed rows to penetrate, by `trial` forces of a solution u.
 
         Raises:
-            SolveError: the nearest displacement with B u = D leaves penetrations, and no gaps, of rows that may open.
+            SolveError: the nearest displacement with B u = D leaves penetrations, or parts of ties, and no gaps of rows
+                that may open.
         """
         rounding = self._rounding(trial, u)
         left = np.where(self._active, self._rows.penetration(self._nearest.onto_closed(u)), 0.0)
+        left = np.where(self.equality, np.abs(left), left)
         if self._largest(np.minimum(left, 0.0)) > rounding:
             return
         worst = int(left.argmax()) if len(left) else 0
-        mine = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
-        deepest, place = max(self.comm.allgather(mine))
+        of_worst = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
+        deepest, place, tied = max(self.comm.allgather((*of_worst, bool(self.equality[worst : worst + 1].any()))))
         if deepest > rounding:
+            at = f"at ({', '.join(f'{x:.4g}' for x in place)})"
+            if tied:
+                raise SolveError(
+                    f"displacements prescribed on both surfaces of a tie, or around it, differ by {deepest:.3g}, {at}: "
+                    "the tie cannot keep them together; leave one of them free"
+                )
             raise SolveError(
                 f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} "
-                f"into each other, at ({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave "
-                "one of them free"
+                f"into each other, {at}: contact cannot keep them apart; leave one of them free"
             )
 
     def _rounding(self, trial: FloatArray, u: FloatArray) -> float:
         """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
-        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active].sum()))
+        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active & ~self.equality].sum()))
         moved = self._largest(u)
         approach = min(moved, self.energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)

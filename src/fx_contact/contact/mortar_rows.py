@@ -7,6 +7,8 @@ the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J.
 B. Wohlmuth, CMAME 194, 2005.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.sparse import coo_matrix
 
@@ -14,18 +16,38 @@ from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.facing_facets import FacingFacets
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
+from fx_contact.problem.boundary_conditions import ObliquePlane
 from fx_contact.problem.lattice import leaf_side
 from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.nonmatching import NonmatchingSurfaces
+from fx_contact.problem.scene import Scene
 
 #: Weights below this part of the largest of a row are rounding.
 _ROUNDING = 1e-13
+
+
+class _Multipliers(NamedTuple):
+    """The multipliers on this rank's first facets, and those of them that are kept.
+
+    Attributes:
+        keys: (m, (p+1)^2), of the nodes of second facets.
+        bodies: (n, 2), of each first facet and one that it faces.
+        nodes: (n, (p+1)^2), conforming nodes of first facets, positions in the index map.
+        kept: (owned + ghosts,), nodes with a row.
+    """
+
+    keys: Int64Array
+    bodies: IntArray
+    nodes: Int64Array
+    dual: DualFunctions
+    kept: BoolArray
 
 
 class MortarRows(RowKind):
@@ -44,6 +66,17 @@ class MortarRows(RowKind):
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`.  Collective."""
+        multipliers = self._multipliers(prolongation)
+        return self._columns(prolongation, enforcement, multipliers, multipliers.kept)
+
+    def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+        """As `RowKind.tie_columns`, without rows of components that other constraints hold.  Collective."""
+        multipliers = self._multipliers(prolongation)
+        kept = _not_held(self.scene, prolongation, self.index, multipliers)
+        return [self._columns(prolongation, enforcement, multipliers, kept[:, axis]).along(axis) for axis in range(3)]
+
+    def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
+        """Of all covered nodes.  Collective."""
         space, forest = prolongation.space, prolongation.space.forest
         facing = self._facing(forest)
         first, second, pairs = facing.first, facing.second, facing.pairs
@@ -51,23 +84,26 @@ class MortarRows(RowKind):
         segments = SegmentIntegrals.of(first, second, pairs, space.degree, depth, direction)
         tables, nodes = _conforming(prolongation, space.on_faces(facing.leaf, facing.face))
         dual = DualFunctions(first, space.degree, tables, segments)
-        kept = _kept(prolongation, dual, nodes)
+        keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
+        return _Multipliers(keys, self._bodies(first, second, pairs), nodes, dual, _kept(prolongation, dual, nodes))
+
+    def _columns(
+        self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
+    ) -> RowColumns:
+        """The rows of kept nodes (owned + ghosts,).  Collective."""
+        keys, bodies, nodes, dual, _ = multipliers
         integrals = dual.integrals(kept[nodes])
-        bodies = self._bodies(first, second, pairs)
         stiffness, some = np.zeros_like(integrals.area), integrals.area.any(axis=1)
         area = np.maximum(integrals.area[some], 0.0)
         stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, bodies[some]), area)
         across = integrals.first_normal - integrals.second_normal
-        shares = np.concatenate(
-            [integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2
-        )
+        shares = np.concatenate([integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2)
         sums = prolongation.zeros(8)
         np.add.at(sums, nodes, shares)
         sums = prolongation.summed(sums)
         body = np.full((len(prolongation.zeros(0)), 2), -1, dtype=np.int32)
         body[nodes] = bodies[:, None]
         ours = np.flatnonzero(kept[: prolongation.owned])
-        keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
         entries = _entries(prolongation, integrals, nodes, keys)
         return RowColumns(
             first=ours,
@@ -76,7 +112,7 @@ class MortarRows(RowKind):
             apart=sums[ours, 5:] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
-            position=prolongation.injected(space.positions())[ours],
+            position=prolongation.injected(prolongation.space.positions())[ours],
             bodies=body[ours],
         )
 
@@ -145,6 +181,29 @@ def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) ->
     wanted = prolongation.zeros(1)
     wanted[nodes[dual.candidates(part[nodes])]] = 1.0
     return np.asarray(prolongation.ghosted(prolongation.summed(wanted))[:, 0] > 0)
+
+
+def _not_held(scene: Scene, prolongation: Prolongation, index: int, multipliers: _Multipliers) -> BoolArray:
+    """Kept nodes of a tie along each axis, (owned + ghosts, 3), without those that other constraints hold.
+
+    Collective.  They are components that conditions prescribe, all on oblique symmetry planes, and nodes of other ties:
+    with a row each the second surface would lock.  Their multipliers go to neighbours; a facet without any keeps its
+    own.  Source: B. Wohlmuth, Discretization Methods and Iterative Solvers Based on Domain Decomposition, 2001, 1.2.
+    """
+    held = prolongation.zeros(3)
+    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
+        held[nodes] += 1.0 if isinstance(condition, ObliquePlane) else np.diag(condition.across)
+    space, forest = prolongation.space, prolongation.space.forest
+    leaf, face = forest.contact_faces()
+    of = forest.contact_surfaces.contact[forest.cell[leaf], face]
+    others = (of >= len(scene.contact)) & (of != index)
+    here = prolongation.conforming[space.on_faces(leaf[others], face[others])]
+    held[here[here >= 0]] = 1.0
+    free = multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(held)) == 0)
+    lonely = prolongation.zeros(3)
+    facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
+    lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
+    return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
 
 
 def _entries(

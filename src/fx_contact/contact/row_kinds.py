@@ -1,4 +1,4 @@
-"""Rows of all contacts of a scene, each made by the kind that the type of the contact asks for.
+"""Rows of all contacts and ties of a scene, each made by the kind that its type asks for.
 
 A new kind of contact is a subclass of `Contact` (its definition in a scene), a subclass of `RowKind` (its rows), and
 an entry here.
@@ -22,10 +22,12 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 #: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
     ContactPair: NodePairs,
+    Tie: NodePairs,
     Obstacle: ObstacleRows,
     RigidPlane: PlaneRows,
 }
@@ -36,9 +38,9 @@ _SMOOTH = 0.966
 
 
 def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
-    """Kinds of the contacts of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
+    """Kinds of the contacts and ties of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
-    for index, contact in enumerate(scene.contact):
+    for index, contact in enumerate(scene.interfaces):
         decisive = type(contact if contact.obstacle is None else contact.obstacle)
         kind = next((KINDS[base] for base in decisive.__mro__ if base in KINDS), None)
         if kind is NodePairs and index in scene.pairing.nonmatching:
@@ -51,15 +53,18 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
 
 
 def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
-    """The rows of all contacts of a scene, with the prolongation or one with the nodes of other ranks in them.
+    """The rows of all contacts and ties of a scene, with the prolongation or one with the nodes of other ranks in them.
 
     Collective on prolongation.comm.
 
     Raises:
         SceneError: a contact of an unknown type, or a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`.
     """
-    kinds = kinds_of(scene)
-    parts = [kind.columns(prolongation, enforcement) for kind in kinds]
+    kinds, contacts = kinds_of(scene), len(scene.contact)
+    parts = [kind.columns(prolongation, enforcement) for kind in kinds[:contacts]]
+    of = [*range(contacts), *np.repeat(np.arange(contacts, len(kinds)), 3)]
+    for kind in kinds[contacts:]:
+        parts += kind.tie_columns(prolongation, enforcement)
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
     if enforcement.node_stiffness is not None:
         columns["stiffness"] = np.full(len(columns["first"]), float(enforcement.node_stiffness))
@@ -68,6 +73,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
     counts = [len(part.first) for part in parts]
     keyed = _joined([part.entries for part in parts], counts)
     prolongation = prolongation.reaching(keyed.key)
+    contact = np.repeat(np.array(of, dtype=np.int32), counts)
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,
@@ -76,7 +82,8 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
         gap=np.zeros(len(normal)),
         node_area=columns["area"],
         modulus=moduli(scene, columns["bodies"]),
-        contact=np.repeat(np.arange(len(parts), dtype=np.int32), counts),
+        contact=contact,
+        equality=contact >= contacts,
         symmetry=scene.symmetry,
         **columns,
     )
@@ -87,7 +94,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return _with_clearance(rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness))
+    return _with_clearance(rows if contacts < 2 else _sharing(rows, across, enforcement.node_stiffness))
 
 
 #: Columns of `RowColumns` that are joined as they are.
@@ -117,19 +124,22 @@ def _at_conforming(entries: KeyedEntries, prolongation: Prolongation) -> Entries
 
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
     """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth."""
-    prolongation = rows.prolongation
+    prolongation, ours = rows.prolongation, ~rows.equality
     sums = prolongation.zeros(5)
-    np.add.at(sums, rows.first, np.column_stack([rows.stiffness, rows.area, across]))
+    np.add.at(sums, rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
     stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
-    normal = np.where(smooth[:, None], mean, rows.normal)
+    normal = np.where((smooth & ours)[:, None], mean, rows.normal)
+    area, stiffness = np.where(ours, area, rows.area), np.where(ours, stiffness, rows.stiffness)
     stiffness = stiffness if node_stiffness is None else node_stiffness
     return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal)
 
 
 def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
     """Rows whose gaps, and vectors between the sides, have the clearance of their contacts."""
-    clearance = np.array([float(kind.contact.clearance) for kind in rows.kinds])[rows.contact]
+    clearance = np.zeros(len(rows))
+    for kind in rows.kinds:
+        clearance[rows.contact == kind.index] = float(kind.contact.clearance)
     apart = rows.apart + clearance[:, None] * rows.normal
     return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

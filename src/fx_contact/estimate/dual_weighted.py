@@ -165,23 +165,23 @@ class Goals:
         return goal
 
     def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray) -> Goal:
-        """The error by y = z - w, (owned, 3), and the contact forces (n,) of z."""
+        """The error by y = z - w, (owned, 3), and the forces of z in all rows, the n of contact first."""
         elasticity, pairs = self._state.elasticity, self._state.rows
         z = y if functional.prescribed is None else y + functional.prescribed
         dual = self._estimator.error(elasticity.field(z), loaded=False)
         error = _of_families(elasticity, self._estimator.products(self._error, dual))
-        pressure = force if pairs is None else force / pairs.area
+        pressure = np.zeros(0) if pairs is None else force[: len(pairs)] / pairs.area
         if pairs is not None:
             error = error + self.between.on_cells(pressure)
         total = self._comm.allreduce(float(error.sum()))
         return Goal(functional.value, error, total, dual.estimate, z, pressure)
 
     def _data(self, functional: Functional) -> tuple[FloatArray, FloatArray]:
-        """The load (owned, 3) and the jump (n,) of the problem of y = z - w.
+        """The load (owned, 3) and the jump, in rows of contact and of ties, of the problem of y = z - w.
 
         K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
         """
-        elasticity, pairs = self._state.elasticity, self._state.rows
+        elasticity, pairs, ties = self._state.elasticity, self._state.rows, self._state.ties
         shape = self._state.solution.displacement.shape
         load = np.zeros(shape) if functional.load is None else functional.load
         penetration, w = functional.penetration, functional.prescribed
@@ -190,6 +190,9 @@ class Goals:
         if w is not None:
             load = load - elasticity.internal_forces(elasticity.field(w))
             penetration = penetration if pairs is None else penetration - pairs.jump(w)
+        if ties is not None:
+            of_ties = np.zeros(len(ties)) if w is None else -ties.jump(w)
+            penetration = np.concatenate([penetration, of_ties])
         return load, penetration
 
 

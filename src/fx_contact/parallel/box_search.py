@@ -1,4 +1,4 @@
-"""Pairs of overlapping boxes of all ranks, by rendezvous in spatial bins.
+"""Pairs of intersecting boxes of all ranks, by rendezvous in spatial bins.
 
 A box of size s is in the bins of edge 2^-k S >= s that it touches, eight at most, with the largest size S and the
 largest k.  It visits the bins of larger edges, which others are in.  Bins have homes by a hash of their place.
@@ -42,7 +42,7 @@ class Boxes:
 def meeting_boxes(
     comm: MPI.Intracomm, queries: Boxes, boxes: Boxes, names: Int64Array
 ) -> tuple[Int64Array, Int64Array]:
-    """All pairs of a query of this rank and a box of any rank that overlap or touch, each once.
+    """All pairs of a query of this rank and a box of any rank that intersect or touch, each once.
 
     Collective on comm.
 
@@ -94,7 +94,7 @@ class _Rows:
 
 
 def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> tuple[Int64Array, Int64Array]:
-    """Names of hosts and of guests that overlap, in bins of the edges of the hosts: larger, or the same if `same`."""
+    """Names of hosts and of guests that intersect, in bins of the edges of the hosts: larger, or the same if `same`."""
     used = np.zeros(_SIZES, dtype=bool)
     used[hosts.exponent] = True
     comm.Allreduce(MPI.IN_PLACE, used, op=MPI.LOR)

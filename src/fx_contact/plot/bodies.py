@@ -25,7 +25,7 @@ from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, v
 from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.results.contact_surface import face_interpolation, nodal_values
+from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -103,7 +103,7 @@ def _on_faces(
     if field == "pressure":
         nodal = nodal_values(step)[:, 3][step.elasticity.prolongation.space.on_faces(leaf, face)]
         on_contact = np.zeros((len(step.forest), 6))
-        on_contact[step.forest.contact_faces()] = 1  # other faces may have closed nodes at an edge
+        on_contact[contact_faces(step)] = 1  # other faces may have closed nodes at an edge
         values = on_contact[leaf, face, None] * (nodal @ _bilinear(degree).T)
     else:
         values = von_mises(step.nodal_stress[on_face]) @ finer.T

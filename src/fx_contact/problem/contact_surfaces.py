@@ -10,6 +10,7 @@ from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import root_faces
 from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 
 class ContactSurfaces:
@@ -27,7 +28,7 @@ class ContactSurfaces:
         self.nonmatching = {
             index: NonmatchingSurfaces(mesh, contact)
             for index, contact in enumerate(contacts)
-            if index in nonmatching and isinstance(contact, ContactPair)
+            if index in nonmatching and isinstance(contact, (ContactPair, Tie))
         }
         shape = len(mesh.cells), 6
         self.contact: Int32Array = np.full(shape, -1, dtype=np.int32)
@@ -43,8 +44,9 @@ class ContactSurfaces:
                         raise PairingError(
                             f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
                         )
+                    kinds = "contact pairs or ties" if isinstance(contact, Tie) else "contact pairs"
                     raise PairingError(
-                        f"{place} is in two contact pairs, {other.name!r} and {contact.name!r}; split the surface so "
+                        f"{place} is in two {kinds}, {other.name!r} and {contact.name!r}; split the surface so "
                         "that each facet is in one"
                     )
                 self.contact[cell, face], self.side[cell, face] = index, side

@@ -18,6 +18,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 Coordinate = TypeVar("Coordinate", bound=np.number[Any])
 
@@ -32,7 +33,7 @@ _OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the surfaces of each ContactPair, the same on all ranks.
+    """Facing facets of the surfaces of each ContactPair and Tie, the same on all ranks.
 
     Raises SceneError for an unknown surface, PairingError if surfaces that match face away from a given direction.
 
@@ -51,7 +52,7 @@ class Pairing:
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
         self.nonmatching: dict[int, str] = {}
         for index, pair in enumerate(contacts):
-            if not isinstance(pair, ContactPair) or pair.obstacle is not None:
+            if not isinstance(pair, (ContactPair, Tie)) or pair.obstacle is not None:
                 continue
             first, second = map(mesh.surface, pair.surfaces)
             try:
@@ -59,7 +60,8 @@ class Pairing:
             except _NoMatch as error:
                 self.nonmatching[index] = str(error)
                 continue
-            _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
+            if isinstance(pair, ContactPair):
+                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
@@ -143,7 +145,9 @@ class _NoMatch(Exception):
     """Two surfaces are not meshed alike; the message says why."""
 
 
-def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
+def _match(
+    mesh: RootMesh, pair: ContactPair | Tie, first: Int32Array, second: Int32Array
+) -> tuple[Int64Array, Int64Array]:
     """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises _NoMatch.
 
     Partners have the nearest centres, both ways, and coincident nodes, seen along the direction or the normal.
@@ -167,7 +171,8 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
         normal = mesh.outward_normals(first)
         difference -= np.einsum("nmi,ni,nj->nmj", difference, normal, normal)
     distance = np.linalg.norm(difference, axis=2).max(axis=1)
-    limit = (_OFFSET if direction is None else _MATCH) * size
+    # The rows of a tie have all components: they compare displacements at one place.
+    limit = (_OFFSET if direction is None and isinstance(pair, ContactPair) else _MATCH) * size
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
         place = mesh.facet_points(first[unmatched][:1]).mean(axis=(0, 1))

@@ -11,6 +11,7 @@ from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.root_facets import RootFacets
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.surface_projection import Projected, SurfaceProjection
+from fx_contact.problem.ties import Tie
 
 #: Samples along each side of a root facet: of what it faces.
 _SAMPLES = 4
@@ -28,7 +29,7 @@ class NonmatchingSurfaces:
     contact; no place that is farther behind than the largest root facet.
     """
 
-    def __init__(self, mesh: RootMesh, contact: ContactPair) -> None:
+    def __init__(self, mesh: RootMesh, contact: ContactPair | Tie) -> None:
         self.mesh, self.contact = mesh, contact
         self.first, self.second = (RootFacets(mesh, mesh.surface(name)) for name in contact.surfaces)
 
@@ -111,7 +112,7 @@ class NonmatchingSurfaces:
         return place.found, (self.first.facets[place.facet[place.found]], place.uv[place.found])
 
 
-def oriented(mesh: RootMesh, contact: ContactPair, moduli: FloatArray) -> ContactPair:
+def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> ContactPair | Tie:
     """The contact, or its reverse, with the surface first that has the rows: of the softer body, else the finer one.
 
     Raises PairingError if the surfaces do not face each other.

@@ -30,7 +30,8 @@ from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.nonmatching import oriented
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
-from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_units
+from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,13 +49,14 @@ class Scene:
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
             planes; None: the centroid of the contact forces.
         body_forces: those on one body add up.
+        ties: glued surfaces; a facet is in at most one contact or tie.
 
     Raises:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
             name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large; a
-            force that pulls an obstacle away, or across a symmetry plane.
+            force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Scene:
     symmetry: int = 1
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
+    ties: tuple[Tie, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -91,9 +94,10 @@ class Scene:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
         check_obstacles(self)
+        check_ties(self)
         check_constrained(self)
         _ = self.mirrors  # raises an error for an impossible number of parts
-        names = [contact.name for contact in self.contact]
+        names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:
                 raise SceneError(f"two contacts have the name {name!r}: rename a surface")
@@ -104,6 +108,7 @@ class Scene:
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
             "contact": [self._described(index) for index in range(len(self.contact))],
+            "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
@@ -112,7 +117,7 @@ class Scene:
 
     def _described(self, index: int) -> str:
         """A contact for `repr`, with the surface that has the rows where meshes do not match."""
-        label, reason = self.contact[index].label, self.pairing.nonmatching.get(index)
+        label, reason = self.interfaces[index].label, self.pairing.nonmatching.get(index)
         if reason is None:
             return label
         return f"{label} (meshes do not match: {reason}; rows on {self.oriented[index].surfaces[0]!r})"
@@ -132,28 +137,33 @@ class Scene:
         """Symmetry group of the scene."""
         return mirrors_of(self)
 
+    @property
+    def interfaces(self) -> tuple[Contact, ...]:
+        """`contact`, then `ties`: both have surfaces, rows and an index among all."""
+        return (*self.contact, *self.ties)
+
     @cached_property
     def oriented(self) -> tuple[Contact, ...]:
-        """`contact` with the surface first that has the rows, the program's choice where meshes do not match."""
+        """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
         moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
         return tuple(
             (
                 oriented(self.mesh, pair, moduli)
-                if index in self.pairing.nonmatching and isinstance(pair, ContactPair)
+                if index in self.pairing.nonmatching and isinstance(pair, (ContactPair, Tie))
                 else pair
             )
-            for index, pair in enumerate(self.contact)
+            for index, pair in enumerate(self.interfaces)
         )
 
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
-        """Root facets on contact surfaces."""
+        """Root facets on contact and tied surfaces."""
         return ContactSurfaces(self.mesh, self.oriented, self.pairing.nonmatching)
 
     @cached_property
     def pairing(self) -> Pairing:
         """Root facets that face each other."""
-        return Pairing(self.mesh, self.contact)
+        return Pairing(self.mesh, self.interfaces)
 
     @cached_property
     def rigid_motions(self) -> RigidMotions:
@@ -186,6 +196,8 @@ class Scene:
         pairs = zip(self.contact, distances, strict=True)
         moved = tuple(c.approached(t) if isinstance(c, ContactPair) and t is not None else c for c, t in pairs)
         object.__setattr__(other, "contact", moved)
+        kept = (new if new.obstacle is not None else old for new, old in zip(moved, self.oriented))
+        vars(other)["oriented"] = (*kept, *self.oriented[len(moved) :])
         return other
 
     def samples(self, name: str) -> FloatArray:
@@ -237,6 +249,7 @@ _ITEMS = {
     "contact": (Contact,),
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
+    "ties": (Tie,),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5
