@@ -38,6 +38,10 @@ RowsAt: TypeAlias = Callable[[Sequence[float | None]], ConstraintRows]
 _NEAR = 0.1
 #: Most solves of the contact problem.
 _MOST = 60
+#: In thin bodies the contact force is less accurate than the linear solver's bound: 3e-6 in plates of 1:50 and 1:200,
+#: 2e-4 with factors of thin rubber (`Solver.tolerance`).  An excess up to this part of the force is accepted if so many
+#: solves in turn have not halved it.
+_ROUNDED, _STALLED = 2e-4, 3
 #: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
 _TOUCHING, _STEPS = 0.01, 30
 #: Bisections for the expected indentation, a first guess.
@@ -78,10 +82,16 @@ def settle(
     t, force, solver = _distances(problem.scene, rows), _forces(rows), loose
     step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
     size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
+    least, stalled = np.inf, 0
     for _ in range(_MOST):
         u, trial = loop(system, status, u, solver)
         error, closed = system.solver.energy_error, status.active & jump.movable
         excess = _sum(rows, rows.rates @ np.where(closed, trial, 0.0)) - force
+        off = float((np.abs(excess) / force).max())
+        if solver is options:
+            least, stalled = (off, 0) if off < least / 2 else (least, stalled + 1)
+        if stalled >= _STALLED and off <= _ROUNDED:
+            return Settled(jump, u, trial, error)
         if excess @ step > before:
             step, before = step / 2, before / 2
             t, u = t - step, u + np.tensordot(step, z, axes=1)
@@ -104,7 +114,7 @@ def settle(
         status.exchange_rows(rows)
     raise SolveError(
         f"a rigid obstacle does not settle: after {_MOST} solves the contact force differs from the force on it by "
-        f"{percent(float((np.abs(excess) / force).max()))}; does the surface resist it there, and is the force in the "
+        f"{percent(off)}; does the surface resist it there, and is the force in the "
         "units of moduli and lengths?"
     )
 
