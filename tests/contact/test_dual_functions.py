@@ -70,14 +70,11 @@ def test_planes_meshed_apart(degree, turn, tilt, cells, random):
     linear = [side.positions @ LINEAR.T + [0.1, 0.2, 0.3] for side in (first, second)]
     assert np.abs(mortar.M @ linear[1] - area[:, None] * linear[0])[on].max() < 1e-13
     assert np.abs(mortar.M @ np.ones(second.count) / np.where(on, area, 1) - on).max() < 1e-12
-    # Normals, the position and the gap, which is zero.
+    # Normals and the gap, which is zero.
     normal = rotation((1, 2, 0.5), tilt) @ [0, 0, 1.0]
     for sign, normals in ((-1, mortar.integrals.first_normal), (1, mortar.integrals.second_normal)):
         assert np.abs(first.sums(normals) - sign * area[:, None] * normal).max() < 1e-14
     assert np.abs(first.sums(mortar.integrals.apart)).max() < 1e-14
-    if not first.hanging.any():
-        position = first.sums(mortar.integrals.position)[on] / area[on, None]
-        assert np.abs(position - first.positions[on]).max() < 1e-12
 
 
 @pytest.mark.parametrize("degree", [1, 2])

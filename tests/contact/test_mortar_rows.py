@@ -20,13 +20,10 @@ from fx_contact import (
     SymmetryPlane,
     adapt,
 )
-from fx_contact.contact import mortar_rows, row_kinds
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.facing_facets import FacingFacets
 from fx_contact.problem import block, cylinder, ring, root_mesh_from_shapes
-from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.scenes import hertz
 
 SIDES = ("left", "front", "right", "back", "bottom", "top")
@@ -130,29 +127,27 @@ class TestPatch:
         assert largest(step.contact.pressure / 0.01 - 1) < 1e-6
 
 
-class Mortar(mortar_rows.MortarRows):
-    """Mortar rows on surfaces that match."""
-
-    @property
-    def _surfaces(self):
-        return NonmatchingSurfaces(self.scene.mesh, self.contact)
-
-    def _facing(self, forest):
-        return FacingFacets.of(forest, self._surfaces)
+def taken_for_nonmatching(scene):
+    """The scene with mortar rows on surfaces that match."""
+    scene.pairing.nonmatching[0] = "for a test"
+    for known in ("nonmatching", "contact_surfaces"):
+        vars(scene).pop(known, None)
+    return scene
 
 
 class TestMatching:
     """On surfaces meshed alike mortar rows are the node pairs."""
 
     @pytest.mark.parametrize("degree", [1, 2])
-    def test_rows(self, degree, monkeypatch):
+    def test_rows(self, degree):
         """Entries, gaps, areas and normals, on surfaces of the degree of the displacement with hanging nodes."""
         scene = hertz(coarse=2, order=degree, comm=WORLD)
         forest = grown(Beginning.uniform(scene, 1, WORLD).forest, 1, share=0.2, salt=3)
         prolongation = Prolongation(Space(forest, degree))
         pairs = create_rows(scene, prolongation, Enforcement())
-        monkeypatch.setitem(row_kinds.KINDS, ContactPair, Mortar)
-        rows = create_rows(scene, prolongation, Enforcement())
+        twin = taken_for_nonmatching(hertz(coarse=2, order=degree, comm=WORLD))
+        prolongation = Prolongation(Space(replace(forest, contact_surfaces=twin.contact_surfaces), degree))
+        rows = create_rows(twin, prolongation, Enforcement())
         size = np.abs(scene.mesh.points).max()
         # Areas of curved facets are those of two rules of integration.
         for name, off in (("gap", 1e-12 * size), ("normal", 1e-12), ("area", 1e-4 * largest(pairs.area))):
@@ -165,14 +160,10 @@ class TestMatching:
         one, other = (dict(zip(gathered(WORLD, r.node_keys), gathered(WORLD, r.jump(u)))) for r in (pairs, rows))
         assert max(abs(one[key] - other[key]) for key in one) < 1e-10
 
-    def test_run(self, monkeypatch):
+    def test_run(self):
         """The whole run has the same leaves and force."""
-        records = []
-        for kind in (None, Mortar):
-            if kind is not None:
-                monkeypatch.setitem(row_kinds.KINDS, ContactPair, kind)
-            records.append([step.record for step in adapt(hertz(coarse=2, order=2, comm=WORLD), 0.1, WORLD)])
-        pairs, mortar = records
+        scenes = hertz(coarse=2, order=2, comm=WORLD), taken_for_nonmatching(hertz(coarse=2, order=2, comm=WORLD))
+        pairs, mortar = ([step.record for step in adapt(scene, 0.1, WORLD)] for scene in scenes)
         assert [r.cells for r in pairs] == [r.cells for r in mortar]
         assert [r.force for r in mortar] == pytest.approx([r.force for r in pairs], rel=1e-7)
 

@@ -55,8 +55,8 @@ class SegmentIntegrals:
         pairs: (k, 2), numbers of the first and the second facet.
         coupling: (k, (p+1)^2, (p+1)^2), int N N2 of each pair [m^2].
         mass: (n, (p+1)^2, (p+1)^2), int N N of each first facet [m^2].
-        moments: (n, (p+1)^2, 13), int N times 1 [m^2], the position [m^3], the vector to the second surface [m^3], and
-            the unit normals of both surfaces out of their bodies [m^2].
+        moments: (n, (p+1)^2, 10), int N times 1 [m^2], the vector to the second surface [m^3], and the unit normals of
+            both surfaces out of their bodies [m^2].
     """
 
     pairs: Int64Array
@@ -77,11 +77,11 @@ class SegmentIntegrals:
         """Integrals on first facets (n,) over second ones (m,) by pairs (k, 2); as `create_segments`.  Local."""
         nodes = (degree + 1) ** 2
         coupling = np.zeros((len(pairs), nodes * nodes))
-        mass, moments = np.zeros((len(first), nodes * nodes)), np.zeros((len(first), nodes * 13))
+        mass, moments = np.zeros((len(first), nodes * nodes)), np.zeros((len(first), nodes * 10))
         for part in create_segments(first[pairs[:, 0]], second[pairs[:, 1]], degree, depth, direction):
             one, two = face_functions(degree, part.first), face_functions(degree, part.second)
             ones = np.ones((len(one), 1))
-            data = np.hstack([ones, part.position, part.apart, part.first_normal, part.second_normal])
+            data = np.hstack([ones, part.apart, part.first_normal, part.second_normal])
             weighted = part.weight[:, None] * one
             facets, facet = np.unique(pairs[part.pair, 0], return_inverse=True)
             mass[facets] += _sums(facet, len(facets), weighted, one)
@@ -89,7 +89,7 @@ class SegmentIntegrals:
             some, pair = np.unique(part.pair, return_inverse=True)
             coupling[some] = _sums(pair, len(some), weighted, two)
         shape = (-1, nodes, nodes)
-        return cls(pairs, coupling.reshape(shape), mass.reshape(shape), moments.reshape(-1, nodes, 13))
+        return cls(pairs, coupling.reshape(shape), mass.reshape(shape), moments.reshape(-1, nodes, 10))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,6 @@ class MultiplierIntegrals:
         second: (k, (p+1)^2, (p+1)^2), int psi N2 of each pair, with the functions of the second leaf facet [m^2].
         first: (n, (p+1)^2, (p+1)^2), int psi N~ of each first facet [m^2].
         area: (n, (p+1)^2), int psi [m^2].
-        position: (n, (p+1)^2, 3), int psi times the position on the first surface [m^3].
         apart: (n, (p+1)^2, 3), int psi times the vector from the first surface to the second [m^3].
         first_normal, second_normal: (n, (p+1)^2, 3), int psi times the unit normals out of the bodies [m^2].
     """
@@ -110,7 +109,6 @@ class MultiplierIntegrals:
     second: FloatArray
     first: FloatArray
     area: FloatArray
-    position: FloatArray
     apart: FloatArray
     first_normal: FloatArray
     second_normal: FloatArray
@@ -191,7 +189,7 @@ class DualFunctions:
             functions[segments.pairs[:, 0]] @ segments.coupling,
             functions @ segments.mass @ self._tables,
             moments[:, :, 0],
-            *(moments[:, :, start : start + 3] for start in (1, 4, 7, 10)),
+            *(moments[:, :, start : start + 3] for start in (1, 4, 7)),
         )
 
 

@@ -7,6 +7,7 @@ the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J.
 B. Wohlmuth, CMAME 194, 2005.
 """
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,15 +19,13 @@ from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.fem.dirichlet import held_nodes
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.forest.facing_facets import FacingFacets
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import ObliquePlane
 from fx_contact.problem.lattice import leaf_side
 from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.scene import Scene
 
 #: Weights below this part of the largest of a row are rounding.
@@ -38,13 +37,13 @@ class _Multipliers(NamedTuple):
 
     Attributes:
         keys: (m, (p+1)^2), of the nodes of second facets.
-        bodies: (n, 2), of each first facet and one that it faces.
+        bodies: (n,) and (m,), of first and second facets.
         nodes: (n, (p+1)^2), conforming nodes of first facets, positions in the index map.
         kept: (owned + ghosts,), nodes with a row.
     """
 
     keys: Int64Array
-    bodies: IntArray
+    bodies: tuple[IntArray, IntArray]
     nodes: Int64Array
     dual: DualFunctions
     kept: BoolArray
@@ -57,12 +56,9 @@ class MortarRows(RowKind):
     INTEGRATED = True
     FOLLOWED = 4.0  # 12 to 28 iterations of the Gram system instead of 31 to 42 (`studies/nonmatching`)
 
-    @property
-    def _surfaces(self) -> NonmatchingSurfaces:
-        return self.scene.contact_surfaces.nonmatching[self.index]
-
-    def _facing(self, forest: Forest) -> FacingFacets:
-        return forest.facing[self.index]
+    def __init__(self, scene: Scene, index: int) -> None:
+        super().__init__(scene, index)
+        self._surfaces = scene.nonmatching[index]
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`.  Collective."""
@@ -78,14 +74,15 @@ class MortarRows(RowKind):
     def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
         """Of all covered nodes.  Collective."""
         space, forest = prolongation.space, prolongation.space.forest
-        facing = self._facing(forest)
+        facing = forest.facing[self.index]
         first, second, pairs = facing.first, facing.second, facing.pairs
         depth, direction = self._surfaces.depth, self.contact.unit_direction
         segments = SegmentIntegrals.of(first, second, pairs, space.degree, depth, direction)
         tables, nodes = _conforming(prolongation, space.on_faces(facing.leaf, facing.face))
         dual = DualFunctions(first, space.degree, tables, segments)
         keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
-        return _Multipliers(keys, self._bodies(first, second, pairs), nodes, dual, _kept(prolongation, dual, nodes))
+        bodies = self.scene.mesh.body[first.cell], self.scene.mesh.body[second.cell]
+        return _Multipliers(keys, bodies, nodes, dual, _kept(prolongation, dual, nodes))
 
     def _columns(
         self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
@@ -95,25 +92,28 @@ class MortarRows(RowKind):
         integrals = dual.integrals(kept[nodes])
         stiffness, some = np.zeros_like(integrals.area), integrals.area.any(axis=1)
         area = np.maximum(integrals.area[some], 0.0)
-        stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, bodies[some]), area)
+        one, two = integrals.pairs[integrals.second.any(axis=(1, 2))].T
+        facing = np.stack([bodies[0], _least(one, bodies[1][two], len(nodes))], axis=1)
+        stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, facing[some]), area)
         across = integrals.first_normal - integrals.second_normal
         shares = np.concatenate([integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2)
         sums = prolongation.zeros(8)
         np.add.at(sums, nodes, shares)
         sums = prolongation.summed(sums)
-        body = np.full((len(prolongation.zeros(0)), 2), -1, dtype=np.int32)
-        body[nodes] = bodies[:, None]
         ours = np.flatnonzero(kept[: prolongation.owned])
-        entries = _entries(prolongation, integrals, nodes, keys)
+        row = np.full(prolongation.owned, -1)
+        row[ours] = np.arange(len(ours))
+        parts = _entries(prolongation, integrals, nodes, keys, bodies)
+        parts = replace(parts, row=row[parts.row])
         return RowColumns(
             first=ours,
-            entries=_by_row(*entries, ours, sums[ours, 0], prolongation.owned),
+            entries=_by_row(parts, sums[ours, 0]),
             across=sums[ours, 2:5],
             apart=sums[ours, 5:] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
             position=prolongation.injected(prolongation.space.positions())[ours],
-            bodies=body[ours],
+            bodies=_least(2 * parts.row + parts.side, parts.body, 2 * len(ours)).reshape(-1, 2),
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -132,14 +132,6 @@ class MortarRows(RowKind):
         distance = self._surfaces.faced(position, along).distance
         far = 2 * np.linalg.norm(np.ptp(self.scene.mesh.points, axis=0))
         return np.asarray(np.where(np.isnan(distance), far, distance)[:, None] * along)
-
-    def _bodies(self, first: LeafFacets, second: LeafFacets, pairs: Int64Array) -> IntArray:
-        """Bodies (n, 2) of first facets and of a facet that each faces."""
-        body = self.scene.mesh.body
-        other = self._surfaces.second.facets[0, 0]
-        result = np.stack([body[first.cell], np.full(len(first), body[other])], axis=1)
-        result[pairs[:, 0], 1] = body[second.cell[pairs[:, 1]]]
-        return result
 
 
 def _node_points(anchor: IntArray, level: IntArray, face: IntArray, degree: int) -> IntArray:
@@ -206,43 +198,58 @@ def _not_held(scene: Scene, prolongation: Prolongation, index: int, multipliers:
     return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
 
 
+@dataclass(frozen=True, eq=False)
+class _Parts(KeyedEntries):
+    """Integrals of psi_j N over facets, on the owners of the rows: `row` is the owned node, `weight` in [m^2].
+
+    Attributes:
+        body: (b,), of the facet with the function N.
+    """
+
+    body: IntArray
+
+
 def _entries(
-    prolongation: Prolongation, integrals: MultiplierIntegrals, nodes: Int64Array, keys: Int64Array
-) -> tuple[Int64Array, Int64Array, Int64Array, FloatArray]:
-    """On the owners of the rows: owned node, key and side of the column, and int psi_j N of facets.  Collective."""
+    prolongation: Prolongation,
+    integrals: MultiplierIntegrals,
+    nodes: Int64Array,
+    keys: Int64Array,
+    bodies: tuple[IntArray, IntArray],
+) -> _Parts:
+    """Those of first facets, and of second ones with the sign of the second side.  Collective."""
     comm, imap = prolongation.comm, prolongation.index_map
-    k = nodes.shape[1]
-    of_first = np.repeat(nodes[:, :, None], k, axis=2), np.repeat(prolongation.keys[nodes][:, None], k, axis=1)
-    one, two = integrals.pairs.T
-    of_second = np.repeat(nodes[one][:, :, None], k, axis=2), np.repeat(keys[two][:, None], k, axis=1)
-    row, key = (np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(of_first, of_second))
-    value = np.concatenate([integrals.first.ravel(), -integrals.second.ravel()])
-    side = np.repeat([0, 1], [integrals.first.size, integrals.second.size])
+    (one, two), first, second = integrals.pairs.T, integrals.first, -integrals.second
+    row = np.concatenate([_on(nodes[:, :, None], first), _on(nodes[one][:, :, None], second)])
+    key = np.concatenate([_on(prolongation.keys[nodes][:, None], first), _on(keys[two][:, None], second)])
+    body = np.concatenate([_on(bodies[0][:, None, None], first), _on(bodies[1][two][:, None, None], second)])
+    value, side = np.concatenate([first.ravel(), second.ravel()]), np.repeat([0, 1], [first.size, second.size])
     some = np.flatnonzero(value)
-    row, key, value, side = row[some], key[some], value[some], side[some]
+    row = row[some]
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])[row]
-    number = imap.local_to_global(row.astype(np.int32))
     exchange = Exchange(comm, owner)
-    number, key, side, value = (exchange.forward(column) for column in (number, key, side, value))
-    return number - imap.local_range[0], key, side, value
+    owned = exchange.forward(imap.local_to_global(row.astype(np.int32))) - imap.local_range[0]
+    key, side, body = (exchange.forward(column[some]) for column in (key, side, body))
+    return _Parts(owned, key, side, exchange.forward(value[some]), body)
 
 
-def _by_row(
-    node: Int64Array,
-    key: Int64Array,
-    side: Int64Array,
-    value: FloatArray,
-    rows: Int64Array,
-    area: FloatArray,
-    owned: int,
-) -> KeyedEntries:
-    """Sums over facets of what belongs to each owned node (n,) with a row, over the area (n,)."""
-    row = np.full(owned, -1)
-    row[rows] = np.arange(len(rows))
-    keys, column = np.unique(key, return_inverse=True)
-    shape = len(rows), 2 * len(keys)
-    sums = coo_matrix((value / area[row[node]], (row[node], 2 * column.ravel() + side)), shape=shape).tocsr().tocoo()
+def _on(names: IntArray, values: FloatArray) -> Int64Array:
+    """Names for each of the values (k, i, j), broadcast."""
+    return np.broadcast_to(names, values.shape).ravel().astype(np.int64)
+
+
+def _by_row(parts: _Parts, area: FloatArray) -> KeyedEntries:
+    """Sums over facets of the parts of rows, over the area of each row (n,)."""
+    keys, column = np.unique(parts.key, return_inverse=True)
+    places = parts.row, 2 * column.ravel() + parts.side
+    sums = coo_matrix((parts.weight / area[parts.row], places), shape=(len(area), 2 * len(keys))).tocsr().tocoo()
     large = np.abs(sums.data) > _ROUNDING
     order = np.lexsort((sums.col[large], sums.row[large]))
     column, side = np.divmod(sums.col[large][order].astype(np.int64), 2)
     return KeyedEntries(sums.row[large][order].astype(np.int64), keys[column], side, sums.data[large][order])
+
+
+def _least(group: IntArray, values: IntArray, count: int) -> Int32Array:
+    """Least of the values (m,) in each group; 0 of none."""
+    result = np.full(count, np.iinfo(np.int32).max, dtype=np.int32)
+    np.minimum.at(result, group, values)
+    return np.where(result == np.iinfo(np.int32).max, 0, result)

@@ -47,11 +47,15 @@ class ObstacleRows(RowKind):
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors to the closest points of the obstacle.  Local.  Raises SceneError as `columns`."""
         here = forest.evaluate(forest.cell[leaf], points)
-        return self.apart_from(here.reshape(-1, 3), np.zeros(0)).reshape(here.shape)
+        return self._vectors(here.reshape(-1, 3)).reshape(here.shape)
 
     def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray:
-        """As `RowKind.apart_from`.  Local.  Raises SceneError as `columns`."""
-        distance, normal = self._distances(position)
+        """As `RowKind.apart_from`, whatever the normals.  Local.  Raises SceneError as `columns`."""
+        return self._vectors(position)
+
+    def _vectors(self, points: FloatArray) -> FloatArray:
+        """From points (n, 3) to the closest points of the obstacle: (n, 3) [m]."""
+        distance, normal = self._distances(points)
         return distance[:, None] * normal
 
     def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

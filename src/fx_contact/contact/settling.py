@@ -28,6 +28,7 @@ from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.validation import percent
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.surface_projection import LEAST_COSINE
 
 #: A contact loop: displacement (owned, 3) [m] and trial forces (n,) [N] from a first guess.
 Loop: TypeAlias = Callable[[ContactSystem, ActiveSet, FloatArray, Solver], tuple[FloatArray, FloatArray]]
@@ -168,10 +169,11 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
 
-    That of a flat punch as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    Rows that the obstacle passes along do not count.  The indentation is that of a flat punch as large as the area A
+    that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
-    ours = [np.flatnonzero(rate > 0) for rate in rows.rates]
+    ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rows.rates]
     ahead = [gap[some] / rows.rates[one, some] for one, some in enumerate(ours)]
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
@@ -226,7 +228,7 @@ def approaches(scene: Scene, rows: ConstraintRows | None) -> list[float | None] 
 
 def _listed(rows: ConstraintRows, t: FloatArray) -> list[float | None]:
     """Distances (k,) as a list with an entry for each contact."""
-    result: list[float | None] = [None] * len(rows.kinds)
+    result: list[float | None] = [None] * len(rows.part(ties=False).kinds)
     for index, distance in zip(rows.pressed, t):
         result[index] = float(distance)
     return result

@@ -131,9 +131,10 @@ class Goals:
     @cached_property
     def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """z_w (k, owned, 3), m_w and w, both (k, n), of obstacles that settle.  Collective at the first call."""
-        rows, system = self._state.rows, self._system
-        assert rows is not None and isinstance(system, ContactSystem)
-        closed = self._state.solution.active & system.movable
+        solution, system = self._state.solution, self._system
+        assert solution.rows is not None and isinstance(system, ContactSystem)
+        rows, closed = solution.rows, solution.rows.equality & system.movable
+        closed[: len(solution.active)] |= solution.active & system.movable[: len(solution.active)]
         guess = np.zeros((len(rows.pressed), *self._state.solution.displacement.shape))
         with self._stages("solve"):
             return *sensitivities(system, rows, closed, _TIGHT, guess), np.where(closed, rows.rates, 0.0)

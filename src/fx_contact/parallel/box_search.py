@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import hashed
 
@@ -99,9 +99,9 @@ def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> t
     used[hosts.exponent] = True
     comm.Allreduce(MPI.IN_PLACE, used, op=MPI.LOR)
     exponents = np.flatnonzero(used)
-    there = _where(exponents <= guests.exponent[:, None] - (not same))
+    row, column = np.nonzero(exponents <= guests.exponent[:, None] - (not same))
     here, host = hosts.sent(comm, *hosts.bins(np.arange(len(hosts.boxes)), hosts.exponent))
-    place, guest = guests.sent(comm, *guests.bins(there[0], exponents[there[1]]))
+    place, guest = guests.sent(comm, *guests.bins(row, exponents[column]))
     key = _key(here)
     order, asked = np.argsort(key, kind="stable"), _key(place)
     key = key[order]
@@ -114,12 +114,6 @@ def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> t
     meet &= np.floor(low / edge) == place[two, 1:]
     found = meet.all(axis=1) & (here[one, 0] == place[two, 0])
     return host.names[one[found]], guest.names[two[found]]
-
-
-def _where(mask: BoolArray) -> tuple[Int64Array, Int64Array]:
-    """Row and column of each true entry."""
-    row, column = np.nonzero(mask)
-    return row, column
 
 
 def _key(place: Int64Array) -> Int64Array:

@@ -59,8 +59,8 @@ class ContactPair(Contact):
     """A surface that may touch another one, or a rigid obstacle.
 
     Where each facet of the first surface faces one of the second (`Pairing`), rows are of pairs of nodes.  Other
-    meshes have mortar rows on the finer surface, in whichever order the surfaces are given.  Contact forces are normal
-    to the surfaces, or to the obstacle.
+    meshes have mortar rows on the surface of the softer body, of alike ones the finer surface, in whichever order they
+    are given.  Contact forces are normal to the surfaces, or to the obstacle.
 
     Raises SceneError for a surface with itself, an invalid direction, vector or number, a force that is zero or beside
     a `direction`, or `moved` or `force` without an obstacle.

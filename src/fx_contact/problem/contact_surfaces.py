@@ -1,12 +1,12 @@
 """Root facets of the contact surfaces: index of the contact, and side.  All is local."""
 
-from collections.abc import Container, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fx_contact.parallel.arrays import Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.errors import PairingError
-from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.contact import Contact
 from fx_contact.problem.lattice import root_faces
 from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.root_mesh import RootMesh
@@ -24,12 +24,10 @@ class ContactSurfaces:
         nonmatching: surfaces whose meshes do not match, by the index of the contact.
     """
 
-    def __init__(self, mesh: RootMesh, contacts: Sequence[Contact], nonmatching: Container[int] = ()) -> None:
-        self.nonmatching = {
-            index: NonmatchingSurfaces(mesh, contact)
-            for index, contact in enumerate(contacts)
-            if index in nonmatching and isinstance(contact, (ContactPair, Tie))
-        }
+    def __init__(
+        self, mesh: RootMesh, contacts: Sequence[Contact], nonmatching: Mapping[int, NonmatchingSurfaces] = {}
+    ) -> None:
+        self.nonmatching = nonmatching
         shape = len(mesh.cells), 6
         self.contact: Int32Array = np.full(shape, -1, dtype=np.int32)
         self.side: Int8Array = np.full(shape, -1, dtype=np.int8)
@@ -60,6 +58,15 @@ class ContactSurfaces:
         leaf, face = np.nonzero(root_faces(anchor, level) & (self.contact[cell] >= 0))
         return leaf, face
 
+    @property
+    def _faced(self) -> dict[int, tuple[tuple[str, ...], tuple[float, float, float] | None]]:
+        """First and second surfaces whose meshes do not match, and in which direction they face each other."""
+        return {i: (one.contact.surfaces, one.contact.direction) for i, one in self.nonmatching.items()}
+
     def same(self, other: "ContactSurfaces") -> bool:
         """True if both have the same facets, contacts and sides."""
-        return np.array_equal(self.contact, other.contact) and np.array_equal(self.side, other.side)
+        return (
+            self._faced == other._faced
+            and np.array_equal(self.contact, other.contact)
+            and np.array_equal(self.side, other.side)
+        )

@@ -1,6 +1,7 @@
 """Contact surfaces whose meshes do not match: their geometry, and the one that has the rows.  All is local."""
 
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -29,17 +30,24 @@ class NonmatchingSurfaces:
     contact; no place that is farther behind than the largest root facet.
     """
 
-    def __init__(self, mesh: RootMesh, contact: ContactPair | Tie) -> None:
-        self.mesh, self.contact = mesh, contact
-        self.first, self.second = (RootFacets(mesh, mesh.surface(name)) for name in contact.surfaces)
+    def __init__(
+        self,
+        mesh: RootMesh,
+        contact: ContactPair | Tie,
+        onto_first: SurfaceProjection,
+        onto_second: SurfaceProjection,
+    ) -> None:
+        self.mesh, self.contact, self._onto_first, self._onto_second = mesh, contact, onto_first, onto_second
+        self.first, self.second = onto_first.facets, onto_second.facets
 
-    @cached_property
-    def _onto_second(self) -> SurfaceProjection:
-        return SurfaceProjection(self.mesh, self.second.facets)
+    @classmethod
+    def of(cls, mesh: RootMesh, contact: ContactPair | Tie) -> Self:
+        """Those of a contact."""
+        return cls(mesh, contact, *(SurfaceProjection(mesh, mesh.surface(name)) for name in contact.surfaces))
 
-    @cached_property
-    def _onto_first(self) -> SurfaceProjection:
-        return SurfaceProjection(self.mesh, self.first.facets)
+    def reversed(self) -> "NonmatchingSurfaces":
+        """Those of the reversed contact."""
+        return NonmatchingSurfaces(self.mesh, self.contact.reversed(), self._onto_second, self._onto_first)
 
     @cached_property
     def depth(self) -> float:
@@ -112,24 +120,26 @@ class NonmatchingSurfaces:
         return place.found, (self.first.facets[place.facet[place.found]], place.uv[place.found])
 
 
-def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> ContactPair | Tie:
-    """The contact, or its reverse, with the surface first that has the rows: of the softer body, else the finer one.
+def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> NonmatchingSurfaces:
+    """Surfaces of the contact, or of its reverse: first the one with the rows, of the softer body, else the finer one.
 
     Raises PairingError if the surfaces do not face each other.
 
     Args:
         moduli: of the bodies (nbodies,) [Pa].
     """
-    ratios = NonmatchingSurfaces(mesh, contact).mean_ratios(moduli)
+    surfaces = NonmatchingSurfaces.of(mesh, contact)
+    ratios = surfaces.mean_ratios(moduli)
     if ratios is not None:
         size, modulus = ratios
         softer = modulus < 1 / _ALIKE
         finer = size <= 1 + _SAME and modulus <= _ALIKE
-        return contact if softer or finer else contact.reversed()
-    if NonmatchingSurfaces(mesh, contact.reversed()).mean_ratios(moduli):  # smaller than a sample's part of a facet
-        return contact.reversed()
-    along = "along their normals" if contact.direction is None else f"along the direction {tuple(contact.direction)}"
+        return surfaces if softer or finer else surfaces.reversed()
+    if surfaces.reversed().mean_ratios(moduli):  # smaller than a sample's part of a facet
+        return surfaces.reversed()
+    along, turn = "along their normals", ""
+    if contact.direction is not None:
+        along, turn = f"along the direction {tuple(contact.direction)}", ", or turn the direction round"
     raise PairingError(
-        f"contact pair ({contact.first!r}, {contact.second!r}): the surfaces do not face each other anywhere {along}: "
-        "check their names and places, exchange them or turn the direction round"
+        f"{contact.label}: the surfaces do not face each other anywhere {along}: check their names and places{turn}"
     )

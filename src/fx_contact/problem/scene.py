@@ -27,7 +27,7 @@ from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
-from fx_contact.problem.nonmatching import oriented
+from fx_contact.problem.nonmatching import NonmatchingSurfaces, oriented
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
@@ -143,22 +143,24 @@ class Scene:
         return (*self.contact, *self.ties)
 
     @cached_property
+    def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
+        """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
+        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
+        pairs = {index: self.interfaces[index] for index in self.pairing.nonmatching}
+        return {
+            i: oriented(self.mesh, pair, moduli) for i, pair in pairs.items() if isinstance(pair, (ContactPair, Tie))
+        }
+
+    @property
     def oriented(self) -> tuple[Contact, ...]:
         """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
-        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
-        return tuple(
-            (
-                oriented(self.mesh, pair, moduli)
-                if index in self.pairing.nonmatching and isinstance(pair, (ContactPair, Tie))
-                else pair
-            )
-            for index, pair in enumerate(self.interfaces)
-        )
+        chosen = {index: surfaces.contact for index, surfaces in self.nonmatching.items()}
+        return tuple(chosen.get(index, pair) for index, pair in enumerate(self.interfaces))
 
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
         """Root facets on contact and tied surfaces."""
-        return ContactSurfaces(self.mesh, self.oriented, self.pairing.nonmatching)
+        return ContactSurfaces(self.mesh, self.oriented, self.nonmatching)
 
     @cached_property
     def pairing(self) -> Pairing:
@@ -196,8 +198,6 @@ class Scene:
         pairs = zip(self.contact, distances, strict=True)
         moved = tuple(c.approached(t) if isinstance(c, ContactPair) and t is not None else c for c, t in pairs)
         object.__setattr__(other, "contact", moved)
-        kept = (new if new.obstacle is not None else old for new, old in zip(moved, self.oriented))
-        vars(other)["oriented"] = (*kept, *self.oriented[len(moved) :])
         return other
 
     def samples(self, name: str) -> FloatArray:
