@@ -102,7 +102,8 @@ class Projection:
         else:
             raise SolveError(
                 f"the projection onto closed contact has not converged in {self._ITERATIONS} iterations: rows of "
-                "contact are almost dependent; let the surface of the finer mesh be the first one"
+                "contact are almost dependent; surfaces in several contacts or ties that share an edge, or facets of very "
+                "different sizes, may be the reason"
             )
         return solution
 

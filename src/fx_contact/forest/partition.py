@@ -38,13 +38,16 @@ def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:
 
     Where meshes do not match, leaves of the second surface have the keys of the places that they face.
     """
-    cell, anchor = decode_leaf(forest.representatives if pairs else leaf_code(forest.cell, forest.anchor))
+    codes = forest.representatives if pairs else leaf_code(forest.cell, forest.anchor)
+    names, of_leaf = np.unique(codes, return_inverse=True)
+    cell, anchor = decode_leaf(names)
     for facets in forest.contact_surfaces.nonmatching.values() if pairs else ():
         leaf, face = forest.boundary_faces(facets.second.facets)
         second = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
         found, (place, uv) = facets.faced_by(second)
-        cell[leaf[found]], anchor[leaf[found]] = place[:, 0], anchors_on_faces(place[:, 1], uv)
-    return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)
+        units = of_leaf[leaf[found]]
+        cell[units], anchor[units] = place[:, 0], anchors_on_faces(place[:, 1], uv)
+    return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)[of_leaf]
 
 
 class Units:
