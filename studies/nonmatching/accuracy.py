@@ -1,6 +1,6 @@
 """Accuracy and cost on surfaces meshed apart, beside the same bodies meshed alike.
 
-    python3 -m studies.nonmatching.accuracy              # five minutes
+    python3 -m studies.nonmatching.accuracy              # six minutes
     mpirun -n 2 python3 -m studies.nonmatching.accuracy  # three minutes
 
 It leaves accuracy.csv in results/nonmatching.  Exact pressures: Lame's hollow spheres; HERTZ-A (`results.hertz_a`).
