@@ -6,17 +6,7 @@ from conftest import WORLD, everywhere
 from model_problems import leaves
 from mpi4py import MPI
 
-from fx_contact import (
-    ContactPair,
-    Dirichlet,
-    Displacement,
-    Material,
-    RigidSphere,
-    Scene,
-    SymmetryPlane,
-    Tie,
-    adapt,
-)
+from fx_contact import ContactPair, Dirichlet, Displacement, Material, RigidSphere, Scene, SymmetryPlane, Tie, adapt
 from fx_contact.problem import block, root_mesh_from_shapes
 
 FORCE = 1e-3
@@ -50,7 +40,9 @@ def scene():
 def test_forces(scene, degree):
     """Of the ball as prescribed, all in equilibrium, and on the tie; the same as on one rank."""
     goal = Displacement((0.0, 0.0, 1.5), (0, 0, 1), 0.1)
-    runs = [list(adapt(scene, 0.3, comm, degree=degree, max_steps=2, goals=(goal,))) for comm in (WORLD, MPI.COMM_SELF)]
+    runs = [
+        list(adapt(scene, 0.3, comm, degree=degree, max_steps=2, goals=(goal,))) for comm in (WORLD, MPI.COMM_SELF)
+    ]
     for here, alone in zip(*runs, strict=True):
         everywhere(np.array_equal(leaves(here.forest), leaves(alone.forest)), "other leaves")
         ball, wall = here.record.pair_forces

@@ -102,8 +102,8 @@ class Projection:
         else:
             raise SolveError(
                 f"the projection onto closed contact has not converged in {self._ITERATIONS} iterations: rows of "
-                "contact are almost dependent; surfaces in several contacts or ties that share an edge, or facets of very "
-                "different sizes, may be the reason"
+                "contact are almost dependent, as on surfaces of several contacts or ties that share an edge, or on "
+                "facets of very different sizes"
             )
         return solution
 

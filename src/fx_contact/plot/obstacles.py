@@ -27,7 +27,7 @@ _POINTS, _MARGIN = 80, 0.05
 
 
 def placed_obstacles(step: Step, factor: float) -> list[Shown]:
-    """The obstacles of a step, with their clearances; of those by functions the part that faces the contact surface.
+    """The obstacles of a step with clearances; of those by functions the part that faces the contact surface.
 
     Collective.  Where an obstacle has moved into the undeformed body, along its force or displacement, this part of its
     way is multiplied by the factor of the displacements: 0 for undeformed bodies, which it then touches.
@@ -45,7 +45,9 @@ def placed_obstacles(step: Step, factor: float) -> list[Shown]:
             continue
         points = face_points(step.forest, *kind.facets(step.forest))
         distance, towards = pair.distances(points.reshape(-1, 3))
-        result += on_first(step.forest.comm, points + ((distance + pair.clearance)[:, None] * towards).reshape(points.shape))
+        result += on_first(
+            step.forest.comm, points + ((distance + pair.clearance)[:, None] * towards).reshape(points.shape)
+        )
     return result
 
 
