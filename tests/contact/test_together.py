@@ -6,14 +6,26 @@ from conftest import WORLD, everywhere
 from model_problems import leaves
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Displacement, Material, RigidSphere, Scene, SymmetryPlane, Tie, adapt
+from fx_contact import (
+    Checkpoint,
+    ContactPair,
+    Dirichlet,
+    Displacement,
+    Material,
+    RigidSphere,
+    Scene,
+    SymmetryPlane,
+    Tie,
+    adapt,
+    solve,
+    sweep,
+)
 from fx_contact.problem import block, root_mesh_from_shapes
 
 FORCE = 1e-3
 
 
-@pytest.fixture(scope="module")
-def scene():
+def pressed(**ball):
     """A ball on a block that is tied onto another one and stands beside a wall, all meshed apart."""
     bodies = {
         "low": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1),
@@ -27,7 +39,7 @@ def scene():
         materials={"low": Material(1.0, 0.3), "high": Material(2.0, 0.45), "wall": Material(5.0, 0.2)},
         dirichlet=(*held, *(SymmetryPlane(f"{body} front") for body in bodies)),
         contact=(
-            ContactPair("high top", RigidSphere((0.7, 0.0, 3.0), 1.0), force=(0.0, 0.0, -FORCE)),
+            ContactPair("high top", RigidSphere((0.7, 0.0, 3.0), 1.0), **ball),
             ContactPair("high right", "wall left"),
         ),
         ties=(Tie("low top", "high bottom"),),
@@ -36,10 +48,10 @@ def scene():
 
 
 @pytest.mark.ranks(1, 2, 3)
-@pytest.mark.parametrize("degree", [1, 2])
-def test_forces(scene, degree):
+@pytest.mark.parametrize("degree, most", [(1, 2), (2, 1)])
+def test_forces(degree, most):
     """Of the ball as prescribed, all in equilibrium, and on the tie; the same as on one rank."""
-    goal = Displacement((0.0, 0.0, 1.5), (0, 0, 1), 0.1)
+    scene, goal = pressed(force=(0.0, 0.0, -FORCE)), Displacement((0.0, 0.0, 1.5), (0, 0, 1), 0.1)
     runs = [
         list(adapt(scene, 0.3, comm, degree=degree, max_steps=2, goals=(goal,))) for comm in (WORLD, MPI.COMM_SELF)
     ]
@@ -54,4 +66,28 @@ def test_forces(scene, degree):
         for one in here.resultants:
             if one.kind == "balance":
                 assert np.abs([*one.force, *one.moment]).max() < 1e-7 * FORCE
-        assert here.rows.modulus.min() > 0 and (here.rows.bodies[:, 0] == 1).all()
+        rows = here.rows
+        everywhere(np.isfinite(rows.modulus[:, 0]).all() and (rows.bodies[:, 0] == 1).all(), "bodies of the rows")
+
+
+@pytest.mark.ranks(2)
+def test_restart(folder):
+    """A run goes on from its checkpoint to the same leaves and forces."""
+    scene = pressed(moved=(0.0, 0.0, -0.02))
+    through = list(adapt(scene, 0.4, degree=1))
+    begun = list(adapt(scene, 0.4, degree=1, checkpoint=folder, max_steps=1))
+    assert len(begun) == 1 < len(through)
+    ended = list(adapt(scene, 0.4, degree=1, restart=Checkpoint(folder, scene, WORLD)))
+    everywhere(np.array_equal(leaves(ended[-1].forest), leaves(through[-1].forest)), "other leaves")
+    assert np.allclose(ended[-1].record.pair_forces, through[-1].record.pair_forces, rtol=1e-7)
+
+
+@pytest.mark.ranks(2)
+def test_a_load_path(folder):
+    """Each point begins with the leaves of the one before, also after a restart, and has its forces."""
+    ways, options = [-0.01, -0.02], {"tolerance": 0.4, "degree": 1, "folder": folder}
+    list(sweep(lambda way: pressed(moved=(0.0, 0.0, way)), ways[:1], **options))
+    (last,) = sweep(lambda way: pressed(moved=(0.0, 0.0, way)), ways, restart=True, **options)
+    assert last.record.begun == "coarse"
+    alone = solve(pressed(moved=(0.0, 0.0, ways[1])), 0.4, degree=1).record
+    assert np.allclose(last.step.record.pair_forces, alone.pair_forces, rtol=0.4**2)

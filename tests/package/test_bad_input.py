@@ -556,7 +556,7 @@ CASES = {
         ),
         (
             lambda: press(mesh=two_cubes(shift=3.0), contact=(ContactPair("over", "under"),)),
-            "('over', 'under'): the surfaces do not face each other anywhere along their normals",
+            "'over' on 'under': the surfaces do not face each other anywhere along their normals",
         ),
         (
             lambda: press(ties=(Tie("over", "under"),)),

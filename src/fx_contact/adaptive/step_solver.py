@@ -17,7 +17,7 @@ from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.row_kinds import create_rows
+from fx_contact.contact.row_kinds import columns_at_rest, create_rows
 from fx_contact.contact.settling import RowsAt, approaches, touching
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
@@ -164,8 +164,10 @@ def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, 
     if all(contact.force is None for contact in scene.contact):
         return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
 
+    known = columns_at_rest(scene, start.prolongation, settings.enforcement)
+
     def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
-        return create_rows(scene.approached(distances), start.prolongation, settings.enforcement)
+        return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
 
     if start.approaches is None:
         return touching(scene, rows_at, start.displacement), rows_at

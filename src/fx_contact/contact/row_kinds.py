@@ -5,6 +5,7 @@ an entry here.
 """
 
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -37,6 +38,10 @@ KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
 _SMOOTH = 0.966
 
 
+#: Rows of contacts, one each, and of ties, three each, by index.
+Columns: TypeAlias = dict[int, list[RowColumns]]
+
+
 def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     """Kinds of the contacts and ties of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
@@ -52,19 +57,38 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     return tuple(kinds)
 
 
-def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
+def columns_at_rest(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> Columns:
+    """Rows of contacts and ties, by index, without those of obstacles that settle.
+
+    Collective on prolongation.comm.  Raises SceneError as `create_rows`.
+    """
+    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)
+    return {kind.index: _columns(kind, prolongation, enforcement) for kind in resting}
+
+
+def _columns(kind: RowKind, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+    """Rows of a contact, or of a tie along three axes.  Collective."""
+    tied = isinstance(kind.contact, Tie)
+    return kind.tie_columns(prolongation, enforcement) if tied else [kind.columns(prolongation, enforcement)]
+
+
+def create_rows(
+    scene: Scene, prolongation: Prolongation, enforcement: Enforcement, known: Columns | None = None
+) -> ConstraintRows:
     """The rows of all contacts and ties of a scene, with the prolongation or one with the nodes of other ranks in them.
 
     Collective on prolongation.comm.
 
+    Args:
+        known: some of the columns, as from `columns_at_rest`.
+
     Raises:
         SceneError: a contact of an unknown type, or a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`.
     """
-    kinds, contacts = kinds_of(scene), len(scene.contact)
-    parts = [kind.columns(prolongation, enforcement) for kind in kinds[:contacts]]
-    of = [*range(contacts), *np.repeat(np.arange(contacts, len(kinds)), 3)]
-    for kind in kinds[contacts:]:
-        parts += kind.tie_columns(prolongation, enforcement)
+    kinds, contacts, known = kinds_of(scene), len(scene.contact), known or {}
+    of_kind = [known.get(kind.index) or _columns(kind, prolongation, enforcement) for kind in kinds]
+    parts = [part for columns in of_kind for part in columns]
+    of = np.repeat(np.arange(len(kinds), dtype=np.int32), [len(columns) for columns in of_kind])
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
     if enforcement.node_stiffness is not None:
         columns["stiffness"] = np.full(len(columns["first"]), float(enforcement.node_stiffness))
@@ -73,7 +97,7 @@ def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforceme
     counts = [len(part.first) for part in parts]
     keyed = _joined([part.entries for part in parts], counts)
     prolongation = prolongation.reaching(keyed.key)
-    contact = np.repeat(np.array(of, dtype=np.int32), counts)
+    contact = np.repeat(of, counts)
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,

@@ -113,12 +113,14 @@ class _Faced:
         self._uv = found.uv.reshape(*at.position.shape[:2], 2)
         met, distance = self._facet >= 0, found.distance.reshape(at.position.shape[:2])
         none = ~met.any(axis=1)
-        # Samples that face nothing are moved as the nearest place of the others is.
+        # Samples that face nothing are moved as the nearest place of the others is; if all do, both ways.
         least = np.where(none, 0.0, np.where(met, distance, np.inf).min(axis=1, initial=np.inf))
-        boxes = _around(at.position + np.where(met, distance, least[:, None])[..., None] * normal)
-        reach = np.zeros((len(first), 1))
-        reach[none, 0] = surfaces.nearest(at.position[none].mean(axis=1)) + boxes.sizes[none]
-        self.boxes = Boxes(boxes.low - reach, boxes.high + reach)
+        there = at.position + np.where(met, distance, least[:, None])[..., None] * normal
+        reach = np.zeros((len(first), 1, 1))
+        size = np.ptp(at.position[none], axis=1).max(axis=1)
+        reach[none, 0, 0] = surfaces.nearest(at.position[none].mean(axis=1)) + 2 * size
+        before, behind = _around(there - reach * normal), _around(there + reach * normal)
+        self.boxes = Boxes(np.minimum(before.low, behind.low), np.maximum(before.high, behind.high))
 
     def on(self, second: LeafFacets, pairs: Int64Array) -> BoolArray:
         """Pairs (k,) of which a sample of the first faces the second."""
