@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from mpi4py import MPI
 
 from fx_contact import (
     BodyForce,
@@ -218,7 +219,7 @@ def shrunk(interference):
 def settled(make):
     """The scene with its obstacles held where their forces have moved them to, by a run of 0.1."""
     scene = make()
-    step = solve(scene, 0.1)
+    step = solve(scene, 0.1, MPI.COMM_SELF)
     places = zip(scene.approached(step.record.approaches).contact, step.record.approaches)
     contact = (
         pair if distance is None else replace(pair, force=None, direction=tuple(pair.unit_direction.tolist()))
