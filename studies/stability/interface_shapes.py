@@ -216,10 +216,10 @@ def shrunk(interference):
     return Scene("shrunk", mesh, {"ring": PLAIN}, planes, contact, symmetry=4)
 
 
-def settled(make):
-    """The scene with its obstacles held where their forces have moved them to, by a run of 0.1."""
+def settled(make, tolerance=0.1):
+    """The scene with its obstacles held where their forces have moved them to, by a run of degree 2."""
     scene = make()
-    step = solve(scene, 0.1, MPI.COMM_SELF)
+    step = solve(scene, tolerance, MPI.COMM_SELF, degree=2)
     places = zip(scene.approached(step.record.approaches).contact, step.record.approaches)
     contact = (
         pair if distance is None else replace(pair, force=None, direction=tuple(pair.unit_direction.tolist()))
