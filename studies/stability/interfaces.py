@@ -138,7 +138,7 @@ def ties():
     for ratio, cells in ((50.0, (2, 3)), (1e4, (4, 1))):
         both = Material(1.0, 0.0), Material(ratio, 0.0)
         stored = Exact(energy=1e-3**2 * 2 * (1 + 1 / ratio), linear=True)  # springs in series
-        yield case(f"pull {exponent(ratio)}", partial(shapes.bar, cells, (1e-3, 0.0, 0.0), both), stored)
+        yield case(f"E {exponent(ratio)}", partial(shapes.bar, cells, (1e-3, 0.0, 0.0), both), stored)
     whole, halves = partial(shapes.bar, (2,)), partial(shapes.bar, (2, 3))
     load = 1e-4, 1e-4, 2e-4
     yield case("bent", partial(halves, load), Twin(partial(whole, load), **SHARP))
