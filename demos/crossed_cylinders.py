@@ -1,8 +1,7 @@
-"""Two steel cylinders crossed at right angles, each with a mesh of its own: Hertz's contact on an ellipse (N, mm).
+"""Two crossed steel cylinders, each with a mesh of its own: Hertz's contact on an ellipse (N, mm).
 
-A quarter is modelled.  Both are complete around their axes, as long as they are thick, and held at their ends.
-
-    mpirun -n 2 python3 demos/crossed_cylinders.py --radii 10 10
+A quarter is modelled of both, complete around their axes and held at their ends:
+mpirun -n 2 python3 demos/crossed_cylinders.py --radii 10 10
 """
 
 import argparse
@@ -17,7 +16,7 @@ from fx_contact.results import HertzEllipse, true_error, write_fields
 
 RADII, STEEL = (10.0, 25.0), Material(young=210e3, poisson=0.3)
 
-options = parser(__doc__, tolerance=0.05, order=6, coarse=2, output="results/crossed_cylinders")
+options = parser(__doc__, tolerance=0.02, order=6, coarse=2, output="results/crossed_cylinders")
 options.set_defaults(young=STEEL.young)
 options.add_argument("--radii", type=float, nargs=2, default=RADII, help="of the cylinders (10 25)")
 options.add_argument("--displacement", type=float, default=0.02, help="of the first one's ends (%(default)s)")

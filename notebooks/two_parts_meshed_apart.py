@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from fx_contact.problem import Shape, block, root_mesh_from_gmsh, root_mesh_from_shapes
 
-RADIUS, HEIGHT, SIZE = 8.0, 24.0, 4.0
+RADIUS, HEIGHT, SIZE = 8.0, 24.0, 3.5
 
 
 def column():
@@ -38,9 +38,10 @@ def column():
     gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="column")
     for _, face in gmsh.model.getEntities(2):
         _, _, bottom, _, back, top = gmsh.model.getBoundingBox(2, face)
-        side = "bottom" if top < 0.1 else "top" if bottom > HEIGHT - 0.1 else "cut" if back < 0.1 else "round"
-        gmsh.model.addPhysicalGroup(2, [face], name=side)
-    options = {"RecombineAll": 1, "Algorithm": 8, "RecombinationAlgorithm": 3, "MeshSizeMin": SIZE, "MeshSizeMax": SIZE}
+        for side, there in ("bottom", top < 0.1), ("top", bottom > HEIGHT - 0.1), ("cut", back < 0.1):
+            if there:
+                gmsh.model.addPhysicalGroup(2, [face], name=side)
+    options = {"RecombineAll": 1, "Algorithm": 8, "RecombinationAlgorithm": 2, "MeshSizeMin": SIZE, "MeshSizeMax": SIZE}
     for name, value in options.items():
         gmsh.option.setNumber(f"Mesh.{name}", value)
     gmsh.model.mesh.generate(3)
@@ -76,7 +77,7 @@ scene = Scene(
 print(scene)
 
 # %%
-step = solve(scene, tolerance=0.15)
+step = solve(scene, tolerance=0.05)
 print(step)
 
 # %%
@@ -87,8 +88,8 @@ from fx_contact.plot import draw_bodies
 Image(draw_bodies(step, "../results/notebooks/apart.png", factor=100, apart=0.6), width=700)
 
 # %% [markdown]
-# The column lifts off on the left. Refinement goes on both sides of the contact, on the first surface at least as far as on the
-# second. The pressure along the cut, $y = 0$; at the sharp edge it is singular:
+# The column lifts off on the left. Both sides of the contact are refined; facets of the surface with the rows stay at most
+# $\sqrt 2$ times as large as those that they face. The pressure along the cut, $y = 0$, is singular at the sharp edge:
 
 # %%
 import matplotlib.pyplot as plt
@@ -118,7 +119,7 @@ glued = replace(
     ties=(Tie("column bottom", "base top"),),
     tractions=(Traction("column top", (1, 0, 5)),),
 )
-step = solve(glued, tolerance=0.15)
+step = solve(glued, tolerance=0.05)
 Image(draw_bodies(step, "../results/notebooks/glued.png", field="stress", factor=500), width=700)
 
 # %% [markdown]

@@ -28,7 +28,7 @@ def last_record(name, folder, *options):
 @pytest.mark.parametrize("radii, displacement", [((10.0, 25.0), 0.02), ((1e-3, 1e-3), 2e-6)], ids=["steel", "equal"])
 def test_crossed_cylinders_are_hertz(tmp_path, radii, displacement):
     """Through the force the ellipse and its pressure are Hertz's, to 0.2 %, in any unit."""
-    words = "--radii", *map(str, radii), "--displacement", str(displacement), "--tolerance", "0.01"
+    words = "--radii", *map(str, radii), "--displacement", str(displacement)
     record = last_record("crossed_cylinders", tmp_path, *words)
     assert record["reached"] and max(map(abs, record["errors"].values())) < 2e-3
 
@@ -36,7 +36,7 @@ def test_crossed_cylinders_are_hertz(tmp_path, radii, displacement):
 def test_roller_is_hertz(tmp_path):
     """NAFEMS' benchmark CB-1."""
     record = last_record("roller_on_block", tmp_path)
-    assert abs(record["errors"]["max_pressure"]) < 0.02 and abs(record["errors"]["half-width"]) < 0.02
+    assert max(abs(record["errors"]["max_pressure"]), abs(record["errors"]["half-width"])) < 4e-3
     assert abs(record["errors"]["load"]) < 1e-4
 
 
