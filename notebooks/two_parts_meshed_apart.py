@@ -77,7 +77,7 @@ scene = Scene(
 print(scene)
 
 # %%
-step = solve(scene, tolerance=0.05)
+step = solve(scene, tolerance=0.08)
 print(step)
 
 # %%
@@ -119,7 +119,7 @@ glued = replace(
     ties=(Tie("column bottom", "base top"),),
     tractions=(Traction("column top", (1, 0, 5)),),
 )
-step = solve(glued, tolerance=0.05)
+step = solve(glued, tolerance=0.08)
 Image(draw_bodies(step, "../results/notebooks/glued.png", field="stress", factor=500), width=700)
 
 # %% [markdown]
