@@ -1,6 +1,6 @@
 """A shaft in a bore with play, pulled down: conforming contact, against Persson's solution.
 
-Half of a slice in plane strain is modelled. Each has a mesh of its own, with the radius of the bore: the play is a number.
+Half of a slice in plane strain is modelled. The meshes differ and have the radius of the bore; the play is a number.
 
     mpirun -n 2 python3 demos/shaft_in_bore.py --play 0.0005
 """
