@@ -23,11 +23,7 @@ options.add_argument("--displacement", type=float, default=0.02, help="of the fi
 
 
 def crossed_cylinders(
-    radii: tuple[float, float] = RADII,
-    displacement: float = 0.02,
-    material: Material = STEEL,
-    order: int = 6,
-    n: int = 2,
+    radii: tuple = RADII, displacement: float = 0.02, material: Material = STEEL, order: int = 6, n: int = 2
 ) -> Scene:
     """Halves y >= 0 of one about z and z >= 0 of one about y, that touch at the origin."""
     first, second = (cylinder(radius, radius, (n, n), order, quarters=2) for radius in radii)
