@@ -282,15 +282,13 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
         missed = load * surfaces.cut_off(facets)
         total, value = forest.comm.allreduce(np.array([load.sum(), missed.sum()]))
         if value > MISSED * total:
-            place, value = _place_of_largest(forest.comm, missed, facets.corners.mean(axis=1))[0], float(
-                value / total
-            )
+            place, part = _place_of_largest(forest.comm, missed, facets.corners.mean(axis=1))[0], float(value / total)
             message = (
                 f"the contact of {kind.contact.label} reaches the rim of {kind.contact.surfaces[1]!r} near "
-                f"{_shown(place)}, beyond which the boundary of the body goes on: it misses about {value:.2g} of the "
+                f"{_shown(place)}, beyond which the boundary of the body goes on: it misses about {part:.2g} of the "
                 f"force, limit {MISSED:g}; let the surface be larger"
             )
-            warnings.append(ModelWarning("uncovered", value, MISSED, place, message))
+            warnings.append(ModelWarning("uncovered", part, MISSED, place, message))
     return warnings
 
 

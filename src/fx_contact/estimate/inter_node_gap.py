@@ -112,9 +112,8 @@ class _Facets:
         if not self._kind.INTEGRATED:  # rows of integrals may be open where nodes penetrate
             limit += np.minimum(gap[:, self._nodes].min(axis=1), 0.0)
         deeper: BoolArray = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
-        deeper |= self._beyond.any(axis=1) & (
-            gap.min(axis=1) < np.sqrt(self._area)
-        )  # as steep as 45 degrees to a rim
+        # Beyond a rim the gap may fall by as much as the facet is wide, at 45 degrees.
+        deeper |= self._beyond.any(axis=1) & (gap.min(axis=1) < np.sqrt(self._area))
         deeper[deeper] = self._least(np.flatnonzero(deeper)) < limit[deeper]
         return deeper
 
