@@ -189,6 +189,16 @@ COLUMNS = {
         "CPU": "{cpu_s:.1f} s",
         "Python at most (target 5 %)": "{share_at_most:.1%}",
     },
+    "studies/nonmatching/accuracy.csv": {
+        "scene": "{scene}",
+        "cells": "{cells}",
+        "tolerance": "{tolerance:.0%}",
+        "unknowns": "{dofs:,}",
+        "iterations, last solve": "{iterations:d}",
+        "CPU": "{cpu_s:.1f} s",
+        "mean pressure or force": "{mean:+.3%}",
+        "largest pressure": "{largest:+.2%}",
+    },
     "studies/incompressible/table.csv": {
         "scene": "{scene}",
         "nu": "{nu}",

@@ -12,7 +12,7 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.row_kinds import create_rows, needed_keys
+from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
@@ -314,9 +314,9 @@ def discrete(scene, forest, order=1, degree=1):
 
 
 def prolongation_of(scene, forest, degree=1):
-    """Prolongation with the nodes that the rows of a scene need."""
-    space = Space(forest, degree)
-    return Prolongation(space, needed_keys(scene, space))
+    """Prolongation with the nodes of the rows of a scene."""
+    prolongation = Prolongation(Space(forest, degree))
+    return create_rows(scene, prolongation, Enforcement()).prolongation if scene.contact else prolongation
 
 
 def with_rows(scene, forest, enforcement=None):

@@ -35,6 +35,7 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 __version__ = "0.2.0"
 
@@ -82,6 +83,7 @@ __all__ = [
     "SweepPoint",
     "SweepRecord",
     "SymmetryPlane",
+    "Tie",
     "Traction",
     "TrueError",
     "ValidityError",

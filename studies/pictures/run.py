@@ -8,6 +8,7 @@ python3 -m studies.pictures.run --only contact               # one; --help lists
 import argparse
 import runpy
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from PIL import Image
 from fx_contact import Material, adapt, solve
 from fx_contact.plot import draw_bodies, draw_mesh, draw_pressure, plotter_for
 from fx_contact.plot.cells import contact_size
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results import true_error
 from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
@@ -28,10 +30,22 @@ DEMOS = Path(__file__).parents[2] / "demos"
 
 def demo(name):
     """The last step of a demo's scene, at 10 %."""
+    found = of_demo(name)
+    return found["step"] if "step" in found else solve(found[name](), 0.1)
+
+
+def of_demo(name):
+    """What a demo defines."""
     sys.path.insert(0, str(DEMOS))
     found = runpy.run_path(str(DEMOS / f"{name}.py"))
     sys.path.remove(str(DEMOS))
-    return found["step"] if "step" in found else solve(found[name](), 0.1)
+    return found
+
+
+def stamp():
+    """The stamp of the demo, deeper and in a smaller block."""
+    mesh = root_mesh_from_shapes({"block": block((0, 0, -3), (3, 3, 0), (3, 3, 3))})
+    return solve(replace(of_demo("rigid_stamp")["rigid_stamp"](0.15, 0.5), mesh=mesh), 0.05)
 
 
 #: Scenes of the gallery: what gives the step, and by what displacements are drawn larger.
@@ -48,6 +62,7 @@ SCENES = {
     "step_part": (partial(demo, "step_part"), 20),
     "crossed_cylinders": (partial(demo, "crossed_cylinders"), 5),
     "shaft_in_bore": (partial(demo, "shaft_in_bore"), 20),
+    "rigid_stamp": (stamp, 1),
 }
 
 

@@ -4,7 +4,6 @@ import csv
 import json
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,9 +50,8 @@ def test_a_coarse_forest_is_two_refinements_away(share, levels):
     count, tolerance = forest.size_global, 0.1
     error = np.full(len(forest), share * tolerance / np.sqrt(count))
     estimate = Estimate(error, None, share * tolerance, 1.0, count, 1 / 32)
-    state = SimpleNamespace(
-        forest=forest, estimate=estimate, history=RefinementHistory(1.0), values=np.zeros((len(forest), 8, 3))
-    )
+    values, refine = np.zeros((len(forest), 8, 3)), np.zeros(len(forest), dtype=np.int8)
+    state = State(forest, values, estimate, refine, RefinementHistory(1.0), approaches=None)
     begin = carried_over(state, tolerance, ErrorControl(), "contact-sfc")
     everywhere((begin.forest.level == 3 - levels).all(), "other levels")
 

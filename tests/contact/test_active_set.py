@@ -14,7 +14,7 @@ from fx_contact.parallel.errors import SolveError
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
 
-def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100):
+def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100, tied=None):
     """An ActiveSet of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""
     size = len(penetration)
     rows = SimpleNamespace(
@@ -22,6 +22,7 @@ def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100):
         penetration=lambda u: np.array(penetration, dtype=float),
         capped_stiffness=np.ones(size),
         key=comm.rank * size + np.arange(size),
+        equality=np.zeros(size, dtype=bool) if tied is None else np.array(tied),
     )
     return ActiveSet(rows, None, np.full((size, 3), largest), most)
 
@@ -31,6 +32,16 @@ def test_first_guess():
     assert active_set([1e-3, -1e-3, -1.0], largest=1.0).active.tolist() == [True, False, False]
     assert active_set([1e-13, -1e-13, -1e-3], largest=1.0).active.tolist() == [True, True, False]
     assert active_set([-1.0, -2.0, -1.0]).active.tolist() == [True, False, True]
+
+
+def test_rows_of_ties_are_always_closed():
+    """They are in every set, whatever their force, and decide of no other row."""
+    tied = [True, False, False, True]
+    status = active_set([-5.0, -2.0, -1.0, 7.0], tied=tied)
+    assert status.active.tolist() == [True, False, True, True]
+    assert status.wanted(np.array([-9.0, -1.0, 1e-3, 9.0]), 1e-6).tolist() == [True, False, True, True]
+    assert status.wanted(np.array([-9.0, -1.0, -2.0, 9.0]), 1e-6).tolist() == tied
+    assert active_set([-1.0, 3.0], tied=[True, True]).wanted(np.array([-1.0, 2.0]), 0.0).all()
 
 
 def test_a_pair_keeps_its_status_within_the_noise():

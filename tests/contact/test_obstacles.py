@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.plot import draw_bodies, plotter_for
+from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
 from fx_contact.problem import ball, block, cylinder, ring, root_mesh_from_shapes
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.results import contact_functions, model_warnings
@@ -406,16 +407,27 @@ def test_several_obstacles():
 
 @all_ranks
 def test_pictures(folder):
-    """An obstacle is drawn where it has moved to; one by functions is not."""
-    shown = {}
-    for name, obstacle in (("sphere", RigidSphere((0, 0, -1), 1.0)), ("none", RigidSurface(lambda x: x[2], upward))):
-        step = next(adapt(on_obstacle(obstacle, 0.0, moved=(0.0, 0.0, 0.01)), 0.1))
-        with plotter_for(folder / f"{name}.png") if WORLD.rank == 0 else nullcontext() as plotter:
-            draw_bodies(step, plotter=plotter, factor=10.0)
-            if plotter is not None:
-                shown[name] = [actor.bounds for actor in plotter.actors.values() if hasattr(actor, "mapper")]
-    everywhere(WORLD.rank > 0 or len(shown["sphere"]) == len(shown["none"]) + 1, "not drawn")
-    everywhere(WORLD.rank > 0 or any(abs(b[5] - 0.1) < 1e-3 for b in shown["sphere"]), "not moved")
+    """Obstacles, by functions too, are drawn where they have moved to; what is in the body is drawn larger with it."""
+    ball, floor = RigidSphere((0, 0, -1), 1.0), RigidSurface(lambda x: x[2], upward)
+    away, force = RigidSphere((0, 0, -1.2), 1.0), (0.0, 0.0, 1e-3)
+    pressed = on_obstacle(away, 0.0, force=force)
+    scenes = [on_obstacle(one, 0.0, moved=(0.0, 0.0, 0.01)) for one in (ball, floor)]
+    for scene in (*scenes, pressed):
+        step = next(adapt(scene, 0.1))
+        depth = 0.01 if scene is not pressed else step.record.approaches[0] - 0.2
+        assert depth > 0.005
+        for draw, factor in ((partial(draw_bodies, factor=10.0), 10.0), (partial(draw_mesh, zoom=9.0), 0.0)):
+            with plotter_for(folder / "obstacle.png") if WORLD.rank == 0 else nullcontext() as plotter:
+                draw(step, plotter=plotter)
+                tops = (
+                    [] if plotter is None else [actor.bounds[5] for actor in plotter.actors.values() if mapped(actor)]
+                )
+            everywhere(WORLD.rank > 0 or min(abs(top - factor * depth) for top in tops) < 1e-3, "not there")
+
+
+def mapped(actor):
+    """True for bodies and obstacles, which have a mapper, not for texts."""
+    return hasattr(actor, "mapper")
 
 
 def upward(x):

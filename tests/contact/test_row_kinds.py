@@ -13,10 +13,9 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, SceneError, SolveError, adapt
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.contact import KINDS, Entries, RowColumns, RowKind, create_rows
+from fx_contact.contact import KINDS, KeyedEntries, RowColumns, RowKind, create_rows
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
 from fx_contact.contact.projection import Projection
-from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem.contact import Contact
 from fx_contact.problem.root_mesh import RootMesh
@@ -63,10 +62,10 @@ class FloorRows(RowKind):
         bodies = np.stack([forest.mesh.body[forest.cell[leaf]], np.full(len(leaf), -1)], axis=1)
         stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
         first, example, sums = nodal_sums(prolongation, leaf, face, np.stack([area, stiffness], axis=2))
-        count = len(first)
+        count, key = len(first), space.keys[space.on_faces(leaf, face)].ravel()[example]
         return RowColumns(
             first=first,
-            entries=Entries(np.arange(count), first, np.zeros(count, dtype=np.int64), np.ones(count)),
+            entries=KeyedEntries(np.arange(count), key, np.zeros(count, dtype=np.int64), np.ones(count)),
             across=sums[:, :1] * self.contact.unit_direction,
             apart=self.apart(forest, leaf, face, points).reshape(-1, 3)[example],
             area=sums[:, 0],
@@ -86,11 +85,6 @@ class AveragedRows(RowKind):
     A row has the nodes of all facets around its node, on both sides, of whichever rank.  Uniform pressure passes: the
     columns of M + D add up to 2 D.
     """
-
-    def needed(self, space):
-        facing = space.facing(*self.facets(space.forest)).ravel()
-        _, _, keys, _ = self._entries(Prolongation(space, facing))
-        return np.concatenate([facing, keys])
 
     def _local(self, prolongation):
         """Nodes of this rank's facets, (M + D) / 2 of these, and areas."""
@@ -140,6 +134,7 @@ class AveragedRows(RowKind):
 
     def columns(self, prolongation, enforcement):
         space, forest = prolongation.space, prolongation.space.forest
+        prolongation = prolongation.reaching(space.facing(*self.facets(forest)).ravel())
         leaf, face, local, area = self._local(prolongation)
         points = space.points[leaf[:, None], space.face_nodes[face]]
         here, there = positions_across(forest, leaf, face, points)
@@ -154,14 +149,15 @@ class AveragedRows(RowKind):
         row = np.full(prolongation.owned, -1)
         row[first] = np.arange(len(first))
         # Sums of what the ranks sent for each row, node and side.
-        width = 2 * len(prolongation.zeros(1))
-        sent = coo_matrix((value, (row[node], 2 * prolongation.find(key) + side)), shape=(len(first), width)).tocsr()
+        keys, column = np.unique(key, return_inverse=True)
+        sent = coo_matrix((value, (row[node], 2 * column + side)), shape=(len(first), 2 * len(keys))).tocsr()
         sent = (diags(1 / sums[:, 0]) @ sent).tocoo()
         order = np.lexsort((sent.col, sent.row))
         column, side = np.divmod(sent.col[order].astype(np.int64), 2)
+        weight = np.where(side, -1, 1) * sent.data[order]
         return RowColumns(
             first=first,
-            entries=Entries(sent.row[order].astype(np.int64), column, side, np.where(side, -1, 1) * sent.data[order]),
+            entries=KeyedEntries(sent.row[order].astype(np.int64), keys[column], side, weight),
             across=sums[:, 2:5],
             apart=sums[:, 5:] / sums[:, :1],
             area=sums[:, 0],

@@ -24,7 +24,7 @@ def solution():
 
     def with_factor(factor):
         solution = replace(step.solution, force=factor * step.solution.force)
-        state = SolvedState(scene, step.forest, step.elasticity, step.field, step.rows, solution, step.estimate)
+        state = SolvedState(scene, step.forest, step.elasticity, step.field, step.rows, None, solution, step.estimate)
         load = np.zeros((prolongation.owned, 3))
         return state, nodal_residual(state, load), load, supports
 

@@ -20,7 +20,19 @@ from conftest import everywhere, outside
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Pressure, Scene, Solver, Traction, adapt, scenes
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    Pressure,
+    Scene,
+    Solver,
+    Tie,
+    Traction,
+    adapt,
+    scenes,
+)
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.forest.forest import Forest
@@ -70,11 +82,11 @@ def two_cells(*shift):
     return np.concatenate([points, points + shift]), np.concatenate([cells, cells + 8])
 
 
-def two_cubes(shift=0.0, order=1):
-    """Two unit cubes, one above the other, the upper one moved sideways."""
+def two_cubes(shift=0.0, order=1, gap=0.0):
+    """Two unit cubes, one above the other, the upper one moved sideways, or upwards."""
     cube = block((0, 0, 0), (1, 1, 1), (1, 1, 1), order)
     surfaces = {"base": "lower bottom", "under": "lower top", "over": "upper bottom", "top": "upper top"}
-    return root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(shift, 0, 1)}, surfaces)
+    return root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(shift, 0, 1 + gap)}, surfaces)
 
 
 def press(*extra, **changes):
@@ -87,6 +99,11 @@ def press(*extra, **changes):
         contact=(ContactPair("under", "over", (0, 0, 1)),),
     )
     return Scene(**(arguments | changes))
+
+
+def glued(tie, **changes):
+    """The two cubes with a tie instead of contact."""
+    return press(contact=(), ties=(tie,), **changes)
 
 
 def leaning(*vertices, pressure=0.01, **changes):
@@ -363,6 +380,14 @@ CASES = {
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": np.zeros((0, 2), int)}), "at least one row"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 6]]}), "'s' must have at least one row"),
         (lambda: press(symmetry=0), "the number of copies, must be a whole number"),
+        (lambda: Tie("under", "under"), "surface 'under' cannot be tied to itself"),
+        (lambda: glued(Tie("under", "nothing")), "surface 'nothing'"),
+        (lambda: glued(ContactPair("under", "over")), "ties must be a tuple of Tie"),
+        (lambda: press(contact=(Tie("under", "over"),)), "ties are an argument of their own"),
+        (
+            lambda: glued(Tie("under", "over"), mesh=two_cubes(gap=0.5)),
+            "'under' tied to 'over': the surfaces are 0.5",
+        ),
         (lambda: press(contact_centre=(np.nan, 0, 0)), "contact_centre"),
         (lambda: press(dirichlet=Dirichlet("base", x=0.0)), "tuple of Dirichlet"),
         (lambda: first(press(), max_steps=2.5), "2.5"),
@@ -524,12 +549,20 @@ CASES = {
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, -1)),)), "looks away from the other surface"),
         (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
-        (lambda: press(mesh=two_cubes(shift=0.1)), "face 5 of root cell 0"),
+        (lambda: press(mesh=two_cubes(shift=3.0)), "do not face each other anywhere along the direction (0, 0, 1)"),
         (
             lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
             "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
         ),
-        (lambda: with_surface("under", [[0, 5], [0, 1]]), "2 facets face 1"),
+        (
+            lambda: press(mesh=two_cubes(shift=3.0), contact=(ContactPair("over", "under"),)),
+            "'over' on 'under': the surfaces do not face each other anywhere along their normals",
+        ),
+        (
+            lambda: press(ties=(Tie("over", "under"),)),
+            "two contact pairs or ties, 'under on over' and 'over tied to under'",
+        ),
+        (lambda: press(contact=(), ties=(Tie("under", "over"), Tie("under", "top"))), "two contact pairs or ties"),
         (
             lambda: with_surface("over", [[1, 0], [0, 5]]),
             "root cell 0 is on both sides of 'under on over'; leave it out",

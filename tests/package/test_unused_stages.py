@@ -12,7 +12,7 @@ import fx_contact.contact.contact_solver
 import fx_contact.forest.partition
 import fx_contact.plot
 import fx_contact.problem.facet_pairing
-from fx_contact import Dirichlet, adapt
+from fx_contact import ContactPair, Dirichlet, RigidPlane, adapt
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.compat import geometry_nodes
 from fx_contact.scenes import hertz, indentation, patch
@@ -67,6 +67,24 @@ def test_without_contact(calls):
     assert set(calls.count.values()) == {0}
     *_, step = adapt(patch(cells=(1, 1, 2)), 0.1, degree=1)
     assert step.record.force > 0 and min(calls.count.values()) > 0
+
+
+def test_obstacles_without_forces(calls):
+    """Rows are made once, and no obstacle settles; below a force it does."""
+    calls.of(fx_contact.adaptive.step_solver, "create_rows")
+    calls.of(fx_contact.adaptive.step_solver, "touching")
+    calls.of(fx_contact.contact.contact_solver, "settle")
+    columns = patch(cells=(1, 1, 2))
+    platen = ContactPair("top", RigidPlane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)), moved=(0.0, 0.0, -0.001))
+    held = tuple(condition for condition in columns.dirichlet if getattr(condition, "where", "") != "top")
+    for force, settled in ((None, 0), ((0.0, 0.0, -1e-3), 1)):
+        contact = *columns.contact, replace(platen, force=force)
+        scene = replace(columns, dirichlet=held, contact=contact)
+        before = dict(calls.count)
+        next(adapt(scene, 0.1))
+        made = {name: count - before[name] for name, count in calls.count.items()}
+        assert made["settle"] == made["touching"] == settled
+        assert (made["create_rows"] == 1) == (not settled)
 
 
 @pytest.mark.parametrize("order", [1, 3, 6])

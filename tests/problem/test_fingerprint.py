@@ -87,8 +87,8 @@ def test_nothing_is_forgotten():
     tables = {RootMesh: OF_MESH, Scene: {"name": None} | OF_SCENE}
     tables |= {part: entries for part, (_, entries) in OF_PARTS.items()}
     for kind, table in tables.items():
-        of_obstacles = {"moved", "clearance"} if kind is ContactPair else set()  # tests/contact/test_obstacles.py
-        assert {one.name for one in fields(kind)} - of_obstacles == table.keys(), kind
+        elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
+        assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
     held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.materials.values()]
     assert {type(one) for one in held} == OF_PARTS.keys()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from fx_contact import ContactPair, GeometryError, PairingError, SceneError
+from fx_contact import ContactPair, GeometryError, SceneError
 from fx_contact.problem import (
     ball,
     block,
@@ -129,7 +129,7 @@ def test_swept_sides():
 
 
 def test_a_swept_base_is_widened():
-    """The contact side that one part brings alone faces its partner; one that both bring says where it is too large."""
+    """The contact side that one part brings alone faces its partner; one that both bring is too large to match."""
     punch = block((0, 0, 0), (1, 1, 1), (2, 2, 1), 2)
     base = extrude(punch, "bottom", (0, 0, -1), 1)
     outer = extrude(base, "right", (2, 0, 0), 2)
@@ -140,8 +140,8 @@ def test_a_swept_base_is_widened():
     mesh = root_mesh_from_shapes(bodies)
     assert Pairing(mesh, (ContactPair("punch bottom", "base contact"),)).paired.sum() == 2 * 4
     for sides in (("punch bottom", "base start"), ("base start", "punch bottom")):
-        with pytest.raises(PairingError, match=r"4 of 'base start', in \[1, 3\] x \[0, 1\] x \[0, 0\], are too many"):
-            Pairing(mesh, (ContactPair(*sides),))
+        pairing = Pairing(mesh, (ContactPair(*sides),))
+        assert "facets face" in pairing.nonmatching[0] and not pairing.paired.any()
 
 
 def test_motions():

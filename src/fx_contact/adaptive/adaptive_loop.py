@@ -16,7 +16,6 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import StepStart, solve_step
 from fx_contact.adaptive.validity import check_model_warnings, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.row_kinds import needed_keys
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.fem.prolongation import Prolongation
@@ -198,6 +197,7 @@ class Run:
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
         self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
         self._history, self._finished = settings.begin(), False
+        self._approaches: Sequence[float | None] | None = None  # of the last step
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
     def __iter__(self) -> Self:
@@ -254,6 +254,7 @@ class Run:
             with stages("refine"):
                 self._resume(source)
         elif source is not None:
+            self._approaches = source.approaches
             self._next = source.forest, source.of_degree(self.settings.degree)
             if source.history is not None:
                 one_mesh = source.history.compared or self._history.compared
@@ -266,6 +267,7 @@ class Run:
     def _resume(self, checkpoint: Checkpoint) -> None:
         """Continue a run with its next step, or with its last one again if there is none."""
         state, settings = checkpoint.load(), self.settings
+        self._approaches = state.approaches
         self.records, self._last["record"] = list(checkpoint.records), checkpoint.records[-1]
         control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
         more = self._comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
@@ -306,14 +308,14 @@ class Run:
             partition = PartitionSummary.of(forest, self._kind)
         with stages("hanging"):
             space = Space(forest, self.settings.degree)
-            start = self._start(Prolongation(space, needed_keys(self.settings.scene, space)), values)
+            start = self._start(Prolongation(space), values)
             del values
         self._last.update(forest=forest, displacement=start.displacement)
         step = solve_step(self.settings, len(self.records), start, partition, stages)
         goals = [record.goals for record in (*self.records, step.record)]
         if growing := growing_pressures(self.settings.goals, goals):
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
-        self.step = step
+        self.step, self._approaches = step, step.record.approaches
         self._last.update(record=step.record, displacement=step.solution.displacement)
         self.records.append(step.record)
         if self._writer is not None:
@@ -328,7 +330,7 @@ class Run:
             values = np.zeros((*prolongation.space.cells.shape, 3))
         leaf, node = prolongation.space.example.T
         displacement = prolongation.injected(values[leaf, node, :3])
-        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history)
+        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history, self._approaches)
 
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""

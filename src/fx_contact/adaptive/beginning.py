@@ -1,5 +1,6 @@
 """Start of a run from a refined forest with a displacement."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -17,7 +18,7 @@ from fx_contact.parallel.errors import PartitionError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, check_count, check_same_comm, shown
+from fx_contact.parallel.validation import check_comm, check_count, check_number, check_same_comm, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import same_mesh, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
@@ -34,11 +35,13 @@ class Beginning:
             [m], then any continuous fields of degree p, which are carried through refinement and partition.  In a run
             of another degree they are interpolated.
         history: None: the estimate has not been measured, as on root cells.
+        approaches: first guess of `StepRecord.approaches`; None: obstacles below forces begin where they touch.
     """
 
     forest: Forest
     values: FloatArray
     history: RefinementHistory | None = None
+    approaches: Sequence[float | None] | None = None
 
     def check(self, scene: Scene, comm: MPI.Intracomm) -> None:
         """Raises SceneError unless a run of a scene can begin here.  Local."""
@@ -63,6 +66,8 @@ class Beginning:
             )
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
+        if self.approaches is not None:
+            check_approaches(self.approaches, scene)
 
     def of_degree(self, degree: int) -> FloatArray:
         """The values as nodal values (n, (degree+1)^3, 3 + k) of a degree.  Local."""
@@ -133,15 +138,31 @@ class Beginning:
         history = RefinementHistory(step.history.effectivity, compared=True)
         refined, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
         assert values is not None, "given values are interpolated"
-        return cls(refined, values, history)
+        return cls(refined, values, history, step.record.approaches)
+
+
+def check_approaches(approaches: object, scene: Scene) -> None:
+    """Raises SceneError unless it has a number for each contact whose obstacle has a force, and None for others."""
+    if not isinstance(approaches, Sequence) or len(approaches) != len(scene.contact):
+        raise SceneError(
+            f"the approaches of a Beginning must be a list with an entry for each of the {len(scene.contact)} contact "
+            f"pairs, got {shown(approaches)}"
+        )
+    for contact, distance in zip(scene.contact, approaches):
+        if contact.force is not None:
+            check_number(f"the approach of {contact.name!r}", distance)
+        elif distance is not None:
+            raise SceneError(f"{contact.name!r} has no force, and no approach, got {shown(distance)}")
 
 
 def first_forest(scene: Scene, comm: MPI.Intracomm, kind: str) -> Forest:
-    """The root cells, refined uniformly until every rank gets a leaf; on few ranks not at all.
+    """The root cells, refined where facets are too large, then uniformly until every rank gets a leaf.
 
     Collective on comm.  The kind of partition is a key of `partition.KINDS`.  Raises PartitionError.
     """
     forest = Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
+    while comm.allreduce(bool((large := forest.too_large(np.zeros(len(forest), dtype=bool))).any()), op=MPI.LOR):
+        forest, _ = forest.refined(large)
     while True:
         try:
             return repartition(forest, None, kind)[0]

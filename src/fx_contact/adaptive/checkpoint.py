@@ -130,6 +130,7 @@ class State:
         values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
         estimate: its errors in the order of the leaves.
         refine: (n,), number of refinements of each leaf for contact, beside those for the estimate.
+        approaches: `StepRecord.approaches`.
     """
 
     forest: Forest
@@ -137,12 +138,14 @@ class State:
     estimate: Estimate
     refine: Int8Array
     history: RefinementHistory
+    approaches: Sequence[float | None] | None
 
     @classmethod
     def of(cls, step: Step) -> "State":
         """The state after a step, without carried fields.  Collective on step.forest.comm."""
         estimate = replace(step.estimate, error=_by_leaf(step), energy=None)
-        return cls(step.forest, step.nodal_displacement, estimate, step.contact_error.refine, step.history)
+        refine, found = step.contact_error.refine, step.record.approaches
+        return cls(step.forest, step.nodal_displacement, estimate, refine, step.history, found)
 
 
 class Checkpoint:
@@ -208,4 +211,4 @@ class Checkpoint:
         xi, omega, cells = content["estimate"]
         estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree))
         history = RefinementHistory(**content["history"])
-        return State(forest, values[space.cells], estimate, refine, history)
+        return State(forest, values[space.cells], estimate, refine, history, self.records[-1].approaches)

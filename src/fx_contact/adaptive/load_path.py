@@ -165,7 +165,7 @@ class Sweep:
     def _run(self, scene: Scene) -> tuple[Run, str]:
         """The Run of a scene after its first step, and its start.  Collective."""
         options, last = self._options, self._last
-        if last is not None and _same_root(last.forest, scene):
+        if last is not None and _same_root(last, scene):
             control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
             try:
                 begin = carried_over(last, self._tolerance, control, kind)
@@ -206,8 +206,11 @@ class Sweep:
         write_sweep(folder, comm, self.records)
 
 
-def _same_root(forest: Forest, scene: Scene) -> bool:
-    """True if a forest is on the root mesh of a scene, with its contact pairs."""
+def _same_root(state: State, scene: Scene) -> bool:
+    """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
+    forest, pressed = state.forest, [contact.force is not None for contact in scene.contact]
+    if [t is not None for t in state.approaches or [None] * len(pressed)] != pressed:
+        return False
     return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
 
 
@@ -227,9 +230,9 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
     merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
     history = RefinementHistory(history.effectivity)
     if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
-        return Beginning(forest, state.values, history)
+        return Beginning(forest, state.values, history, state.approaches)
     merged = coarsened(forest, forest.level - merges, kind)
-    return Beginning(merged, _on_nodes(forest, state.values, merged), history)
+    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.approaches)
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:

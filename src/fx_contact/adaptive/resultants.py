@@ -1,4 +1,4 @@
-"""Resultants: force and moment of contact pairs, loads and reactions, and the balance of each body.
+"""Resultants: force and moment of contact pairs, ties, loads and reactions, and the balance of each body.
 
 All are of the undeformed bodies, about the contact's centre c.  The residual at the conforming nodes x_i is
 r = K u - L + B^T f.  The reaction of a condition is the sum of r_i over the components that it prescribes, its moment
@@ -36,10 +36,12 @@ class Resultant:
     """Resultant force and moment.
 
     Attributes:
-        name: of the contact pair (`ContactPair.name`), the place of the condition or load, or the body.
-        kind: "contact": of the first surface on the second, or on the obstacle; "traction", "pressure" or "body
-            force": a load; "reaction" of a condition on the bodies; "symmetry": of the other part on the modelled one,
-            across a plane of symmetry; "balance": of all forces on a body, as it is modelled, 0 but for errors.
+        name: of the contact pair or tie (`ContactPair.name`, `Tie.name`), the place of the condition or load, or the
+            body.
+        kind: "contact": of the first surface on the second, or on the obstacle; "tie": of the first surface on the
+            second, section force and moment; "traction", "pressure" or "body force": a load; "reaction" of a condition
+            on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry; "balance": of
+            all forces on a body, as it is modelled, 0 but for errors.
         force: [N].
         moment: about `point` [N m].
         point: [m].
@@ -70,7 +72,7 @@ def undirected(record: StepRecord) -> list[str]:
 
 
 def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre: FloatArray) -> tuple[Resultant, ...]:
-    """Resultants of contact pairs, tractions, body forces, conditions and bodies, in the order of the scene.
+    """Resultants of contact pairs, ties, tractions, body forces, conditions and bodies, in the order of the scene.
 
     Collective on state.forest.comm.
 
@@ -81,17 +83,18 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     """
     scene = state.scene
     # Entries x bodies x (force, moment).
-    on_first, on_second = _of_contact(state, centre)
+    on_first, on_second = _of_interfaces(state, centre)
     shifted = totals.copy()
     shifted[..., 3:] -= np.cross(centre, totals[..., :3])
     reactions = _of_conditions(state, residual, centre)
     sums = state.forest.comm.allreduce(np.concatenate([on_first, on_second, shifted, reactions]))
     names = [(pair.name, "contact") for pair in scene.contact]
+    names += [(tie.name, "tie") for tie in scene.ties]
     names += [(force.surface, type(force).__name__.lower()) for force in scene.tractions]
     names += [(force.body, "body force") for force in scene.body_forces]
     names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
     names += [(body, "balance") for body in scene.mesh.bodies]
-    values = np.concatenate([sums[len(scene.contact) :].sum(axis=1), sums.sum(axis=0)])
+    values = np.concatenate([sums[len(scene.interfaces) :].sum(axis=1), sums.sum(axis=0)])
     for index, contact in enumerate(scene.contact):
         if len(contact.surfaces) == 1:  # on the obstacle
             values[index] = -sums[index].sum(axis=0)
@@ -111,22 +114,27 @@ def _vector(values: FloatArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _of_contact(state: SolvedState, centre: FloatArray) -> FloatArray:
-    """Contact forces on first and on second bodies, of this rank's nodes: (2, pairs, bodies, 6).  Collective."""
-    scene, rows, sums = state.scene, state.rows, []
-    if rows is None:
-        return np.zeros((2, 0, len(scene.mesh.bodies), 6))
-    for index in range(len(scene.contact)):
+def _of_interfaces(state: SolvedState, centre: FloatArray) -> FloatArray:
+    """Forces of contacts, then ties, on first and second bodies, of this rank's nodes: (2, n, bodies, 6).
+
+    Collective.
+    """
+    scene, solution, sums = state.scene, state.solution, []
+    of_contact, of_tie = (state.rows, solution.force), (state.ties, solution.tie_force)
+    for index in range(len(scene.interfaces)):
+        rows, force = of_contact if index < len(scene.contact) else of_tie
+        assert rows is not None
         entries, ours = rows.entries, rows.contact == index
-        push = -np.where(ours, state.solution.force, 0.0)[entries.row, None] * rows.values
+        push = -np.where(ours, force, 0.0)[entries.row, None] * rows.values
         nodal = rows.prolongation.zeros(6)
-        columns = 3 * entries.side[:, None] + np.arange(3)
+        given = entries.side ^ (scene.oriented[index] is not scene.interfaces[index])  # as the user gave the surfaces
+        columns = 3 * given[:, None] + np.arange(3)
         np.add.at(nodal, (entries.node[:, None], columns), push)
         nodal = rows.prolongation.summed(nodal)
         for side in np.split(nodal, 2, axis=1):
             nodes = np.flatnonzero(side.any(axis=1))
             sums.append(_on_bodies(state, nodes, side[nodes], np.zeros_like(nodes), 1, centre))
-    shape = len(scene.contact), 2, len(scene.mesh.bodies), 6
+    shape = len(scene.interfaces), 2, len(scene.mesh.bodies), 6
     return np.reshape(sums, shape).transpose(1, 0, 2, 3)
 
 

@@ -133,7 +133,7 @@ class StepRecord(SolveRecord, ContactFigures):
             in the mode "energy" [-].
         pair_errors: estimated error of each pair's force, relative to the force: in runs with goals that of a goal
             `ContactForce`, else an upper bound of it if the tolerance allows the bound; None where it is 0 or nothing
-            is known [-].
+            is known [-].  With a force on the obstacle: as of `ContactForce`, at a fixed place.
         pair_leaves: leaves marked for the force of each contact pair.
         penetrated_leaves: leaves penetrated between nodes, which are marked; None: not computed.
         penalty_share: largest share of a pair's force that the penetration of a penalty takes [-]; None: not computed,
@@ -146,6 +146,8 @@ class StepRecord(SolveRecord, ContactFigures):
         effectivity: estimate over true error [-], or None.
         resultants: of contact pairs, loads, conditions, and the balance of each body.
         goals: of the run; None: it has none.
+        approaches: for each contact pair, how far its obstacle has moved from `moved` along the force on it [m], or
+            None; None: no obstacle has a force.
     """
 
     enforcement: str
@@ -165,6 +167,7 @@ class StepRecord(SolveRecord, ContactFigures):
     effectivity: float | None = None
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] | None = None
+    approaches: list[float | None] | None = None
 
     @property
     def unseen_contact(self) -> int | None:

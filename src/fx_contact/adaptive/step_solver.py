@@ -1,5 +1,6 @@
 """One adaptive step: discretise on a given forest, solve, estimate the errors, record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,10 +13,12 @@ from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, record_of_solve
 from fx_contact.adaptive.validity import ModelWarning, check_model_warnings, model_warnings
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.row_kinds import create_rows
+from fx_contact.contact.row_kinds import columns_at_rest, create_rows
+from fx_contact.contact.settling import RowsAt, approaches, touching
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -54,12 +57,14 @@ class StepStart:
         displacement: (owned, 3), first guess [m].
         carried: (n, (p+1)^3, k), further fields at the nodes of the leaves.
         history: of the run so far.
+        approaches: `StepRecord.approaches` of the step before, if it is known.
     """
 
     prolongation: Prolongation
     displacement: FloatArray
     carried: FloatArray
     history: RefinementHistory
+    approaches: Sequence[float | None] | None = None
 
     @property
     def forest(self) -> Forest:
@@ -122,14 +127,15 @@ def solve_step(
 
 def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discrete:
     """Mesh, stiffness, conditions, forces and rows of contact of a step.  Collective."""
-    scene, forest, prolongation = settings.scene, start.forest, start.prolongation
+    scene, forest = settings.scene, start.forest
     with stages("mesh"):
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
         mesh = create_leaf_mesh(forest, order)
     with stages("assemble"):
+        rows, rows_at = _rows(settings, start)
+        prolongation = start.prolongation if rows is None else rows.prolongation
         materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
         elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
-        rows = create_rows(scene, prolongation, settings.enforcement) if scene.contact else None
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
@@ -147,8 +153,25 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         scene=scene,
         coarse=coarse,
         volume=volume,
+        rows_at=rows_at,
     )
     return _Discrete(elasticity, problem, totals)
+
+
+def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
+    """Rows of contact, with obstacles below forces where they begin to settle, and as `ContactProblem.rows_at`."""
+    scene = settings.scene
+    if all(contact.force is None for contact in scene.contact):
+        return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
+
+    known = columns_at_rest(scene, start.prolongation, settings.enforcement)
+
+    def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
+        return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
+
+    if start.approaches is None:
+        return touching(scene, rows_at, start.displacement), rows_at
+    return rows_at(start.approaches), rows_at
 
 
 def _assess(
@@ -193,12 +216,15 @@ def _estimate(
 ) -> tuple[SolvedState, Goals]:
     """Solution with its estimated error, and the adjoint problems of its goals.  Collective."""
     scene, forest, elasticity = settings.scene, start.forest, discrete.elasticity
-    shear_free = find_shear_free(scene, forest, start.prolongation)
+    shear_free = find_shear_free(scene, forest, elasticity.prolongation)
     estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement)
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
-    state = SolvedState(scene, forest, elasticity, field, discrete.problem.rows, solution, error.estimate)
+    every = solution.rows
+    rows = None if every is None or not scene.contact else every.part(ties=False)
+    ties = None if every is None or not scene.ties else every.part(ties=True)
+    state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 
 
@@ -269,4 +295,5 @@ def _record(
         doubts=assessed.warnings,
         resultants=assessed.resultants,
         goals=assessed.goals,
+        approaches=approaches(settings.scene, state.rows),
     )

@@ -116,7 +116,7 @@ def _initial_overlap(scene: Scene) -> float:
     """Largest penetration of root facets, at a lattice of points on each [m]."""
     forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
     deepest = 0.0
-    for kind in kinds_of(scene):
+    for kind in kinds_of(scene)[: len(scene.contact)]:
         cell, face = kind.facets(forest)
         nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
         apart = kind.apart(forest, cell, face, nodes.astype(np.int32))

@@ -3,12 +3,12 @@
 import warnings
 from typing import Any
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import ContactSolution, solve_contact
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.node_pairs import NodePairs
-from fx_contact.contact.row_kinds import KINDS, create_rows, needed_keys
+from fx_contact.contact.row_kinds import KINDS, create_rows
 
 __all__ = [
     "KINDS",
@@ -17,12 +17,12 @@ __all__ = [
     "ContactSolution",
     "Enforcement",
     "Entries",
+    "KeyedEntries",
     "NodePairs",
     "RowColumns",
     "RowKind",
     "SolveOptions",
     "create_rows",
-    "needed_keys",
     "solve_contact",
 ]
 

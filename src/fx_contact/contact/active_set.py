@@ -1,4 +1,4 @@
-"""The active set of closed rows: first guess and updates.
+"""The active set of closed rows: first guess and updates.  Rows of ties belong to every set.
 
 All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
 SIAM J. Optim. 13(3), 2002).  If a set recurs, single rows change, the lowest key first, until the number of wrong
@@ -29,6 +29,7 @@ class ActiveSet:
     Attributes:
         active: (n,), closed rows.
         updates: number of active sets, with linear solves that found one (`restart`).
+        of_others: updates for rows before the present ones (`exchange_rows`).
     """
 
     #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
@@ -40,9 +41,10 @@ class ActiveSet:
     def __init__(self, rows: ConstraintRows, scene: Scene | None, u: FloatArray, most: int | None) -> None:
         self._rows, self._scene, self._most = rows, scene, most
         self._comm = rows.prolongation.comm
-        self.updates = 1
+        self.updates, self.of_others = 1, 0
+        self._always = rows.equality
         penetration = rows.penetration(u)
-        deepest, rounding = self._max(penetration), self._TOUCHING * self._max(np.abs(u))
+        deepest, rounding = self._largest(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = penetration >= min(deepest, 0.0) - rounding
         self.active = self._supporting(closed, penetration)
         self.reset_cycles()
@@ -52,6 +54,12 @@ class ActiveSet:
         self._tried, self._fewest, self._single = [self.active], np.inf, False
         self._one_by_one: list[BoolArray] = []
         self._penetrate_when_open = False
+
+    def exchange_rows(self, rows: ConstraintRows) -> None:
+        """Go on with the same set of rows with other normals and gaps.  Local.  Raises SolveError: too many sets."""
+        self._rows, self.of_others = rows, self.updates
+        self._count(1)
+        self.reset_cycles()
 
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
         """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.
@@ -69,8 +77,8 @@ class ActiveSet:
         [J^(1/2)].  If all are, all rows open, unless they penetrated by more when all were open.
         """
         pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
-        hardest = self._max(pressure)
-        self._penetrate_when_open |= hardest > noise and not self.differs(np.zeros_like(self.active))
+        hardest = self._largest(pressure)
+        self._penetrate_when_open |= hardest > noise and not self.differs(self._always)
         press = hardest > noise or self._penetrate_when_open
         wanted = pressure > (np.where(self.active, -noise, noise) if press else hardest)
         return self._supporting(wanted, trial / self._rows.capped_stiffness)
@@ -134,9 +142,10 @@ class ActiveSet:
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
         """An active set with the rows closest to touching that support unconstrained bodies."""
+        active = active | self._always
         self._loose = self._loose_bodies(active)
         if self._loose:
-            top, bottom = self._max(penetration), -self._max(-penetration)
+            top, bottom = self._largest(penetration), -self._largest(-penetration)
             for band in self._BANDS:
                 more: BoolArray = active | (penetration >= top - band * (top - bottom))
                 if not self._loose_bodies(more):
@@ -153,6 +162,10 @@ class ActiveSet:
         resistance = (first - second).T @ (first - second)
         self._comm.Allreduce(MPI.IN_PLACE, resistance)
         return list(motions.unresisted(resistance))
+
+    def _largest(self, values: FloatArray) -> float:
+        """Largest of values (n,) in rows that may open."""
+        return self._max(values[~self._always])
 
     def _max(self, values: FloatArray) -> float:
         return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)

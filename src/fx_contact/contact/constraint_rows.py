@@ -1,11 +1,12 @@
 """The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
 
 A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
-both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).  Ties have the same rows
+along each axis, as equations: B u = 0.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -15,10 +16,10 @@ from scipy.sparse import csr_matrix
 
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,20 @@ class Entries:
 
 
 @dataclass(frozen=True, eq=False)
+class KeyedEntries:
+    """As `Entries`, of nodes by their lattice keys; they may hang, and be of any rank.
+
+    Attributes:
+        key: (b,).
+    """
+
+    row: Int64Array
+    key: Int64Array
+    side: Int64Array
+    weight: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class RowColumns:
     """Rows of one contact, each on one rank; as in `ConstraintRows`.
 
@@ -51,13 +66,18 @@ class RowColumns:
     """
 
     first: Int64Array
-    entries: Entries
+    entries: KeyedEntries
     across: FloatArray
     apart: FloatArray
     area: FloatArray
     stiffness: FloatArray
     position: FloatArray
     bodies: Int32Array
+
+    def along(self, axis: int) -> "RowColumns":
+        """The rows of a tie along an axis: without gap.  Local."""
+        across = self.area[:, None] * np.eye(3)[axis]
+        return replace(self, across=across, apart=np.zeros_like(self.apart))
 
 
 class PressureCorrection(Protocol):
@@ -71,12 +91,17 @@ class PressureCorrection(Protocol):
 
 
 class RowKind(ABC):
-    """The rows of a contact of one type, by its index in the scene, and the geometry between their nodes."""
+    """The rows of a contact or tie, by its index among `Scene.interfaces`, and the geometry between their nodes."""
 
     SLIDES: ClassVar[bool] = False  # the gap does not depend on tangential motion, as over a plane
+    #: Weight of the second side in the projection, over its modulus.
+    FOLLOWED: ClassVar[float] = 1.0
+    #: Parts of each side of a facet in the sampling of the least gap; 64 miss 1/4096 of the variation of a round gap.
+    PARTS: ClassVar[int] = 64
+    INTEGRATED: ClassVar[bool] = False  # rows hold integrals of the gap, also of what is between nodes
 
     def __init__(self, scene: Scene, index: int) -> None:
-        self.scene, self.index, self.contact = scene, index, scene.contact[index]
+        self.scene, self.index, self.contact = scene, index, scene.oriented[index]
 
     def facets(self, forest: Forest) -> tuple[Int64Array, Int64Array]:
         """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
@@ -85,13 +110,14 @@ class RowKind(ABC):
         ours = (surfaces.side[cell, face] == 0) & (surfaces.contact[cell, face] == self.index)
         return leaf[ours], face[ours]
 
-    def needed(self, space: Space) -> Int64Array:
-        """Keys of nodes that this rank's rows need beside those of its leaves: (k,).  Collective."""
-        return np.empty(0, dtype=np.int64)
-
     @abstractmethod
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """The rows.  Collective."""
+
+    def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+        """The rows of a tie along x, y and z.  Collective."""
+        columns = self.columns(prolongation, enforcement)
+        return [columns.along(axis) for axis in range(3)]
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -101,10 +127,10 @@ class RowKind(ABC):
         (n,).
         """
 
-    def apart_from(self, position: FloatArray) -> FloatArray | None:
-        """As `apart`, from positions (k, 3) [m]: (k, 3) [m]; None: on facets `apart` has the order of the root mesh.
+    def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray | None:
+        """As `apart`, from positions (k, 3) [m] with normals (k, 3) of any length: (k, 3) [m].
 
-        Local.
+        Local.  None: on facets `apart` has the order of the root mesh.
         """
         return None
 
@@ -118,8 +144,8 @@ class ConstraintRows:
     """The rows of B, each on one rank.
 
     Attributes:
-        prolongation: B acts on its conforming unknowns.
-        kinds: of each contact of the scene.
+        prolongation: B acts on its conforming unknowns; it has the nodes of all entries.
+        kinds: of each contact of the scene, then of its ties.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
         normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
@@ -132,7 +158,8 @@ class ConstraintRows:
         modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
-        contact: (n,), index of the contact in the scene.
+        contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
+        equality: (n,), rows of ties: always closed, with forces of either sign.
         symmetry: number of copies of the modelled part in the bodies.
     """
 
@@ -150,10 +177,24 @@ class ConstraintRows:
     position: FloatArray
     bodies: Int32Array
     contact: Int32Array
+    equality: BoolArray
     symmetry: int
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def part(self, ties: bool) -> "ConstraintRows":
+        """The rows and kinds of ties, or those of contacts.  Local."""
+        kinds, some = (
+            tuple(kind for kind in self.kinds if isinstance(kind.contact, Tie) == ties),
+            self.equality == ties,
+        )
+        if len(kinds) == len(self.kinds):
+            return self
+        row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
+        number, kept = np.cumsum(some) - 1, some[row]
+        entries = (self.entries.node[kept], self.entries.side[kept], self.entries.weight[kept])
+        return replace(self, kinds=kinds, entries=Entries(number[row[kept]], *entries), **columns)
 
     @cached_property
     def values(self) -> FloatArray:
@@ -163,17 +204,14 @@ class ConstraintRows:
     @property
     def key(self) -> Int64Array:
         """(n,), unique number of each row, on all ranks.  Local."""
+        axis = np.where(self.equality, self.normal.argmax(axis=1), 0)
         node: Int64Array = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
-        return node << 32 | self.contact
+        return node << 32 | self.contact << 2 | axis
 
     @property
     def node_keys(self) -> Int64Array:
         """(n,), lattice key of each row's node on the first surface, the same on any number of ranks.  Local."""
-        prolongation, keys = self.prolongation, self.prolongation.space.keys
-        named = np.empty(len(prolongation.zeros(1)), dtype=np.int64)
-        conforming = prolongation.conforming >= 0
-        named[prolongation.conforming[conforming]] = keys[conforming]
-        return named[self.first]
+        return self.prolongation.keys[self.first]
 
     @property
     def penalty_factor(self) -> FloatArray:
@@ -271,6 +309,18 @@ class ConstraintRows:
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
+    @property
+    def rates(self) -> FloatArray:
+        """(k, n), w = -n . d, penetration of the rows as each obstacle moves along its force d, if any [-].  Local."""
+        along, pressed = self.force_components(np.ones(len(self))), self.pressed
+        rates = [np.where(self.contact == index, along, 0.0) for index in pressed]
+        return np.array(rates).reshape(len(pressed), len(self))
+
+    @property
+    def pressed(self) -> list[int]:
+        """(k,), indices of the contacts whose obstacle has a force.  Local."""
+        return [kind.index for kind in self.kinds if kind.contact.force is not None]
+
     def force_components(self, force: FloatArray) -> FloatArray:
         """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""
         result = force.copy()
@@ -280,3 +330,10 @@ class ConstraintRows:
                 ours = self.contact == kind.index
                 result[ours] *= self.normal[ours] @ direction
         return result
+
+
+#: Columns of `ConstraintRows` with an entry for each row.
+_OF_ROWS = (
+    *("first", "normal", "apart", "gap", "area", "node_area", "stiffness", "modulus", "position", "bodies"),
+    *("contact", "equality"),
+)

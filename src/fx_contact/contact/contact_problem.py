@@ -1,5 +1,6 @@
 """The discrete contact problem, and the user's options for its solution."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -18,17 +19,19 @@ from fx_contact.problem.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem:
-    """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; without contact K u = L.
+    """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; in rows of ties B u = 0; without rows K u = L.
 
     Attributes:
         matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
-        rows: B and D; None: no contact.
+        rows: B and D; None: neither contact nor ties.
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
+        rows_at: the rows for distances [m] by which obstacles have moved along their forces, as of
+            `Scene.approached`; collective.  None: no obstacle has a force.
     """
 
     matrix: BlockMatrix
@@ -39,6 +42,7 @@ class ContactProblem:
     scene: Scene | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
+    rows_at: Callable[[Sequence[float | None]], ConstraintRows] | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""

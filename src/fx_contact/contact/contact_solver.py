@@ -7,12 +7,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.contact.active_set import ActiveSet
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.initial_guess import move_bodies, relax
 from fx_contact.contact.interior_point import find_closed_rows
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
+from fx_contact.contact.settling import settle
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -28,9 +30,10 @@ _UPDATES = 20
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """Result of the contact loop.
+    """Result of the contact loop; n rows of contact, and m of ties, which follow them among all rows.
 
     Attributes:
+        rows: of the problem, or where the obstacles have settled; None without contact.
         displacement: (owned, 3), conforming [m].
         active: (n,), closed rows.
         force: (n,), compression positive [N]; 0 in rows whose nodes are all constrained.
@@ -39,10 +42,12 @@ class ContactSolution:
         contact_iterations: number of active sets.
         krylov_iterations: of each linear solve.
         preconditioner: of the last solve, as `LinearSolver.preconditioner`.
+        tie_force: (m,), pressure positive, tension negative, shear of either sign [N].
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
         rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
     """
 
+    rows: ConstraintRows | None
     displacement: FloatArray
     active: BoolArray
     force: FloatArray
@@ -51,6 +56,7 @@ class ContactSolution:
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
+    tie_force: FloatArray
     energy_error: float
     rounding: float
 
@@ -81,7 +87,8 @@ def solve_system(
         The solution, and the system of the closed rows for dual solutions.
 
     Raises:
-        SolveError: a linear solve fails, too many active sets, an unconstrained body, or prescribed penetrations.
+        SolveError: a linear solve fails, too many active sets, an unconstrained body, prescribed penetrations, or an
+            obstacle that does not settle.
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
@@ -97,18 +104,26 @@ def solve_system(
         system = LinearSystem(problem, options.solver, stages, objects)
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
-        active, (force, pressure, penetration), count = np.zeros(0, dtype=bool), np.zeros((3, 0)), 1
+        error = system.solver.energy_error
+        active, (force, pressure, penetration, tied), count = np.zeros(0, dtype=bool), np.zeros((4, 0)), 1
     else:
         with stages("solve"):
             carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
             status, u = _first_guess(problem, load, jump, u, options.solver, carried)
         with stages("system"):
             system = ContactSystem(problem, load, jump, status.active, options, stages, objects)
-        u, trial = _find_active_set(system, status, u, options.solver)
-        active, penetration, count = status.active, rows.penetration(u), status.updates
-        force = np.where(active & jump.movable, trial, 0.0)
-        pressure = rows.pressure(force)
+        if problem.rows_at is None:
+            u, trial = _find_active_set(system, status, u, options.solver)
+            error = system.solver.energy_error
+        else:
+            jump, u, trial, error = settle(problem, jump, system, status, u, options.solver, _find_active_set)
+            rows = jump.rows
+        penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
+        force = np.where(status.active & jump.movable, trial, 0.0)
+        tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
+        pressure = rows.part(ties=False).pressure(force)
     solution = ContactSolution(
+        rows=rows,
         displacement=u,
         active=active,
         force=force,
@@ -117,7 +132,8 @@ def solve_system(
         contact_iterations=count,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
-        energy_error=system.solver.energy_error,
+        tie_force=tied,
+        energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
     )
     return solution, system
@@ -152,7 +168,7 @@ def _find_active_set(
         loose = tolerance > options.tolerance
         wanted = status.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
         if status.differs(wanted) and not (loose and status.cycles(wanted)):
-            if status.updates == _UPDATES:
+            if status.updates == status.of_others + _UPDATES:
                 u, wanted, solves = find_closed_rows(system, u)
                 status.restart(wanted, u, solves)
             else:

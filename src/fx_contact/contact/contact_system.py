@@ -7,7 +7,7 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.contact.projection import Projection
-from fx_contact.linalg.operator import Equations
+from fx_contact.linalg.operator import Equations, Sum
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -62,6 +62,7 @@ class ContactSystem:
         solver: of K with the capped penalty term.
         exact: closed rows do not yield.
         movable: (n,), as of `Jump`.
+        equality: (n,), as of the rows.
         capped_stiffness, stiffness: (n,), k of closed rows in the preconditioner and of their enforcement [N/m].
         energy_norm, comm: as of the problem.
     """
@@ -80,6 +81,7 @@ class ContactSystem:
         self._supports, self.energy_norm = problem.supports, problem.energy_norm
         self._options, self.comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
         self.capped_stiffness, self.movable = self._rows.capped_stiffness, jump.movable
+        self.equality = self._rows.equality
         self.exact = options.enforcement.method == "exact"
         self.stiffness = self.capped_stiffness if self.exact else self._rows.stiffness
         self._projected = np.ones_like(active) if self.exact else self.stiffness > self.capped_stiffness
@@ -89,8 +91,13 @@ class ContactSystem:
             self._coarse.couple(jump.matrix.distributed())
         self.solver = problem.linear_solver(self._options, objects)
         self._active = active  # of the last solve
-        self._in_matrix = active * self.capped_stiffness  # penalty term in the matrix
+        self._in_matrix, self._jump_in_matrix = active * self.capped_stiffness, jump  # penalty term in the matrix
         self._is_set_up = False
+
+    def exchange_rows(self, jump: Jump) -> None:
+        """Go on with rows of the same nodes with other normals and gaps; the preconditioner keeps the former ones."""
+        self._jump, self._rows = jump, jump.rows
+        self._projection, self._nearest = self._projection_of(jump), Projection(jump)
 
     def _projection_of(self, jump: Jump) -> Projection | None:
         """Projection of the projected rows, if any."""
@@ -102,6 +109,10 @@ class ContactSystem:
         self, jump: Jump, load: FloatArray, stiffness: FloatArray, projection: Projection | None
     ) -> Equations:
         """Equations of the active set with a penalty of the closed rows."""
+        if self._jump_in_matrix is not self._jump:
+            former = self._jump_in_matrix.with_gap(np.zeros_like(jump.gap))
+            terms = PenaltyTerm(jump, self._active * stiffness), PenaltyTerm(former, -self._in_matrix)
+            return Equations(load, Sum(terms), projection)
         difference = self._active * stiffness - self._in_matrix
         term = PenaltyTerm(jump, difference) if self._any(difference) else None
         return Equations(load + PenaltyTerm(jump, self._in_matrix).load(), term, projection)
@@ -122,7 +133,8 @@ class ContactSystem:
         try:
             return self._solved(u, tolerance)
         except SolveError:
-            if not self._any(self._in_matrix != active * self.capped_stiffness):
+            others = self._jump_in_matrix is not self._jump
+            if not (others or self._any(self._in_matrix != active * self.capped_stiffness)):
                 raise
         # The preconditioner of another active set may fail, as in slender bodies where 20 closed rows become 340.
         self._set_up(active * self.capped_stiffness)
@@ -162,6 +174,12 @@ class ContactSystem:
     def _set_up(self, stiffness: FloatArray) -> None:
         """Build the preconditioner with a penalty term (n,) of all rows [N/m]."""
         with self._stages("setup"):
+            if self._jump_in_matrix is not self._jump:
+                PenaltyTerm(self._jump_in_matrix, -self._in_matrix).add_to(self.solver.matrix)
+                self._in_matrix, self._jump_in_matrix = np.zeros_like(stiffness), self._jump
+                if self._coarse is not None:
+                    self._coarse.set_penalty(self._in_matrix)
+                    self._coarse.couple(self._jump.matrix.distributed())
             PenaltyTerm(self._jump, stiffness - self._in_matrix).add_to(self.solver.matrix)
             if self._coarse is not None:
                 self._coarse.set_penalty(stiffness)
@@ -207,39 +225,47 @@ class ContactSystem:
     def trial(self, u: FloatArray) -> FloatArray:
         """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Projected rows that other rows keep from closing count as open.  Raises SolveError as `Projection`.
+        Projected rows that other rows keep from closing count as open, except those of ties.  Raises SolveError as
+        `Projection`.
         """
         force = PenaltyTerm(self._jump, self.capped_stiffness).forces(u)
         if self._projection is None:
             return force
         projected = force + self._projected_forces(self._jump, self._load, self._projection, u)
         penetration = self._rows.penetration(self._nearest.onto_closed(u))
-        closed = self._projection.closed & (penetration >= -self._rounding(projected, u))
+        closed = self._projection.closed & (self.equality | (penetration >= -self._rounding(projected, u)))
         return np.where(closed, projected, force)
 
     def check_apart(self, trial: FloatArray, u: FloatArray) -> None:
         """Check that prescribed displacements do not force closed rows to penetrate, by `trial` forces of a solution u.
 
         Raises:
-            SolveError: the nearest displacement with B u = D leaves penetrations, and no gaps, of rows that may open.
+            SolveError: the nearest displacement with B u = D leaves penetrations, or parts of ties, and no gaps of rows
+                that may open.
         """
         rounding = self._rounding(trial, u)
         left = np.where(self._active, self._rows.penetration(self._nearest.onto_closed(u)), 0.0)
+        left = np.where(self.equality, np.abs(left), left)
         if self._largest(np.minimum(left, 0.0)) > rounding:
             return
         worst = int(left.argmax()) if len(left) else 0
-        mine = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
-        deepest, place = max(self.comm.allgather(mine))
+        of_worst = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
+        deepest, place, tied = max(self.comm.allgather((*of_worst, bool(self.equality[worst : worst + 1].any()))))
         if deepest > rounding:
+            at = f"at ({', '.join(f'{x:.4g}' for x in place)})"
+            if tied:
+                raise SolveError(
+                    f"displacements prescribed on both surfaces of a tie, or around it, differ by {deepest:.3g}, {at}: "
+                    "the tie cannot keep them together; leave one of them free"
+                )
             raise SolveError(
                 f"displacements prescribed on both surfaces of a contact, or around it, press them {deepest:.3g} "
-                f"into each other, at ({', '.join(f'{x:.4g}' for x in place)}): contact cannot keep them apart; leave "
-                "one of them free"
+                f"into each other, {at}: contact cannot keep them apart; leave one of them free"
             )
 
     def _rounding(self, trial: FloatArray, u: FloatArray) -> float:
         """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
-        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active].sum()))
+        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active & ~self.equality].sum()))
         moved = self._largest(u)
         approach = min(moved, self.energy_norm(u) ** 2 / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)

@@ -8,6 +8,8 @@ follow s_i f_i = mu to mu = 0.  Each linear solve has springs in all rows:
 The step towards u', f', s' keeps s and f positive.  At the end rows are closed where f/s is above its mean.  If all
 rows have the same status, they are closed where f/s is above the capped stiffness.
 
+Rows of ties have stiff springs of constant stiffness.
+
 In bodies that bend, updates of the active set open a line of nodes each.  The number of these iterations hardly depends
 on the mesh (`studies.cost.leaf_springs`).
 
@@ -31,6 +33,8 @@ _FIRST = 10.0
 #: All rows have one status if the mean of f times that of s is less, over the energy and the rows: 2e-12 to 2e-11 where
 #: all open, 2e-8 or more in leaf springs of 1:20 to 1:500.
 _ALIKE = 1e-9
+#: Springs of ties over the capped stiffness: they yield by a millionth of what the surface yields.
+_TIED = 1e6
 #: Most linear solves.
 _ITERATIONS = 60
 
@@ -40,14 +44,18 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
 
     Collective.  Raises SolveError as `ContactSystem.solve_springs`.
     """
-    k, some, comm = system.capped_stiffness, system.movable, system.comm
+    k, tied, comm = system.capped_stiffness, system.equality, system.comm
+    some = system.movable & ~tied
     compliance = np.zeros_like(k) if system.exact else 1 / system.stiffness
+    of_ties = (_TIED * k if system.exact else system.stiffness)[tied]
+    springs = k.copy()
+    springs[tied] = of_ties
 
     def total(values: FloatArray) -> float:
         """Sum over the movable rows of all ranks."""
         return comm.allreduce(float(values[some].sum()))
 
-    u, f = system.solve_springs(k, np.zeros_like(k), u, _LOOSE)
+    u, f = system.solve_springs(springs, np.zeros_like(k), u, _LOOSE)
     energy, number = system.energy_norm(u) ** 2, total(np.ones_like(k))
     size = _FIRST * np.sqrt(energy / total(k))
     s, f = np.maximum(-f / k, size), np.maximum(f, k * size)
@@ -55,7 +63,9 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
     while solves < _ITERATIONS and (gap := total(s * f)) > _GAP * energy:
         ratio, shift = s / f, s + _CENTRING * gap / number / f
         tolerance = min(_LOOSE, _OF_GAP * np.sqrt(gap / energy))
-        towards, force = system.solve_springs(1 / (ratio + compliance), -shift, u, tolerance)
+        springs = 1 / (ratio + compliance)
+        springs[tied], shift[tied] = of_ties, 0.0
+        towards, force = system.solve_springs(springs, -shift, u, tolerance)
         steps = np.where(some, shift - ratio * force - s, 0.0), np.where(some, force - f, 0.0)
         reach = min(_reach(s, steps[0]), _reach(f, steps[1]))
         length = min(1.0, _TO_BOUNDARY * comm.allreduce(reach, op=MPI.MIN))
@@ -63,7 +73,7 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
         energy, solves = system.energy_norm(u) ** 2, solves + 1
     alike = total(s) * total(f) < _ALIKE * number * energy
     border = k if alike else np.full_like(k, total(f) / total(s))
-    return u, some & (f > border * s), solves
+    return u, tied | (some & (f > border * s)), solves
 
 
 def _reach(values: FloatArray, step: FloatArray) -> float:

@@ -77,13 +77,13 @@ class Jump:
         movable: (n,), rows whose jump is free.
     """
 
-    #: Values up to this one are the rounding of unit normals along an axis.
+    #: Values up to this part of their weight are the rounding of unit normals along an axis.
     _ROUNDING = 1e-8
 
     def __init__(self, rows: ConstraintRows, supports: Supports) -> None:
         self.rows = rows
         values = supports.ghosted(rows.prolongation).free_part(rows.values, rows.entries.node)
-        self.values = np.where(np.abs(values) > self._ROUNDING, values, 0.0)
+        self.values = np.where(np.abs(values) > self._ROUNDING * np.abs(rows.entries.weight)[:, None], values, 0.0)
         self.matrix = Products(rows, self.values)
         self.movable = rows.entries.sums(self.values.any(axis=1).astype(float), len(rows)) > 0
         self.gap, self._full_gap = rows.gap - rows.jump(supports.values), rows.gap

@@ -6,22 +6,17 @@ row is on the rank that owns both nodes: B^T B needs no message (section 3 of th
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 
 
 class NodePairs(RowKind):
     """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second)."""
-
-    def needed(self, space: Space) -> Int64Array:
-        """Keys of the nodes opposite those of the first surface.  Local."""
-        return space.facing(*self.facets(space.forest)).ravel()
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`.  Collective."""
@@ -35,13 +30,13 @@ class NodePairs(RowKind):
         stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
         shares = np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2)
         first, example, sums = nodal_sums(prolongation, leaf, face, shares)
-        second, count = prolongation.find(keys.ravel()[example]), len(first)
+        count, named = len(first), np.stack([space.keys[space.on_faces(leaf, face)], keys], axis=2).reshape(-1, 2)
         here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
         return RowColumns(
             first=first,
-            entries=Entries(
+            entries=KeyedEntries(
                 row=np.repeat(np.arange(count), 2),
-                node=np.stack([first, second], axis=1).ravel(),
+                key=named[example].ravel(),
                 side=np.tile([0, 1], count),
                 weight=np.tile([1.0, -1.0], count),
             ),

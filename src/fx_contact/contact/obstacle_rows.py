@@ -5,7 +5,7 @@ g is the signed distance of the node from the obstacle plus the clearance, n the
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, spring_stiffness
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
@@ -30,11 +30,12 @@ class ObstacleRows(RowKind):
         stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
         first, example, sums = nodal_sums(prolongation, leaf, face, np.stack([area, stiffness], axis=2))
         position, count = here.reshape(-1, 3)[example], len(first)
+        keys = space.keys[space.on_faces(leaf, face)].ravel()[example]
         with together(prolongation.comm):
             distance, normal = self._distances(position)
         return RowColumns(
             first=first,
-            entries=Entries(np.arange(count), first, np.zeros(count, dtype=np.int64), np.ones(count)),
+            entries=KeyedEntries(np.arange(count), keys, np.zeros(count, dtype=np.int64), np.ones(count)),
             across=sums[:, :1] * normal,
             apart=distance[:, None] * normal,
             area=sums[:, 0],
@@ -46,11 +47,15 @@ class ObstacleRows(RowKind):
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors to the closest points of the obstacle.  Local.  Raises SceneError as `columns`."""
         here = forest.evaluate(forest.cell[leaf], points)
-        return self.apart_from(here.reshape(-1, 3)).reshape(here.shape)
+        return self._vectors(here.reshape(-1, 3)).reshape(here.shape)
 
-    def apart_from(self, position: FloatArray) -> FloatArray:
-        """As `RowKind.apart_from`.  Local.  Raises SceneError as `columns`."""
-        distance, normal = self._distances(position)
+    def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray:
+        """As `RowKind.apart_from`, whatever the normals.  Local.  Raises SceneError as `columns`."""
+        return self._vectors(position)
+
+    def _vectors(self, points: FloatArray) -> FloatArray:
+        """From points (n, 3) to the closest points of the obstacle: (n, 3) [m]."""
+        distance, normal = self._distances(points)
         return distance[:, None] * normal
 
     def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ import numpy as np
 from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 
+from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.jump import Jump, Products
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
@@ -12,8 +13,9 @@ from fx_contact.parallel.errors import SolveError
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    W weighs each body by its modulus: the softer body follows the stiffer one.  P^T K P is then as well conditioned
-    as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows.  Equal rows share their force by area.
+    W weighs each body by its modulus, and by `RowKind.FOLLOWED`: the softer body follows the stiffer one.  P^T K P is
+    then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows, or no component in
+    two of ties.  Equal rows share their force by area.
 
     Collective on the prolongation's comm.
 
@@ -39,13 +41,14 @@ class Projection:
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
         self.rigid = stiffness is None
-        weighted = jump.values / rows.modulus[entries.row, entries.side][:, None]
+        weighted = jump.values / (_followed(rows) * rows.modulus[entries.row, entries.side])[:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
-        count = vector(rows.prolongation.index_map, 1)
-        np.add.at(count.array, entries.node, 1.0)
+        count = vector(rows.prolongation.index_map, 3)
+        touched = ~rows.equality[entries.row, None] | (jump.values != 0)
+        np.add.at(count.array.reshape(-1, 3), entries.node, touched.astype(float))
         count.scatter_reverse(InsertMode.add)
-        most = float(count.array[: rows.prolongation.owned].max(initial=0.0))
+        most = float(count.array[: 3 * rows.prolongation.owned].max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
         self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
         self.close(np.zeros(len(rows), dtype=bool))
@@ -99,7 +102,8 @@ class Projection:
         else:
             raise SolveError(
                 f"the projection onto closed contact has not converged in {self._ITERATIONS} iterations: rows of "
-                "contact are almost dependent; let the surface of the finer mesh be the first one"
+                "contact are almost dependent, as on surfaces of several contacts or ties that share an edge, or on "
+                "facets of very different sizes"
             )
         return solution
 
@@ -110,3 +114,15 @@ class Projection:
 
     def _dots(self, *factors: tuple[FloatArray, FloatArray]) -> FloatArray:
         return self._comm.allreduce(np.array([a @ b for a, b in factors]))
+
+
+def _followed(rows: ConstraintRows) -> FloatArray:
+    """`RowKind.FOLLOWED` at the entries (b,), for symmetry the mean at each node.  Collective."""
+    entries, kinds = rows.entries, np.array([[1.0, kind.FOLLOWED] for kind in rows.kinds])
+    factor = kinds[rows.contact[entries.row], entries.side]
+    if (kinds == 1).all():
+        return factor
+    sums = rows.prolongation.zeros(2)
+    np.add.at(sums, entries.node, np.column_stack([factor, np.ones_like(factor)]))
+    total, count = rows.prolongation.ghosted(rows.prolongation.summed(sums))[entries.node].T
+    return np.asarray(total / count)

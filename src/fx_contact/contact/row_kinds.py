@@ -1,30 +1,34 @@
-"""Rows of all contacts of a scene, each made by the kind that the type of the contact asks for.
+"""Rows of all contacts and ties of a scene, each made by the kind that its type asks for.
 
 A new kind of contact is a subclass of `Contact` (its definition in a scene), a subclass of `RowKind` (its rows), and
 an entry here.
 """
 
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
+from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.ties import Tie
 
 #: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
     ContactPair: NodePairs,
+    Tie: NodePairs,
     Obstacle: ObstacleRows,
     RigidPlane: PlaneRows,
 }
@@ -34,12 +38,18 @@ KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
 _SMOOTH = 0.966
 
 
+#: Rows of contacts, one each, and of ties, three each, by index.
+Columns: TypeAlias = dict[int, list[RowColumns]]
+
+
 def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
-    """Kinds of the contacts of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
+    """Kinds of the contacts and ties of a scene.  Local.  Raises SceneError: a contact of an unknown type."""
     kinds = []
-    for index, contact in enumerate(scene.contact):
+    for index, contact in enumerate(scene.interfaces):
         decisive = type(contact if contact.obstacle is None else contact.obstacle)
         kind = next((KINDS[base] for base in decisive.__mro__ if base in KINDS), None)
+        if kind is NodePairs and index in scene.pairing.nonmatching:
+            kind = MortarRows
         if kind is None:
             known = ", ".join(base.__name__ for base in KINDS)
             raise SceneError(f"there are no rows for a {type(contact).__name__}: a contact must be one of {known}")
@@ -47,82 +57,113 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
     return tuple(kinds)
 
 
-def needed_keys(scene: Scene, space: Space) -> Int64Array:
-    """Keys of the nodes that the rows of this rank will need: (k,), for `Prolongation`.
+def columns_at_rest(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> Columns:
+    """Rows of contacts and ties, by index, without those of obstacles that settle.
 
-    Collective.  Raises SceneError as `kinds_of`.
+    Collective on prolongation.comm.  Raises SceneError as `create_rows`.
     """
-    return np.concatenate([np.empty(0, dtype=np.int64), *(kind.needed(space) for kind in kinds_of(scene))])
+    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)
+    return {kind.index: _columns(kind, prolongation, enforcement) for kind in resting}
 
 
-def create_rows(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> ConstraintRows:
-    """The rows of all contacts of a scene.
+def _columns(kind: RowKind, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
+    """Rows of a contact, or of a tie along three axes.  Collective."""
+    tied = isinstance(kind.contact, Tie)
+    return kind.tie_columns(prolongation, enforcement) if tied else [kind.columns(prolongation, enforcement)]
 
-    Collective on prolongation.comm, with the `needed_keys`.
+
+def create_rows(
+    scene: Scene, prolongation: Prolongation, enforcement: Enforcement, known: Columns | None = None
+) -> ConstraintRows:
+    """The rows of all contacts and ties of a scene, with the prolongation or one with the nodes of other ranks in them.
+
+    Collective on prolongation.comm.
+
+    Args:
+        known: some of the columns, as from `columns_at_rest`.
 
     Raises:
-        SceneError: a contact of an unknown type, a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`, or a
-            Prolongation that lacks nodes.
+        SceneError: a contact of an unknown type, or a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`.
     """
-    kinds = kinds_of(scene)
-    parts = [kind.columns(prolongation, enforcement) for kind in kinds]
+    kinds, contacts, known = kinds_of(scene), len(scene.contact), known or {}
+    of_kind = [known.get(kind.index) or _columns(kind, prolongation, enforcement) for kind in kinds]
+    parts = [part for columns in of_kind for part in columns]
+    of = np.repeat(np.arange(len(kinds), dtype=np.int32), [len(columns) for columns in of_kind])
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
     if enforcement.node_stiffness is not None:
         columns["stiffness"] = np.full(len(columns["first"]), float(enforcement.node_stiffness))
     across = columns.pop("across")
     normal = across / np.linalg.norm(across, axis=1)[:, None]
     counts = [len(part.first) for part in parts]
+    keyed = _joined([part.entries for part in parts], counts)
+    prolongation = prolongation.reaching(keyed.key)
+    contact = np.repeat(of, counts)
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,
-        entries=_joined([part.entries for part in parts], counts),
+        entries=_at_conforming(keyed, prolongation),
         normal=normal,
         gap=np.zeros(len(normal)),
         node_area=columns["area"],
         modulus=moduli(scene, columns["bodies"]),
-        contact=np.repeat(np.arange(len(parts), dtype=np.int32), counts),
+        contact=contact,
+        equality=contact >= contacts,
         symmetry=scene.symmetry,
         **columns,
     )
-    found = bool((rows.entries.node < 0).any()), float(rows.penalty_factor.max(initial=0.0))
-    missing, stiffest = prolongation.comm.allreduce(found, op=MPI.MAX)
-    if missing:
-        raise SceneError("rows of contact need nodes that the Prolongation lacks: make it with `needed_keys`")
+    stiffest = prolongation.comm.allreduce(float(rows.penalty_factor.max(initial=0.0)), op=MPI.MAX)
     if enforcement.node_stiffness is not None and not SOFTEST <= stiffest <= STIFFEST:
         raise SceneError(
             f"a node_stiffness of {enforcement.node_stiffness:g} is up to {stiffest:.0e} times that of the "
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return _with_clearance(rows if len(kinds) == 1 else _sharing(rows, across, enforcement.node_stiffness))
+    return _with_clearance(rows if contacts < 2 else _sharing(rows, across, enforcement.node_stiffness))
 
 
 #: Columns of `RowColumns` that are joined as they are.
 _COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name != "entries"]
 
 
-def _joined(parts: list[Entries], counts: list[int]) -> Entries:
+def _joined(parts: list[KeyedEntries], counts: list[int]) -> KeyedEntries:
     """Entries of several contacts."""
     start = np.concatenate([[0], np.cumsum(counts)])
     rows = np.concatenate([part.row + first for part, first in zip(parts, start)])
-    return Entries(rows, *(np.concatenate([getattr(p, name) for p in parts]) for name in ("node", "side", "weight")))
+    names = "key", "side", "weight"
+    return KeyedEntries(rows, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _at_conforming(entries: KeyedEntries, prolongation: Prolongation) -> Entries:
+    """Entries at conforming nodes: shares of hanging ones go to their masters."""
+    node = prolongation.find(entries.key)
+    if (node >= 0).all():
+        return Entries(entries.row, node, entries.side, entries.weight)
+    row = 2 * entries.row + entries.side
+    places = csr_matrix((entries.weight, (row, np.arange(len(row)))), (row.max() + 1, len(row)))
+    sums = (places @ prolongation.rows(entries.key)).tocoo()
+    order = np.lexsort((sums.col, sums.row))
+    row, side = np.divmod(sums.row[order].astype(np.int64), 2)
+    return Entries(row, sums.col[order].astype(np.int64), side, sums.data[order])
 
 
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
     """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth."""
-    prolongation = rows.prolongation
+    prolongation, ours = rows.prolongation, ~rows.equality
     sums = prolongation.zeros(5)
-    np.add.at(sums, rows.first, np.column_stack([rows.stiffness, rows.area, across]))
+    np.add.at(sums, rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
     stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
-    normal = np.where(smooth[:, None], mean, rows.normal)
+    normal = np.where((smooth & ours)[:, None], mean, rows.normal)
+    area, stiffness = np.where(ours, area, rows.area), np.where(ours, stiffness, rows.stiffness)
     stiffness = stiffness if node_stiffness is None else node_stiffness
     return replace(rows, node_area=area, stiffness=rows.area * stiffness / area, normal=normal)
 
 
 def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
     """Rows whose gaps, and vectors between the sides, have the clearance of their contacts."""
-    clearance = np.array([float(kind.contact.clearance) for kind in rows.kinds])[rows.contact]
+    clearance = np.zeros(len(rows))
+    for kind in rows.kinds:
+        clearance[rows.contact == kind.index] = float(kind.contact.clearance)
     apart = rows.apart + clearance[:, None] * rows.normal
     return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

@@ -15,6 +15,10 @@ p_z of z, and the families P of cells T of one parent, |J(u) - J(u_h)| is estima
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
+Obstacles that settle under forces give way in dual problems too: with the rates w and the solutions z_w, m_w of
+`contact.settling`, z + c z_w has c from w . (m + c m_w) = 0.  The force of such an obstacle is known; its error is that
+at a fixed place of the obstacle, the error of the distance times the stiffness.
+
 Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
 reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
 chapter 11.
@@ -27,6 +31,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
+from fx_contact.contact.settling import sensitivities
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.solved_state import SolvedState
@@ -55,6 +60,7 @@ class Functional:
         prescribed: (owned, 3), w, 0 in components that are not prescribed.
         local: (n,), error at each row that the dual solution does not contain, in the unit of the value; the largest
             one counts.
+        fixed: obstacles that settle under forces stay in place.
     """
 
     value: float
@@ -63,6 +69,7 @@ class Functional:
     penetration: FloatArray | None = None
     prescribed: FloatArray | None = None
     local: FloatArray | None = None
+    fixed: bool = False
 
     def depends(self, comm: MPI.Intracomm) -> bool:
         """True if the dual problem has data on any rank.  Collective."""
@@ -113,12 +120,24 @@ class Goals:
             stages,
         )
         self._comm = state.forest.comm
-        self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact else (_TIGHT,)
+        settles = state.rows is not None and bool(state.rows.pressed)
+        self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact and not settles else (_TIGHT,)
 
     @cached_property
     def between(self) -> GapBetweenNodes:
         """The gap between the nodes of the step.  Collective at the first call."""
         return GapBetweenNodes(self._state)
+
+    @cached_property
+    def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """z_w (k, owned, 3), m_w and w, both (k, n), of obstacles that settle.  Collective at the first call."""
+        solution, system = self._state.solution, self._system
+        assert solution.rows is not None and isinstance(system, ContactSystem)
+        rows, closed = solution.rows, solution.rows.equality & system.movable
+        closed[: len(solution.active)] |= solution.active & system.movable[: len(solution.active)]
+        guess = np.zeros((len(rows.pressed), *self._state.solution.displacement.shape))
+        with self._stages("solve"):
+            return *sensitivities(system, rows, closed, _TIGHT, guess), np.where(closed, rows.rates, 0.0)
 
     def of(self, functional: Functional, allowed: float) -> Goal:
         """A quantity of interest and its error.
@@ -135,6 +154,11 @@ class Goals:
         for tolerance in self._tolerances:
             with self._stages("solve"):
                 y, force = self._system.dual(load, penetration, tolerance, y)
+            if self._state.rows is not None and self._state.rows.pressed and not functional.fixed:
+                z, m, rates = self._of_obstacles
+                sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
+                share = np.linalg.solve(sums[:, 1:], -sums[:, 0])
+                y, force = y + np.tensordot(share, z, axes=1), force + share @ m
             goal = self._estimated(functional, y, force)
             bound = goal.total + tolerance * self._error.estimate.error_global * goal.dual.energy_norm
             if tolerance == _LOOSE and bound <= allowed:
@@ -142,23 +166,23 @@ class Goals:
         return goal
 
     def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray) -> Goal:
-        """The error by y = z - w, (owned, 3), and the contact forces (n,) of z."""
+        """The error by y = z - w, (owned, 3), and the forces of z in all rows, the n of contact first."""
         elasticity, pairs = self._state.elasticity, self._state.rows
         z = y if functional.prescribed is None else y + functional.prescribed
         dual = self._estimator.error(elasticity.field(z), loaded=False)
         error = _of_families(elasticity, self._estimator.products(self._error, dual))
-        pressure = force if pairs is None else force / pairs.area
+        pressure = np.zeros(0) if pairs is None else force[: len(pairs)] / pairs.area
         if pairs is not None:
             error = error + self.between.on_cells(pressure)
         total = self._comm.allreduce(float(error.sum()))
         return Goal(functional.value, error, total, dual.estimate, z, pressure)
 
     def _data(self, functional: Functional) -> tuple[FloatArray, FloatArray]:
-        """The load (owned, 3) and the jump (n,) of the problem of y = z - w.
+        """The load (owned, 3) and the jump, in rows of contact and of ties, of the problem of y = z - w.
 
         K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
         """
-        elasticity, pairs = self._state.elasticity, self._state.rows
+        elasticity, pairs, ties = self._state.elasticity, self._state.rows, self._state.ties
         shape = self._state.solution.displacement.shape
         load = np.zeros(shape) if functional.load is None else functional.load
         penetration, w = functional.penetration, functional.prescribed
@@ -167,6 +191,9 @@ class Goals:
         if w is not None:
             load = load - elasticity.internal_forces(elasticity.field(w))
             penetration = penetration if pairs is None else penetration - pairs.jump(w)
+        if ties is not None:
+            of_ties = np.zeros(len(ties)) if w is None else -ties.jump(w)
+            penetration = np.concatenate([penetration, of_ties])
         return load, penetration
 
 

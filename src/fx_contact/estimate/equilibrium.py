@@ -28,6 +28,8 @@ def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
     residual: FloatArray = state.elasticity.internal_forces(state.field) - load
     if state.rows is not None:
         residual += state.rows.transposed(state.solution.force)
+    if state.ties is not None:
+        residual += state.ties.transposed(state.solution.tie_force)
     return residual
 
 

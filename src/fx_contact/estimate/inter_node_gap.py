@@ -15,8 +15,6 @@ from fx_contact.problem import hexahedron
 _VARIATION = 1e-8
 #: up to this part of the root of the facet's area rounding (of a facet in 1e6 along a body).
 _ROUNDING = 1e-9
-#: Parts of each side of a facet in the sampling of the least gap, which misses 1/4096 of the variation of a round gap.
-_PARTS = 64
 #: Facets that are sampled together, for memory.
 _CHUNK = 64
 
@@ -25,7 +23,7 @@ class GapBetweenNodes:
     """The gap g between the nodes of contact facets, and g_I, bilinear between neighbouring nodes at either degree.
 
     Collective on state.forest.comm.  On closed facets and their neighbours g - g_I times a pressure counts, on others
-    any penetration.
+    any penetration.  Rows of integrals have none of the former.
 
     Args:
         state: with rows.
@@ -44,9 +42,11 @@ class GapBetweenNodes:
             cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
             near = _touched(prolongation, cells, pairs.first[closed])
             nodal = pairs.at_nodes(kind.index, known)[cells]
+            far = ~near & np.all(np.any(nodal[..., 3:], axis=2), axis=1)  # not beyond the cover of a second surface
+            near &= not kind.INTEGRATED
             with together(forest.comm):
-                away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (~near, near))
-            self._open.append((leaf[~near], away))
+                away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (far, near))
+            self._open.append((leaf[far], away))
             self._closed.append((kind.index, leaf[near], cells[near], close))
 
     def penetrated(self) -> BoolArray:
@@ -82,8 +82,10 @@ class _Facets:
         nodes = np.arange(degree + 1) * parts // degree
         self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # among the points
         self._simpson = _simpson(parts + 1)
-        # A function leaves the range of its samples by less than Lebesgue's constant times this range.
-        self._swing = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max() ** 2
+        # How far the gap leaves the range of its samples, over this range: by Lebesgue's constant of a polynomial, else
+        # as a quadratic function with its minimum in the middle between samples.
+        constant = np.abs(hexahedron.lagrange(parts, np.linspace(0, 1, 101))).sum(axis=1).max()
+        self._swing = 2 / parts**2 if kind.INTEGRATED else constant**2
         anchors = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
         points = np.einsum("pv,nvi->npi", np.rint(parts**2 * bilinear).astype(np.int64), anchors)
         points = points / parts**2
@@ -110,7 +112,7 @@ class _Facets:
     def _least(self, facets: Int64Array) -> FloatArray:
         """The least gap (k,) [m] of facets (k,) on a grid on each."""
         side = int(np.sqrt(self._apart.shape[1]))
-        finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, _PARTS + 1))
+        finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, self._kind.PARTS + 1))
 
         def at(values: FloatArray) -> FloatArray:
             """Values on the grid."""
@@ -121,9 +123,10 @@ class _Facets:
         for start in range(0, len(least), _CHUNK):
             some = facets[start : start + _CHUNK]
             position = at(self._here[some])
-            apart = self._kind.apart_from(position.reshape(-1, 3))
+            normal = at(self._normal[some])
+            apart = self._kind.apart_from(position.reshape(-1, 3), normal.reshape(-1, 3))
             apart = at(self._apart[some]) if apart is None else apart.reshape(position.shape) - at(self._jump[some])
-            least[start : start + _CHUNK] = _normal_part(apart, at(self._normal[some])).min(axis=(0, 1))
+            least[start : start + _CHUNK] = _normal_part(apart, normal).min(axis=(0, 1))
         return least + self._kind.contact.clearance
 
     def work(self, pressure: FloatArray) -> FloatArray:

@@ -77,6 +77,9 @@ class OfPair(Quantity):
 class ContactForce(OfPair):
     """The force of a contact pair, as in `StepRecord.pair_forces`.
 
+    That on an obstacle that settles under a force is known: its error is that at a fixed place of the obstacle, the
+    error of the distance in `StepRecord.approaches` times the stiffness.
+
     Attributes:
         pair: `ContactPair.name`, "first on second".
         tolerance: allowed error relative to the force [-].
@@ -96,7 +99,8 @@ class ContactForce(OfPair):
         closed = ours & state.solution.active
         share = scene.symmetry * np.where(closed, rows.force_components(np.ones(len(closed))), 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
-        return Functional(value, abs(value), penetration=share)
+        fixed = any(pair.name == self.pair and pair.force is not None for pair in scene.contact)
+        return Functional(value, abs(value), penetration=share, fixed=fixed)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ class SolvedState:
     Attributes:
         field: u at all nodes [m].
         rows: of all contacts; None without contact.
+        ties: rows of all ties, three a node, with the forces `solution.tie_force`; None without ties.
     """
 
     scene: Scene
@@ -25,5 +26,6 @@ class SolvedState:
     elasticity: Elasticity
     field: DisplacementField
     rows: ConstraintRows | None
+    ties: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate

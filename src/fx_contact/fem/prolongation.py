@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 from dolfinx.la import InsertMode, vector
+from mpi4py import MPI
 from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
@@ -75,6 +76,14 @@ class Prolongation:
         _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
+    def reaching(self, keys: Int64Array) -> "Prolongation":
+        """This, or one with further nodes by their keys (k,), the same at those of this rank.  Collective on comm."""
+        away = keys[self.space.find(keys) < 0]
+        away = away[~np.isin(away, self._needed)]
+        if not self.comm.allreduce(len(away) > 0, op=MPI.LOR):
+            return self
+        return Prolongation(self.space, np.concatenate([self._needed, away]))
+
     def find(self, keys: Int64Array) -> Int64Array:
         """Positions (k,) in `index_map`, -1 where a node hangs, by keys (k,) of nodes or masters.  Local."""
         place = self.space.find(keys)
@@ -91,6 +100,16 @@ class Prolongation:
         place = self.space.find(keys)
         away = len(self.space) + np.searchsorted(self._needed, keys)
         return vstack([self.matrix, self._of_needed], format="csr")[np.where(place >= 0, place, away)]
+
+    @property
+    def keys(self) -> Int64Array:
+        """(owned + ghosts,), lattice keys of the conforming nodes.  Local."""
+        size = self.index_map.size_local + self.index_map.num_ghosts
+        keys: Int64Array = np.empty(size, dtype=np.int64)
+        conforming = self.conforming >= 0
+        keys[self.conforming[conforming]] = self.space.keys[conforming]
+        keys[size - len(self._away) :] = self._away
+        return keys
 
     @property
     def owned(self) -> int:

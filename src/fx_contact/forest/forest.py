@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from fx_contact.forest.facing_facets import FacingFacets
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.lattice_points import LatticePoints
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
@@ -142,6 +143,19 @@ class Forest:
         """Leaves (m,) and their local faces (m,) that have a partner.  Local."""
         return self.pairing.faces(self.cell, self.level, self.anchor)
 
+    @cached_property
+    def facing(self) -> dict[int, FacingFacets]:
+        """Leaf facets across surfaces whose meshes do not match, by contact.  Collective on comm at first use."""
+        surfaces = self.contact_surfaces.nonmatching
+        return {index: FacingFacets.of(self, pair) for index, pair in surfaces.items()}
+
+    def too_large(self, marked: BoolArray) -> BoolArray:
+        """Leaves (n,) whose contact facets are too large for those they face once marked ones (n,) are refined.
+
+        Collective on comm.  On surfaces whose meshes do not match (`FacingFacets`).
+        """
+        return np.logical_or.reduce([np.zeros_like(marked), *(one.too_large(marked) for one in self.facing.values())])
+
     def stands_on(self, pairing: Pairing, contact_surfaces: ContactSurfaces) -> bool:
         """True if the contact surfaces and partners of the forest are these, of the same root mesh.  Local."""
         return self.contact_surfaces.same(contact_surfaces) and np.array_equal(self.pairing.partner, pairing.partner)
@@ -165,8 +179,9 @@ class Forest:
         """Refine the marked leaves (n,), their partners, and the leaves that the balance requires; also the map.
 
         Collective on comm.  Facing leaves are refined together (5), and those around the rim of a paired surface with
-        it.  No quarter point of an edge of a leaf is a vertex, so every edge has at most one hanging node.
-        Children are in the place of their parent.
+        it; those of surfaces that do not match follow the sizes of the facets that they face (`too_large`).  No quarter
+        point of an edge of a leaf is a vertex, so every edge has at most one hanging node.  Children are in the place
+        of their parent.
 
         Raises:
             GeometryError: a leaf of the finest level is marked.
@@ -225,6 +240,7 @@ class Forest:
             new[paired] = facing.asked(groups[group[fresh[paired]]])[group]
             asked = self.edges.directory.asked(self._forbidden_edges(fresh))
             new |= asked[self.edges.cells].any(axis=1)
+            new |= self.too_large(marked)
             fresh = new & ~marked
             if not self.comm.allreduce(bool(fresh.any()), op=MPI.LOR):
                 return marked

@@ -29,12 +29,25 @@ from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
 from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
+from fx_contact.problem.lattice import anchors_on_faces
+from fx_contact.problem.leaf_facets import LeafFacets
 
 
 def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:
-    """Hilbert keys (n,) of the leaves: the same for facing leaves if `pairs`, else distinct.  Local."""
-    cell, anchor = decode_leaf(forest.representatives if pairs else leaf_code(forest.cell, forest.anchor))
-    return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)
+    """Hilbert keys (n,) of the leaves: the same for facing leaves if `pairs`, else distinct.  Local.
+
+    Where meshes do not match, leaves of the second surface have the keys of the places that they face.
+    """
+    codes = forest.representatives if pairs else leaf_code(forest.cell, forest.anchor)
+    names, of_leaf = np.unique(codes, return_inverse=True)
+    cell, anchor = decode_leaf(names)
+    for facets in forest.contact_surfaces.nonmatching.values() if pairs else ():
+        leaf, face = forest.boundary_faces(facets.second.facets)
+        second = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        found, (place, uv) = facets.faced_by(second)
+        units = of_leaf[leaf[found]]
+        cell[units], anchor[units] = place[:, 0], anchors_on_faces(place[:, 1], uv)
+    return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)[of_leaf]
 
 
 class Units:

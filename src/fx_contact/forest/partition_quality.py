@@ -17,7 +17,7 @@ class PartitionSummary:
         kind: a key of `partition.KINDS`.
         imbalance: maximum over mean number of leaves per rank [-].
         cut_facets: number of leaf facets between two ranks; a hanging interface counts with its four fine facets.
-        split_pairs: number of facing leaf facets on different ranks.
+        split_pairs: number of pairs of facing leaf facets on different ranks.
     """
 
     kind: str
@@ -32,4 +32,6 @@ class PartitionSummary:
         imbalance = comm.allreduce(len(forest), op=MPI.MAX) * comm.size / forest.size_global
         if comm.size == 1:
             return cls(kind, imbalance, 0, 0)
-        return cls(kind, imbalance, create_leaf_graph(forest).cut(rank), create_facing_graph(forest).cut(rank))
+        nonmatching = comm.allreduce(sum(facing.split for facing in forest.facing.values()))
+        split_pairs = create_facing_graph(forest).cut(rank) + nonmatching
+        return cls(kind, imbalance, create_leaf_graph(forest).cut(rank), split_pairs)

@@ -62,6 +62,11 @@ class Sum(Operator):
         for term in self._terms:
             term.add_product(u, y)
 
+    def add_force(self, u: FloatArray, y: FloatArray) -> None:
+        """As `Operator.add_force`."""
+        for term in self._terms:
+            term.add_force(u, y)
+
     def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`."""
         return np.sum([term.diagonal() for term in self._terms], axis=0)

@@ -23,7 +23,12 @@ class CoarseLevel:
         self._stiffness: FloatArray = np.zeros(0)
 
     def couple(self, rows: PETSc.Mat) -> None:
-        """Make room for the penalty term of rows B, an AIJ matrix by fine unknowns, which is destroyed."""
+        """Make room for the penalty term of rows B, an AIJ matrix by fine unknowns, which is destroyed.
+
+        In place of other rows, whose penalty is 0.
+        """
+        if self._rows is not None:
+            self._rows.destroy()
         self._rows = rows.matMult(self.interpolation)
         rows.destroy()
         self._stiffness = np.zeros(self._rows.getLocalSize()[0])

@@ -22,10 +22,10 @@ from fx_contact.plot.canvas import (
     view_axes,
 )
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
-from fx_contact.plot.obstacles import add_obstacles
+from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.results.contact_surface import face_interpolation, nodal_values
+from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -82,12 +82,12 @@ def draw_bodies(
     leaf, face = visible_faces(step.forest, np.asarray(step.record.contact_centre), 10 * extent, cut)
     points, values = _on_faces(step, leaf, face, field, factor)
     points += apart * _outward(mesh)[mesh.body[step.forest.cell[leaf]]][:, None]
-    shown = on_first(step.forest.comm, points, values)
+    shown, obstacles = on_first(step.forest.comm, points, values), placed_obstacles(step, factor)
 
     def draw(plotter: "Plotter") -> None:
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
-        add_obstacles(plotter, step.scene, points.reshape(-1, 3), factor)
+        add_obstacles(plotter, obstacles, points.reshape(-1, 3))
         add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)
@@ -103,7 +103,7 @@ def _on_faces(
     if field == "pressure":
         nodal = nodal_values(step)[:, 3][step.elasticity.prolongation.space.on_faces(leaf, face)]
         on_contact = np.zeros((len(step.forest), 6))
-        on_contact[step.forest.contact_faces()] = 1  # other faces may have closed nodes at an edge
+        on_contact[contact_faces(step)] = 1  # other faces may have closed nodes at an edge
         values = on_contact[leaf, face, None] * (nodal @ _bilinear(degree).T)
     else:
         values = von_mises(step.nodal_stress[on_face]) @ finer.T

@@ -1,6 +1,6 @@
 """Leaves in three dimensions, around the contact or all of them, coloured by rank, level or part."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -14,6 +14,7 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import add_length, draw_on_first, on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
+from fx_contact.plot.obstacles import Shown, add_obstacles, placed_obstacles
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -60,6 +61,8 @@ def draw_mesh(
 ) -> "Path | Plotter | None":
     """Undeformed leaves around the contact, coloured, without those before the plane across y through its centre.
 
+    Rigid obstacles touch them.
+
     Collective on the step's communicator; rank 0 draws and receives visible faces only.
 
     Args:
@@ -76,7 +79,8 @@ def draw_mesh(
     check_number("the zoom of a picture", zoom, positive=True)
     centre = np.asarray(step.record.contact_centre)
     group = _groups(step.forest, colour)
-    return _draw_groups(step.forest, group, colour, centre, centre, zoom * contact_size(step), path, plotter)
+    reach, obstacles = zoom * contact_size(step), placed_obstacles(step, 0.0)
+    return _draw_groups(step.forest, group, colour, centre, centre, reach, path, plotter, obstacles)
 
 
 def contact_size(step: Step) -> float:
@@ -140,6 +144,7 @@ def _draw_groups(
     reach: float,
     path: str | Path | None,
     given: "Plotter | None",
+    obstacles: Sequence[Shown] = (),
 ) -> "Path | Plotter | None":
     """Leaves beyond the y of a point, about a centre, in the colours of their groups; a legend if there is a word."""
     leaf, face = visible_faces(forest, cut, reach)
@@ -154,6 +159,9 @@ def _draw_groups(
             plotter.add_mesh(surface, color=colour(number), ambient=0.65, diffuse=0.4)
             nearer = edges.translate(1e-3 * reach * EYE)  # before the surface
             plotter.add_mesh(nearer, color="#202020", line_width=2, lighting=False)
+        if obstacles:
+            near = faces.reshape(-1, 3)
+            add_obstacles(plotter, obstacles, near[np.abs(near - centre).max(axis=1) <= 2 * reach])
         if word and 1 < len(numbers) <= _LISTED:
             _add_legend(plotter, {f"{word} {number}": colour(number) for number in numbers})
         plotter.enable_parallel_projection()

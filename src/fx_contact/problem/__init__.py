@@ -10,6 +10,7 @@ from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
+from fx_contact.problem.ties import Tie
 
 __all__ = [
     "BodyForce",
@@ -28,6 +29,7 @@ __all__ = [
     "Scene",
     "Shape",
     "SymmetryPlane",
+    "Tie",
     "Traction",
     "ball",
     "block",

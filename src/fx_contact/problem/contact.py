@@ -1,7 +1,8 @@
 """Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -16,9 +17,11 @@ class Contact(ABC):
 
     Attributes:
         clearance: added to the gap, negative for interference [m].
+        force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
     """
 
     clearance: float = 0.0
+    force: tuple[float, float, float] | None = None
 
     @property
     @abstractmethod
@@ -55,18 +58,23 @@ class Contact(ABC):
 class ContactPair(Contact):
     """A surface that may touch another one, or a rigid obstacle.
 
-    Two surfaces are meshed alike: each facet of the first faces one of the second (`Pairing`).  Contact forces are
-    normal to the surfaces, or to the obstacle.
+    Where each facet of the first surface faces one of the second (`Pairing`), rows are of pairs of nodes.  Other
+    meshes have mortar rows on the surface of the softer body, of alike ones the finer surface, in whichever order they
+    are given.  Contact forces are normal to the surfaces, or to the obstacle.
 
-    Raises SceneError for a surface with itself, an invalid direction, vector or number, or `moved` without an obstacle.
+    Raises SceneError for a surface with itself, an invalid direction, vector or number, a force that is zero or beside
+    a `direction`, or `moved` or `force` without an obstacle.
 
     Attributes:
         second: the other surface, or the obstacle.
         direction: from the first body to the second, of any length [-]; points face each other in this direction, and
             the contact force is summed along it.  None: closest points face each other, and magnitudes are summed,
             on a plane along its normal.  From an obstacle closest points are taken in any case.
-        moved: displacement of the obstacle [m].
+        moved: displacement of the obstacle [m], with a force the place from which it moves.
         clearance: added to the gap, negative for interference [m].
+        force: on the obstacle, of all symmetric parts as forces in the records [N].  The obstacle is free to move
+            along it, to where the contact force in this direction balances it; other translations and rotations are
+            held.  None: it stays at `moved`.
     """
 
     first: str
@@ -74,6 +82,7 @@ class ContactPair(Contact):
     direction: tuple[float, float, float] | None = None
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
     clearance: float = 0.0
+    force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.first == self.second:
@@ -82,6 +91,12 @@ class ContactPair(Contact):
         check_number(f"the clearance of {self.first!r}", self.clearance)
         if self.obstacle is None and np.any(self.moved):
             raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that could be moved")
+        if self.force is not None:
+            check_direction(f"the force on the obstacle below {self.first!r}", self.force)
+            if self.obstacle is None:
+                raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that a force could press")
+            if self.direction is not None:
+                raise SceneError(f"{self.name!r} has a direction, that of the force: leave `direction` away")
         _ = self.unit_direction  # raises an error for an invalid direction
 
     @property
@@ -94,20 +109,37 @@ class ContactPair(Contact):
         """Names of both surfaces, or of the one."""
         return (self.first,) if isinstance(self.second, Obstacle) else (self.first, self.second)
 
+    def reversed(self) -> Self:
+        """The contact of two surfaces with the second one first."""
+        assert isinstance(self.second, str)
+        x, y, z = self.direction or (0.0, 0.0, 0.0)
+        direction = None if self.direction is None else (-x, -y, -z)
+        return replace(self, first=self.second, second=self.first, direction=direction)
+
     @property
     def unit_direction(self) -> FloatArray | None:
-        """(3,), `direction` normalised, or that into a plane [-].  Raises SceneError unless it is a non-zero vector."""
+        """(3,), against the force, `direction` normalised, or into a plane [-].  Raises SceneError for no direction."""
+        if self.force is not None:
+            return -check_direction("the force", self.force)
         if self.direction is not None:
             return check_direction(f"the direction of {self.name!r}", self.direction)
         return -self.second.unit_normal if isinstance(self.second, RigidPlane) else None
 
     @property
     def data(self) -> list[str | float]:
-        """Names, or definition of the obstacle, clearance if there is one, and direction."""
+        """Names, or definition of the obstacle, clearance if there is one, direction, and force."""
         direction = map(float, () if self.direction is None else self.direction)
         if self.obstacle is None:
             return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
-        return [self.first, *self.obstacle.data, *map(float, (*self.moved, self.clearance)), *direction]
+        numbers = map(float, (*self.moved, self.clearance))
+        force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
+        return [self.first, *self.obstacle.data, *numbers, *direction, *force]
+
+    def approached(self, distance: float) -> "ContactPair":
+        """The pair whose obstacle has moved along its force by a distance [m].  Local."""
+        assert self.unit_direction is not None, "against the force"
+        x, y, z = np.array(self.moved) - distance * self.unit_direction
+        return replace(self, moved=(float(x), float(y), float(z)))
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.

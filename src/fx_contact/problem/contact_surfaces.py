@@ -1,6 +1,6 @@
 """Root facets of the contact surfaces: index of the contact, and side.  All is local."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -8,20 +8,26 @@ from fx_contact.parallel.arrays import Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem.contact import Contact
 from fx_contact.problem.lattice import root_faces
+from fx_contact.problem.nonmatching import NonmatchingSurfaces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 
 class ContactSurfaces:
-    """The contact surfaces of a root mesh, meshed alike (`Pairing`) or not; the same on all ranks.
+    """The contact surfaces of a root mesh; the same on all ranks.
 
     Raises SceneError for an unknown surface, PairingError for a facet in two contacts, or on both sides of one.
 
     Attributes:
         contact: (ncells, 6), index of the contact of each local face, -1 for none.
         side: (ncells, 6), 0 on the first surface of a contact, 1 on the second, -1 on none.
+        nonmatching: surfaces whose meshes do not match, by the index of the contact.
     """
 
-    def __init__(self, mesh: RootMesh, contacts: Sequence[Contact]) -> None:
+    def __init__(
+        self, mesh: RootMesh, contacts: Sequence[Contact], nonmatching: Mapping[int, NonmatchingSurfaces] = {}
+    ) -> None:
+        self.nonmatching = nonmatching
         shape = len(mesh.cells), 6
         self.contact: Int32Array = np.full(shape, -1, dtype=np.int32)
         self.side: Int8Array = np.full(shape, -1, dtype=np.int8)
@@ -36,8 +42,9 @@ class ContactSurfaces:
                         raise PairingError(
                             f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
                         )
+                    kinds = "contact pairs or ties" if isinstance(contact, Tie) else "contact pairs"
                     raise PairingError(
-                        f"{place} is in two contact pairs, {other.name!r} and {contact.name!r}; split the surface so "
+                        f"{place} is in two {kinds}, {other.name!r} and {contact.name!r}; split the surface so "
                         "that each facet is in one"
                     )
                 self.contact[cell, face], self.side[cell, face] = index, side
@@ -51,6 +58,15 @@ class ContactSurfaces:
         leaf, face = np.nonzero(root_faces(anchor, level) & (self.contact[cell] >= 0))
         return leaf, face
 
+    @property
+    def _faced(self) -> dict[int, tuple[tuple[str, ...], tuple[float, float, float] | None]]:
+        """First and second surfaces whose meshes do not match, and in which direction they face each other."""
+        return {i: (one.contact.surfaces, one.contact.direction) for i, one in self.nonmatching.items()}
+
     def same(self, other: "ContactSurfaces") -> bool:
         """True if both have the same facets, contacts and sides."""
-        return np.array_equal(self.contact, other.contact) and np.array_equal(self.side, other.side)
+        return (
+            self._faced == other._faced
+            and np.array_equal(self.contact, other.contact)
+            and np.array_equal(self.side, other.side)
+        )

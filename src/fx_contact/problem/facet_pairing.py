@@ -18,6 +18,7 @@ from fx_contact.problem import hexahedron
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.ties import Tie
 
 Coordinate = TypeVar("Coordinate", bound=np.number[Any])
 
@@ -32,11 +33,13 @@ _OFFSET = 0.1
 
 
 class Pairing:
-    """Facing facets of the surfaces of each ContactPair, the same on all ranks.
+    """Facing facets of the surfaces of each ContactPair and Tie, the same on all ranks.
 
-    Raises SceneError for an unknown surface, PairingError unless they match facet by facet and node by node.
+    Raises SceneError for an unknown surface, PairingError if surfaces that match face away from a given direction.
 
     Attributes:
+        nonmatching: why surfaces do not match facet by facet and node by node, by the index of the contact; these have
+            no partners.
         partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
         rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface, which are
             not refined with it.
@@ -47,9 +50,18 @@ class Pairing:
         self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
-        for pair in (one for one in contacts if isinstance(one, ContactPair) and one.obstacle is None):
+        self.nonmatching: dict[int, str] = {}
+        for index, pair in enumerate(contacts):
+            if not isinstance(pair, (ContactPair, Tie)) or pair.obstacle is not None:
+                continue
             first, second = map(mesh.surface, pair.surfaces)
-            match, symmetry = _match(mesh, pair, first, second)
+            try:
+                match, symmetry = _match(mesh, pair, first, second)
+            except _NoMatch as error:
+                self.nonmatching[index] = str(error)
+                continue
+            if isinstance(pair, ContactPair):
+                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
@@ -129,19 +141,19 @@ def decode_leaf(code: Int64Array) -> tuple[Int32Array, Int32Array]:
     return (code >> 3 * MAX_LEVEL).astype(np.int32), anchor.astype(np.int32)
 
 
-def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> tuple[Int64Array, Int64Array]:
-    """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises PairingError.
+class _NoMatch(Exception):
+    """Two surfaces are not meshed alike; the message says why."""
+
+
+def _match(
+    mesh: RootMesh, pair: ContactPair | Tie, first: Int32Array, second: Int32Array
+) -> tuple[Int64Array, Int64Array]:
+    """Partner (n,) of each facet of the first surface, and code (n,) in `_SYMMETRIES`.  Raises _NoMatch.
 
     Partners have the nearest centres, both ways, and coincident nodes, seen along the direction or the normal.
     """
-    label = f"contact pair ({pair.first!r}, {pair.second!r})"
     if len(first) != len(second):
-        raise PairingError(
-            f"{label}: {len(first)} facets face {len(second)}; {_surplus(mesh, pair, first, second)}; mesh both "
-            "surfaces alike, facet for facet, and name those parts only that face each other: join unites sides of "
-            "one name"
-        )
-    _check_facing(mesh, label, pair, first, second)
+        raise _NoMatch(f"{len(first)} facets face {len(second)}")
     points = [mesh.facet_points(facets) for facets in (first, second)]
     direction = pair.unit_direction
     if direction is not None:
@@ -159,33 +171,17 @@ def _match(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Ar
         normal = mesh.outward_normals(first)
         difference -= np.einsum("nmi,ni,nj->nmj", difference, normal, normal)
     distance = np.linalg.norm(difference, axis=2).max(axis=1)
-    limit = (_OFFSET if direction is None else _MATCH) * size
+    # The rows of a tie have all components: they compare displacements at one place.
+    limit = (_OFFSET if direction is None and isinstance(pair, ContactPair) else _MATCH) * size
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
-        cell, face = first[unmatched][0]
-        advice = ", or give the direction in which they face each other"
-        if pair.direction is not None:
-            advice = f": seen along the direction {tuple(pair.direction)}, facing nodes must coincide"
-        raise PairingError(
-            f"{label}: {unmatched.sum()} of {len(first)} facets have no partner, the first near "
-            f"{mesh.facet_points(first[unmatched][:1]).mean(axis=(0, 1))} (face {face} of root cell {cell}); nodes are "
-            f"up to {distance.max():.3g} apart; mesh both surfaces alike{advice}"
+        place = mesh.facet_points(first[unmatched][:1]).mean(axis=(0, 1))
+        raise _NoMatch(
+            f"{unmatched.sum()} of {len(first)} facets have no partner, the first near {place}; nodes are up to "
+            f"{distance.max():.3g} apart"
         )
-    _check_one_to_one(mesh, label, first, second[match], symmetry)
+    _check_one_to_one(mesh, first, second[match], symmetry)
     return match, symmetry
-
-
-def _surplus(mesh: RootMesh, pair: ContactPair, first: Int32Array, second: Int32Array) -> str:
-    """Where facets of the larger surface are not the nearest one of a facet of the smaller."""
-    (_, few), (name, many) = sorted(zip(pair.surfaces, (first, second)), key=lambda side: len(side[1]))
-    points = mesh.facet_points(many, order=1)
-    nearest = cKDTree(points.mean(axis=1)).query(mesh.facet_points(few, order=1).mean(axis=1))[1]
-    left = np.delete(points, nearest, axis=0)
-    low, high = left.min(axis=(0, 1)), left.max(axis=(0, 1))
-    if np.array_equal([low, high], [points.min(axis=(0, 1)), points.max(axis=(0, 1))]):
-        return "their meshes differ"
-    box = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high))
-    return f"{len(left)} of {name!r}, in {box}, are too many"
 
 
 def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Array, second: Int32Array) -> None:
@@ -218,10 +214,8 @@ def _inverse(symmetry: IntArray) -> Int64Array:
     return 4 * swap + 2 * np.where(swap, flip_v, flip_u) + np.where(swap, flip_u, flip_v)
 
 
-def _check_one_to_one(
-    mesh: RootMesh, label: str, first: Int32Array, second: Int32Array, symmetry: Int64Array
-) -> None:
-    """Raises PairingError if a node faces several nodes."""
+def _check_one_to_one(mesh: RootMesh, first: Int32Array, second: Int32Array, symmetry: Int64Array) -> None:
+    """Raises _NoMatch if a node faces several nodes."""
     of_face = hexahedron.face_nodes(mesh.order)
     one = mesh.cells[first[:, :1], of_face[first[:, 1]]]
     two = mesh.cells[second[:, :1], of_face[second[:, 1]]]
@@ -230,10 +224,7 @@ def _check_one_to_one(
     for column in links.T:
         nodes, count = np.unique(column, return_counts=True)
         if (count > 1).any():
-            raise PairingError(
-                f"{label}: the node at {mesh.points[nodes[count > 1][0]]} faces several nodes; "
-                "give the direction in which the surfaces face each other"
-            )
+            raise _NoMatch(f"the node at {mesh.points[nodes[count > 1][0]]} faces several nodes")
 
 
 def _rim(mesh: RootMesh, facets: Int32Array) -> BoolArray:

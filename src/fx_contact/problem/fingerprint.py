@@ -31,6 +31,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
             _given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value) for t in scene.tractions
         ],
         "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
+        **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 

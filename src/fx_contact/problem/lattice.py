@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
@@ -136,6 +136,16 @@ def leaf_side(level: IntArray) -> Int32Array:
 def leaf_corners(anchor: Int32Array, level: Int8Array) -> Int32Array:
     """Lattice coordinates (n, 8, 3) of the corners, in tensor order, of leaves with low corner `anchor` (n, 3)."""
     return anchor[:, None] + leaf_side(level)[:, None, None] * hexahedron.CORNERS.astype(np.int32)
+
+
+def anchors_on_faces(face: IntArray, uv: FloatArray) -> Int32Array:
+    """Anchors (n, 3) of the finest leaves at places on faces (n,) of root cells, by coordinates (n, 2) in [0, 1]."""
+    last = SIDE - 2
+    result = np.empty((len(face), 3), dtype=np.int32)
+    tangents = np.minimum((uv * SIDE).astype(np.int32) & ~1, last)
+    np.put_along_axis(result, hexahedron.FACE_TANGENTS[face], tangents, axis=1)
+    np.put_along_axis(result, hexahedron.FACE_AXIS[face][:, None], last * hexahedron.FACE_SIDE[face][:, None], axis=1)
+    return result
 
 
 def edge_midpoints(corners: Int32Array) -> Int32Array:

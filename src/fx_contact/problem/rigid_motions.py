@@ -79,13 +79,13 @@ class RigidMotions:
     def unresisted(self, resistance: FloatArray) -> list[str]:
         """Names of the bodies that move in a free motion without resistance.
 
-        The resistance (k, k) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus that of
-        the second one at a point in contact.
+        The resistance (k + m, k + m) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus
+        that of the second one at a point in contact, and then columns of m motions of obstacles.
         """
         if not len(self.free):
             return []
         strength, vectors = np.linalg.eigh(resistance)
         # For unit vectors: a row of R has a length of about 1, a body that moves has components above 1e-6.
-        loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12)]
+        loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12), : len(self.free)]
         moves = np.abs(np.tensordot(loose, self.free, axes=1)).max(axis=(0, 2), initial=0.0)
         return [name for name, size in zip(self._mesh.bodies, moves.tolist()) if size > 1e-6]

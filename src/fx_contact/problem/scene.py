@@ -1,6 +1,7 @@
 """Contact problem: materials, conditions, loads and contacts on a root mesh; frozen and validated.  All is local."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from textwrap import indent
@@ -21,14 +22,16 @@ from fx_contact.problem.boundary_conditions import (
     Traction,
     merged,
 )
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
+from fx_contact.problem.nonmatching import NonmatchingSurfaces, oriented
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
-from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_units
+from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
+from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,12 +49,14 @@ class Scene:
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
             planes; None: the centroid of the contact forces.
         body_forces: those on one body add up.
+        ties: glued surfaces; a facet is in at most one contact or tie.
 
     Raises:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large.
+            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large; a
+            force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
     """
 
     name: str
@@ -63,6 +68,7 @@ class Scene:
     symmetry: int = 1
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
+    ties: tuple[Tie, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -88,9 +94,10 @@ class Scene:
             check_name("body", force.body, mesh.bodies, "the root mesh has")
         check_units(self)
         check_obstacles(self)
+        check_ties(self)
         check_constrained(self)
         _ = self.mirrors  # raises an error for an impossible number of parts
-        names = [contact.name for contact in self.contact]
+        names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:
                 raise SceneError(f"two contacts have the name {name!r}: rename a surface")
@@ -100,12 +107,20 @@ class Scene:
         materials = ((body, self.materials[body]) for body in self.mesh.bodies)
         lists = {
             "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
-            "contact": [contact.label for contact in self.contact],
+            "contact": [self._described(index) for index in range(len(self.contact))],
+            "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
         }
         return summary(f"scene {self.name!r}{parts}\n{indent(repr(self.mesh), '  ')}", lists)
+
+    def _described(self, index: int) -> str:
+        """A contact for `repr`, with the surface that has the rows where meshes do not match."""
+        label, reason = self.interfaces[index].label, self.pairing.nonmatching.get(index)
+        if reason is None:
+            return label
+        return f"{label} (meshes do not match: {reason}; rows on {self.oriented[index].surfaces[0]!r})"
 
     @cached_property
     def conditions(self) -> tuple[Dirichlet | ObliquePlane, ...]:
@@ -122,15 +137,35 @@ class Scene:
         """Symmetry group of the scene."""
         return mirrors_of(self)
 
+    @property
+    def interfaces(self) -> tuple[Contact, ...]:
+        """`contact`, then `ties`: both have surfaces, rows and an index among all."""
+        return (*self.contact, *self.ties)
+
+    @cached_property
+    def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
+        """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
+        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
+        pairs = {index: self.interfaces[index] for index in self.pairing.nonmatching}
+        return {
+            i: oriented(self.mesh, pair, moduli) for i, pair in pairs.items() if isinstance(pair, (ContactPair, Tie))
+        }
+
+    @property
+    def oriented(self) -> tuple[Contact, ...]:
+        """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
+        chosen = {index: surfaces.contact for index, surfaces in self.nonmatching.items()}
+        return tuple(chosen.get(index, pair) for index, pair in enumerate(self.interfaces))
+
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
-        """Root facets on contact surfaces."""
-        return ContactSurfaces(self.mesh, self.contact)
+        """Root facets on contact and tied surfaces."""
+        return ContactSurfaces(self.mesh, self.oriented, self.nonmatching)
 
     @cached_property
     def pairing(self) -> Pairing:
         """Root facets that face each other."""
-        return Pairing(self.mesh, self.contact)
+        return Pairing(self.mesh, self.interfaces)
 
     @cached_property
     def rigid_motions(self) -> RigidMotions:
@@ -154,7 +189,16 @@ class Scene:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces))
-        return tuple(value for value in (*conditions, *loads) if value is not None)
+        forces = (contact.force for contact in self.contact)
+        return tuple(value for value in (*conditions, *loads, *forces) if value is not None)
+
+    def approached(self, distances: Sequence[float | None]) -> "Scene":
+        """The scene with each contact's obstacle moved along its force by a distance [m]; None: not moved.  Local."""
+        other = copy(self)  # with what is known of surfaces and bodies, which do not move
+        pairs = zip(self.contact, distances, strict=True)
+        moved = tuple(c.approached(t) if isinstance(c, ContactPair) and t is not None else c for c, t in pairs)
+        object.__setattr__(other, "contact", moved)
+        return other
 
     def samples(self, name: str) -> FloatArray:
         """Sampling points (n, 3) [m] of a surface, curve, vertex or body, for functions of position."""
@@ -176,7 +220,7 @@ class Scene:
         """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
         of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
-        for index, contact in enumerate(self.contact):
+        for index, contact in enumerate(self.oriented):
             if contact.unit_direction is not None:
                 result[of == index] = contact.unit_direction
         return result
@@ -205,6 +249,7 @@ _ITEMS = {
     "contact": (Contact,),
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
+    "ties": (Tie,),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5

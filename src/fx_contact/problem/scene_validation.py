@@ -8,8 +8,11 @@ import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE
+from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, SymmetryPlane
 from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.hexahedron import face_nodes, grid_points
+from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.ties import Tie
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -18,6 +21,11 @@ if TYPE_CHECKING:
 _STIFFEST, _SMALLEST = 1e15, 1e6
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
+#: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
+#: facets are 0.207 of their length away from it.
+_APART = 0.25
+#: Instead of a body, of facets that face nothing.
+_NOTHING = -2
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 
@@ -51,7 +59,7 @@ def check_units(scene: Scene) -> None:
 
 
 def check_obstacles(scene: Scene) -> None:
-    """Raises SceneError for an obstacle with a body inside it, behind the surface, or too far away."""
+    """Raises SceneError for an obstacle with a body inside it, behind the surface, too far away, or not pressed."""
     mesh = scene.mesh
     size = np.ptp(mesh.points, axis=0).max()
     for contact in scene.contact:
@@ -76,19 +84,84 @@ def check_obstacles(scene: Scene) -> None:
             raise SceneError(
                 f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
+        if contact.force is not None:
+            _check_force(scene, contact, towards)
+
+
+def _check_force(scene: Scene, contact: ContactPair, towards: FloatArray) -> None:
+    """Raises SceneError for a force across a symmetry plane, or along all directions (n, 3) into the obstacle."""
+    against = contact.unit_direction
+    assert against is not None, "of a pair with a force"
+    for given, condition in zip(scene.dirichlet, scene.conditions):
+        if isinstance(given, SymmetryPlane) and np.abs(condition.across @ against).max() > PLANE:
+            raise SceneError(
+                f"{contact.name!r}: the force on the obstacle crosses the symmetry plane {given.surface!r}, where its "
+                "mirror image would cancel it; give the force of all symmetric parts, along the plane"
+            )
+    if (towards @ against <= _ROUNDING).all():
+        raise SceneError(f"{contact.name!r}: the force pulls the obstacle away from the surface; reverse it")
+
+
+def check_ties(scene: Scene) -> None:
+    """Raises SceneError for a tie among the contacts, and for tied surfaces that lie apart."""
+    if any(isinstance(contact, Tie) for contact in scene.contact):
+        raise SceneError(
+            "contact must be a tuple of contact pairs: ties are an argument of their own, ties=(Tie(...),)"
+        )
+    if scene.ties:
+        _ = scene.contact_surfaces  # raises an error for a facet in two of them
+    for index, tie in enumerate(scene.ties, len(scene.contact)):
+        distance, size = _between(scene, index)
+        part = np.nan_to_num(np.abs(distance)) / size
+        worst = np.unravel_index(part.argmax(), part.shape)
+        if part[worst] > _APART:
+            place = scene.mesh.facet_points(scene.mesh.surface(scene.oriented[index].surfaces[0])[[worst[0]]]).mean(
+                axis=(0, 1)
+            )
+            raise SceneError(
+                f"{tie.label}: the surfaces are {abs(distance[worst]):.3g} apart near {place}, {part[worst]:.2g} of "
+                f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
+                "other"
+            )
+
+
+def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
+    """Distances (n, 9) of tied surfaces at points of the first, nan where none faces it, and facet diagonals [m]."""
+    mesh, pair = scene.mesh, scene.contact_surfaces.nonmatching.get(index)
+    first = mesh.surface(scene.oriented[index].surfaces[0])
+    here = mesh.facet_points(first, order=2)
+    size = np.linalg.norm(np.ptp(here, axis=1), axis=1)[:, None]
+    if pair is None:
+        points = grid_points(2)[face_nodes(2)[first[:, 1]]] * (SIDE // 2)
+        cell, _, opposite = scene.pairing.opposite(first[:, 0], first[:, 1], points)
+        there = mesh.evaluate(np.repeat(cell, 9), opposite.reshape(-1, 3, 1) / SIDE).reshape(here.shape)
+        return np.linalg.norm(there - here, axis=2), np.broadcast_to(size, here.shape[:2])
+    other = np.linalg.norm(np.ptp(pair.second.corners, axis=1), axis=1)
+    found = pair.faced(here.reshape(-1, 3), np.repeat(mesh.outward_normals(first), 9, axis=0))
+    facet, distance = found.facet.reshape(here.shape[:2]), found.distance.reshape(here.shape[:2])
+    return distance, np.maximum(size, np.where(facet >= 0, other[facet], 0.0))
 
 
 def check_constrained(scene: Scene) -> None:
-    """Raises SceneError for a rigid motion that neither a condition nor contact resists."""
+    """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
     motions = scene.rigid_motions
-    first = scene.contact_surfaces.facets(0)
+    first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
+    tied = scene.contact_surfaces.contact[first[:, 0], first[:, 1]] >= len(scene.contact)
+    axes = np.tile(np.eye(3), (int(tied.sum()), 1))
+    direction = np.concatenate([direction[~tied], axes])
+    first, opposite = (
+        np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
+    )
     points = _resisting_points(scene, first, direction).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
-        for bodies in (scene.mesh.body[first[:, 0]], _opposite_bodies(scene, first))
+        for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
-    resisted = here - there
+    of = np.repeat(scene.contact_surfaces.contact[first[:, 0], first[:, 1]], 4)
+    # Obstacles below forces give way along them: `direction` is against the force there.
+    yields = [of == index for index, contact in enumerate(scene.contact) if contact.force is not None]
+    resisted = np.column_stack([here - there, *yields])
     loose = motions.unresisted(resisted.T @ resisted)
     if loose:
         raise SceneError(
@@ -98,20 +171,34 @@ def check_constrained(scene: Scene) -> None:
         )
 
 
-def _opposite_bodies(scene: Scene, first: Int64Array) -> Int64Array:
-    """Bodies (n,) of the partners of facets (n, 2) of first surfaces, -1 where they have none: an obstacle."""
+def _facing_bodies(scene: Scene) -> tuple[Int64Array, Int64Array]:
+    """Facets (n, 2) of first surfaces, and the bodies (n,) that they face, -1: an obstacle.
+
+    Without facets that face nothing.
+    """
+    surfaces = scene.contact_surfaces
+    first = surfaces.facets(0)
     partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    return np.where(partner >= 0, scene.mesh.body[partner], -1).astype(np.int64)
+    body = np.full(surfaces.side.shape, -1, dtype=np.int64)
+    body[tuple(first.T)] = np.where(partner >= 0, scene.mesh.body[partner], -1)
+    for pair in surfaces.nonmatching.values():
+        faced = pair.faced_samples.max(axis=1)  # any of them
+        there = scene.mesh.body[pair.second.facets[faced, 0]]
+        body[tuple(pair.first.facets.T)] = np.where(faced >= 0, there, _NOTHING)
+    bodies = body[tuple(first.T)]
+    return first[bodies != _NOTHING], bodies[bodies != _NOTHING]
 
 
 def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
     """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3): their corners.
 
-    Curved facets without a given direction have four times the mean of them, where `direction` is the normal.
+    Curved facets without a given direction have four times the mean of them, where `direction` is the normal, except
+    for ties.
     """
     corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
     middle = corners.mean(axis=1, keepdims=True)
     height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
     curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
-    along_normals = np.array([contact.unit_direction is None for contact in scene.contact], dtype=bool)[of]
+    pairs = [contact.unit_direction is None for contact in scene.contact]
+    along_normals = np.array([*pairs, *(False for _ in scene.ties)], dtype=bool)[of]
     return np.where((curved & along_normals)[:, None, None], middle, corners)

@@ -10,7 +10,7 @@ from dolfinx.mesh import create_mesh
 
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.compat import stay
 from fx_contact.parallel.meeting import collective
 from fx_contact.problem import hexahedron
@@ -39,7 +39,7 @@ def contact_functions(step: Step) -> dict[str, fem.Function]:
     forest, space = step.forest, step.elasticity.prolongation.space
     leaf_order, degree = step.leaf_mesh.order, step.record.degree
     order = max(leaf_order, degree)
-    leaf, face = forest.contact_faces()
+    leaf, face = contact_faces(step)
     on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
     points = face_interpolation(leaf_order, order) @ leaf_positions(forest, leaf, leaf_order)[on_face]
     nodal = face_interpolation(degree, order) @ nodal_values(step)[space.on_faces(leaf, face)]
@@ -65,6 +65,14 @@ def contact_functions(step: Step) -> dict[str, fem.Function]:
     for column, name in enumerate(_SCALARS, start=3):
         fields[name] = function_on(mesh, element(), name, values[..., column, None])
     return fields
+
+
+def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:
+    """Leaves (m,) and their local faces (m,) on surfaces of contact, not of ties.  Local."""
+    forest = step.forest
+    leaf, face = forest.contact_faces()
+    touches = forest.contact_surfaces.contact[forest.cell[leaf], face] < len(step.scene.contact)
+    return leaf[touches], face[touches]
 
 
 def face_interpolation(order: int, finer: int) -> FloatArray:

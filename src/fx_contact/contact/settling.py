@@ -1,0 +1,241 @@
+"""Rigid obstacles that settle under forces, by Newton's method for their distances t along the forces.
+
+An obstacle moves along the unit vector d of its force F.  Its rows penetrate at the rates w = -n . d.  With the contact
+forces f of the rows at t, the equilibrium of each obstacle and its derivatives are
+
+    w_i . f(t) = F_i,    d(w_i . f)/dt_j = -w_i . m_j,    K z_j + B^T m_j = 0,    B z_j = w_j on the closed rows.
+
+For fixed n the forces w_i . f are the gradient of a convex function of t, the energy of the bodies.  So a step ends
+before the minimum along it, or is halved until the excess of the forces is not larger than before.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.active_set import ActiveSet
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.contact_problem import ContactProblem
+from fx_contact.contact.contact_system import ContactSystem
+from fx_contact.contact.jump import Jump
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.linalg.stopping import ROUNDING
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.validation import percent
+from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.scene import Scene
+from fx_contact.problem.surface_projection import LEAST_COSINE
+
+#: A contact loop: displacement (owned, 3) [m] and trial forces (n,) [N] from a first guess.
+Loop: TypeAlias = Callable[[ContactSystem, ActiveSet, FloatArray, Solver], tuple[FloatArray, FloatArray]]
+#: Rows for distances of the obstacles, as of `Scene.approached`.
+RowsAt: TypeAlias = Callable[[Sequence[float | None]], ConstraintRows]
+
+#: Excess of the contact force over the force on the obstacle, relative to it, up to which solves become tight.
+_NEAR = 0.1
+#: Most solves of the contact problem.
+_MOST = 60
+#: In thin bodies the contact force is less accurate than the linear solver's bound: 3e-6 in plates of 1:50 and 1:200,
+#: 2e-4 with factors of thin rubber (`Solver.tolerance`).  An excess up to this part of the force is accepted if so many
+#: solves in turn have not halved it.
+_ROUNDED, _STALLED = 2e-4, 3
+#: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
+_TOUCHING, _STEPS = 0.01, 30
+#: Bisections for the expected indentation, a first guess.
+_BISECTIONS = 20
+
+
+class Settled(NamedTuple):
+    """Equilibrium: the jump there, displacement (owned, 3) [m], trial forces (n,) [N], energy error [J^(1/2)]."""
+
+    jump: Jump
+    displacement: FloatArray
+    trial: FloatArray
+    energy_error: float
+
+
+def settle(
+    problem: ContactProblem,
+    jump: Jump,
+    system: ContactSystem,
+    status: ActiveSet,
+    u: FloatArray,
+    options: Solver,
+    loop: Loop,
+) -> Settled:
+    """Move the obstacles to where contact forces balance the forces on them, up to the linear solver's error.
+
+    Collective.
+
+    Args:
+        jump: of the system, with rows where the obstacles begin.
+        u: (owned, 3), first guess [m].
+
+    Raises:
+        SolveError: an obstacle does not settle, or as `loop`.
+    """
+    assert problem.rows_at is not None and problem.scene is not None
+    rows, loose = jump.rows, replace(options, tolerance=options.loose_tolerance)
+    t, force, solver = _distances(problem.scene, rows), _forces(rows), loose
+    step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
+    size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
+    least, stalled = np.inf, 0
+    for _ in range(_MOST):
+        u, trial = loop(system, status, u, solver)
+        error, closed = system.solver.energy_error, status.active & jump.movable
+        excess = _sum(rows, rows.rates @ np.where(closed, trial, 0.0)) - force
+        off = float((np.abs(excess) / force).max())
+        if solver is options:
+            least, stalled = (off, 0) if off < least / 2 else (least, stalled + 1)
+        if stalled >= _STALLED and off <= _ROUNDED:
+            return Settled(jump, u, trial, error)
+        if excess @ step > before:
+            step, before = step / 2, before / 2
+            t, u = t - step, u + np.tensordot(step, z, axes=1)
+        else:
+            z, m = sensitivities(system, rows, closed, options.loose_tolerance, z)
+            slope = -_sum(rows, rows.rates @ m.T)
+            stiffness = slope.diagonal()
+            # A solve changes the force by up to its energy error times the norm of z; two are compared.
+            allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
+            if solver is options and (np.abs(excess) <= allowed).all():
+                return Settled(jump, u, trial, error)
+            step = _step(rows, u, excess, slope)
+            before = -float(excess @ step)
+            if solver is loose and ((np.abs(excess) <= _NEAR * force + allowed) | (stiffness == 0)).all():
+                solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
+            t, u = t + step, u - np.tensordot(step, z, axes=1)
+        rows = problem.rows_at(_listed(rows, t))
+        jump = Jump(rows, problem.supports)
+        system.exchange_rows(jump)
+        status.exchange_rows(rows)
+    raise SolveError(
+        f"a rigid obstacle does not settle: after {_MOST} solves the contact force differs from the force on it by "
+        f"{percent(off)}; does the surface resist it there, and is the force in the "
+        "units of moduli and lengths?"
+    )
+
+
+def sensitivities(
+    system: ContactSystem, rows: ConstraintRows, closed: BoolArray, tolerance: float, guess: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """z (k, owned, 3) [-], and m (k, n) [N/m] of the closed rows; 0 of obstacles without any.
+
+    Collective.  Raises SolveError as `ContactSystem.dual`.
+
+    Args:
+        closed: (n,), movable closed rows of the system.
+        tolerance: of z, relative to its energy norm.
+        guess: (k, owned, 3), first guess of z.
+    """
+    z, m, rates = np.zeros_like(guess), np.zeros_like(rows.rates), np.where(closed, rows.rates, 0.0)
+    for index, rate in enumerate(rates):
+        if rows.prolongation.comm.allreduce(bool(rate.any()), op=MPI.LOR):
+            z[index], m[index] = system.dual(np.zeros_like(guess[index]), rate, tolerance, guess[index])
+    return z, np.where(closed, m, 0.0)
+
+
+def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
+    """Rows with the obstacles in a displacement (owned, 3) [m] as far as their forces are expected to press them.
+
+    Collective.  Raises SolveError unless the obstacles meet the surface.
+    """
+    rows = rows_at([None] * len(scene.contact))
+    t = np.zeros(len(rows.pressed))
+    for _ in range(_STEPS):
+        gap, indentation = _expected(rows, u)
+        t += gap
+        if (np.abs(gap) <= _TOUCHING * indentation).all():
+            return rows_at(_listed(rows, t + indentation))
+        rows = rows_at(_listed(rows, t))
+    raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
+
+
+def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatArray) -> FloatArray:
+    """Newton's step (k,) [m]; obstacles without closed rows go on to the surface."""
+    presses = slope.diagonal() > 0
+    if presses.all():
+        return np.asarray(np.linalg.solve(slope, -excess))
+    gap, indentation = _expected(rows, u)
+    step = gap + indentation
+    step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
+    return step
+
+
+def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
+
+    Rows that the obstacle passes along do not count.  The indentation is that of a flat punch as large as the area A
+    that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    """
+    gap, comm = -rows.penetration(u), rows.prolongation.comm
+    ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rows.rates]
+    ahead = [gap[some] / rows.rates[one, some] for one, some in enumerate(ours)]
+    least = np.array([one.min(initial=np.inf) for one in ahead])
+    comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+    if not np.isfinite(least).all():
+        raise SolveError(
+            "the force on a rigid obstacle pulls it away from the surface or along it, or has pressed it through the "
+            "body: reverse the force, or check its unit"
+        )
+    soft = rows.area * (1 / rows.modulus).sum(axis=1)
+
+    def punches(depth: FloatArray) -> FloatArray:
+        """The indentation of flat punches as large as the areas that obstacles penetrate at a depth (k,)."""
+        inside = [some[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
+        area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
+        return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
+
+    low: FloatArray = np.zeros(len(least))
+    high = punches(low)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        beyond = punches(middle) < middle
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return least, high
+
+
+def _forces(rows: ConstraintRows) -> FloatArray:
+    """(k,), length of the force on each obstacle, of the modelled part [N]."""
+    forces = [rows.kinds[index].contact.force for index in rows.pressed]
+    return np.linalg.norm(np.array(forces, dtype=np.float64), axis=1) / rows.symmetry
+
+
+def _distances(scene: Scene, rows: ConstraintRows) -> FloatArray:
+    """(k,), distance of each obstacle along its force from its place in the scene [m]."""
+    found = approaches(scene, rows) or []
+    return np.array([found[index] for index in rows.pressed], dtype=np.float64)
+
+
+def approaches(scene: Scene, rows: ConstraintRows | None) -> list[float | None] | None:
+    """For each contact of a scene the distance of its obstacle along the force [m], or None; None: no obstacle has one.
+
+    Local.
+    """
+    if rows is None or not rows.pressed:
+        return None
+    result: list[float | None] = [None] * len(scene.contact)
+    for index in rows.pressed:
+        begin, now = scene.contact[index], rows.kinds[index].contact
+        assert isinstance(begin, ContactPair) and isinstance(now, ContactPair) and now.unit_direction is not None
+        result[index] = float(-now.unit_direction @ np.subtract(now.moved, begin.moved))
+    return result
+
+
+def _listed(rows: ConstraintRows, t: FloatArray) -> list[float | None]:
+    """Distances (k,) as a list with an entry for each contact."""
+    result: list[float | None] = [None] * len(rows.part(ties=False).kinds)
+    for index, distance in zip(rows.pressed, t):
+        result[index] = float(distance)
+    return result
+
+
+def _sum(rows: ConstraintRows, values: FloatArray) -> FloatArray:
+    """Sums over all ranks."""
+    total = np.ascontiguousarray(values, dtype=np.float64)
+    rows.prolongation.comm.Allreduce(MPI.IN_PLACE, total)
+    return total

@@ -1,0 +1,151 @@
+"""Leaf facets that face each other across contact surfaces whose meshes do not match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array
+from fx_contact.parallel.box_search import Boxes, meeting_boxes
+from fx_contact.parallel.mpi import Directory
+from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.leaf_facets import LeafFacets
+from fx_contact.problem.nonmatching import NonmatchingSurfaces
+from fx_contact.problem.root_facets import SurfacePoints
+
+if TYPE_CHECKING:
+    from fx_contact.forest.forest import Forest
+
+#: Samples along each side of a leaf facet, of what it faces.
+_SAMPLES = 4
+#: Part of their extent by which the box around its samples is enlarged: 1/6 to the edges, and as much for curvature.
+_MARGIN = 1 / 3
+#: Facets of the first surface are refined while they are this much larger than those they face; refinement halves.
+_LARGER = 2**0.5
+
+
+@dataclass(frozen=True, eq=False)
+class FacingFacets:
+    """This rank's leaf facets on the first surface, and those of any rank on the second that they may face.
+
+    Attributes:
+        leaf, face: (n,), leaves and local faces of the first.
+        first: (n,).
+        second: (m,), distinct.
+        level: (m,), of the leaves of the second.
+        anchor: (m, 3), of the leaves of the second.
+        rank: (m,), that has the second.
+        pairs: (k, 2), numbers of the first and the second.
+        faced: (k,), pairs of which a sample of the first faces the second.
+    """
+
+    forest: Forest
+    surfaces: NonmatchingSurfaces
+    leaf: Int64Array
+    face: Int64Array
+    first: LeafFacets
+    second: LeafFacets
+    level: Int8Array
+    anchor: Int32Array
+    rank: Int64Array
+    pairs: Int64Array
+    faced: BoolArray
+
+    @classmethod
+    def of(cls, forest: Forest, surfaces: NonmatchingSurfaces) -> FacingFacets:
+        """Those of a forest.  Collective on forest.comm."""
+        leaf, face = forest.boundary_faces(surfaces.first.facets)
+        first = _leaf_facets(forest, leaf, face)
+        samples = _Faced(surfaces, first)
+        mine, my_face = forest.boundary_faces(surfaces.second.facets)
+        rank = np.full(len(mine), forest.comm.rank)
+        names = np.column_stack([forest.cell[mine], forest.level[mine], my_face, forest.anchor[mine], rank])
+        boxes = _around(_points(_leaf_facets(forest, mine, my_face)).position)
+        asked, name = meeting_boxes(forest.comm, samples.boxes, boxes, names.astype(np.int64))
+        name, number = np.unique(name, axis=0, return_inverse=True)
+        cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
+        second = LeafFacets.of_leaves(forest.mesh, cell, level, anchor, name[:, 2])
+        pairs = np.stack([asked, number.ravel()], axis=1)
+        faced = samples.on(second, pairs)
+        return cls(forest, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
+
+    @cached_property
+    def _leaves(self) -> tuple[Int64Array, Directory]:
+        """This rank's leaves on the second surface, and the directory of their codes."""
+        mine = np.unique(self.forest.boundary_faces(self.surfaces.second.facets)[0])
+        codes = leaf_code(self.forest.cell[mine], self.forest.anchor[mine])
+        return mine, Directory(self.forest.comm, codes, self.forest.homes.of_leaves)
+
+    @property
+    def split(self) -> int:
+        """Number of this rank's pairs that face each other, of which the second is on another rank.  Local."""
+        return int((self.rank[self.pairs[self.faced, 1]] != self.forest.comm.rank).sum())
+
+    def too_large(self, marked: BoolArray) -> BoolArray:
+        """Leaves (n,) whose facets are larger than those they face once marked leaves (n,) are refined.  Collective."""
+        mine, directory = self._leaves
+        codes = leaf_code(self.second.cell.astype(np.int32), self.anchor)
+        _, refined = directory.lookup(codes, marked[mine], marked[mine])
+        size = self.surfaces.size[self.second.cell, self.second.face] * self.second.side / SIDE
+        size = np.where(refined, size / 2, size)
+        least = np.full(len(self.first), np.inf)
+        one, two = self.pairs[self.faced].T
+        np.minimum.at(least, one, size[two])
+        own = self.surfaces.size[self.first.cell, self.first.face] * self.first.side / SIDE
+        result = np.zeros(len(marked), dtype=bool)
+        result[self.leaf[own > _LARGER * least]] = True
+        return result & ~marked
+
+
+class _Faced:
+    """Samples of first facets (n,) and the places on the second surface that they face."""
+
+    def __init__(self, surfaces: NonmatchingSurfaces, first: LeafFacets) -> None:
+        self._surfaces = surfaces
+        at = _points(first)
+        normal = surfaces.directions(at.normal)
+        found = surfaces.faced(at.position.reshape(-1, 3), normal.reshape(-1, 3))
+        self._facet = found.facet.reshape(at.position.shape[:2])
+        self._uv = found.uv.reshape(*at.position.shape[:2], 2)
+        met, distance = self._facet >= 0, found.distance.reshape(at.position.shape[:2])
+        none = ~met.any(axis=1)
+        # Samples that face nothing are moved as the nearest place of the others is; if all do, both ways.
+        least = np.where(none, 0.0, np.where(met, distance, np.inf).min(axis=1, initial=np.inf))
+        there = at.position + np.where(met, distance, least[:, None])[..., None] * normal
+        reach = np.zeros((len(first), 1, 1))
+        size = np.ptp(at.position[none], axis=1).max(axis=1)
+        reach[none, 0, 0] = surfaces.nearest(at.position[none].mean(axis=1)) + 2 * size
+        before, behind = _around(there - reach * normal), _around(there + reach * normal)
+        self.boxes = Boxes(np.minimum(before.low, behind.low), np.maximum(before.high, behind.high))
+
+    def on(self, second: LeafFacets, pairs: Int64Array) -> BoolArray:
+        """Pairs (k,) of which a sample of the first faces the second."""
+        one, two = pairs.T
+        facets = self._surfaces.second.facets
+        at = facets[self._facet[one]]  # of no facet the last, which does not count
+        same = (self._facet[one] >= 0) & (at == np.stack([second.cell, second.face], axis=1)[two, None]).all(axis=2)
+        place = SIDE * self._uv[one] - second.low[two, None]
+        inside = ((place >= 0) & (place <= second.side[two, None, None])).all(axis=2)
+        return np.asarray((same & inside).any(axis=1))
+
+
+def _leaf_facets(forest: Forest, leaf: Int64Array, face: Int64Array) -> LeafFacets:
+    return LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+
+
+def _points(facets: LeafFacets) -> SurfacePoints:
+    """Samples (n, _SAMPLES^2) of facets."""
+    line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    uv = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    return facets.at(np.broadcast_to(uv, (len(facets), *uv.shape)))
+
+
+def _around(points: FloatArray) -> Boxes:
+    """Enlarged boxes around samples (n, m, 3)."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    margin = _MARGIN * (high - low).max(axis=1, keepdims=True)
+    return Boxes(low - margin, high + margin)

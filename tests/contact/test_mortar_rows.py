@@ -1,0 +1,268 @@
+"""Contact of surfaces whose meshes do not match: patch test, node pairs as a special case, cover, order, ranks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from model_problems import gathered, grown
+
+from fx_contact import (
+    Beginning,
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    PairingError,
+    Pressure,
+    Scene,
+    Solver,
+    SymmetryPlane,
+    adapt,
+)
+from fx_contact.contact.row_kinds import create_rows
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
+from fx_contact.problem import block, cylinder, ring, root_mesh_from_shapes
+from fx_contact.scenes import hertz
+
+SIDES = ("left", "front", "right", "back", "bottom", "top")
+
+
+def boxes(
+    upper, lower, tilt=(0.0, 0.0), twist=0.0, moduli=(1.0, 1.0), order=("upper bottom", "lower top"), **options
+):
+    """Two unit cubes with cells (x, y) under hydrostatic pressure, the upper one's mesh twisted, on a tilted plane."""
+
+    def place(x):
+        angle = np.radians(twist) * np.prod(np.sin(np.pi * x[:2]), axis=0)
+        dx, dy = x[0] - 0.5, x[1] - 0.5
+        turned = 0.5 + np.cos(angle) * dx - np.sin(angle) * dy, 0.5 + np.sin(angle) * dx + np.cos(angle) * dy
+        return tilted(np.stack([*turned, x[2]]))
+
+    def tilted(x):
+        return x[0], x[1], x[2] + (1 - np.abs(x[2] - 1)) * (tilt[0] * x[0] + tilt[1] * x[1])
+
+    bodies = {
+        "upper": block((0, 0, 1), (1, 1, 2), (*upper, 2), 1).placed(place),
+        "lower": block((0, 0, 0), (1, 1, 1), (*lower, 1), 1).placed(tilted),
+    }
+    scene = Scene(
+        name="boxes",
+        mesh=root_mesh_from_shapes(bodies),
+        materials={name: Material(young, 0.3) for name, young in zip(bodies, moduli)},
+        dirichlet=(
+            Dirichlet("lower bottom", z=0.0),
+            *(
+                Dirichlet(f"{body} {side}", **{axis: 0.0})
+                for body in bodies
+                for side, axis in (("left", "x"), ("front", "y"))
+            ),
+        ),
+        contact=(ContactPair(*order),),
+        tractions=(
+            Pressure("upper top", 0.01),
+            *(Pressure(f"{body} {side}", 0.01) for body in bodies for side in ("right", "back")),
+        ),
+    )
+    return replace(scene, **options)
+
+
+def refined_near(scene, body, reach=(0.6, 0.35)):
+    """The root cells, those of a body near a corner of the interface refined twice."""
+    forest = Beginning.uniform(scene, 0, WORLD).forest
+    for radius in reach:
+        near = np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < radius
+        forest, _ = forest.refined(near & (scene.mesh.body[forest.cell] == scene.mesh.bodies.index(body)))
+    return Beginning.at_rest(forest)
+
+
+def first_step(scene, degree, beginning=None, tolerance=1e-13, **options):
+    """The first step of a run, solved accurately."""
+    solver = Solver(tolerance=tolerance)
+    return next(adapt(scene, 1e-3, WORLD, degree=degree, solver=solver, beginning=beginning, **options))
+
+
+def largest(values):
+    """Largest absolute value of all ranks."""
+    return np.abs(gathered(WORLD, values)).max()
+
+
+class TestPatch:
+    """Hydrostatic pressure passes to 1e-10: the pressure is uniform, and the estimated error 0."""
+
+    @pytest.mark.parametrize("degree", [1, 2])
+    @pytest.mark.parametrize("twist", [0.0, 20.0, 45.0])
+    @pytest.mark.parametrize("refined", [None, "upper", "lower"])
+    def test_tilted(self, degree, twist, refined):
+        """On a tilted plane, meshes 3:4, twisted by up to 45 degrees, hanging nodes on either side."""
+        scene = boxes((3, 3), (4, 4), (0.3, 0.2), twist)
+        beginning = None if refined is None else refined_near(scene, refined)
+        step = first_step(scene, degree, beginning)
+        assert step.record.hanging_nodes > 0 or refined is None
+        assert largest(step.contact.pressure / 0.01 - 1) < 1e-10
+        assert step.record.estimate < 1e-9
+
+    @pytest.mark.parametrize("moduli", [(1.0, 1e6), (1e6, 1.0), (1.0, 1e3), (1e3, 1.0), (3.0, 1.0), (1.0, 3.0)])
+    def test_moduli(self, moduli):
+        """The softer body has the rows; PCG takes at most 1.3 times the iterations of matching meshes."""
+        steps = [first_step(boxes(upper, (4, 4), moduli=moduli), 2, tolerance=1e-8) for upper in ((3, 3), (4, 4))]
+        here, there = (max(step.record.krylov_iterations) for step in steps)
+        assert steps[0].scene.oriented[0].first == ("upper bottom" if moduli[0] < moduli[1] else "lower top")
+        assert largest(steps[0].contact.pressure / 0.01 - 1) < 1e-6
+        assert here <= 1.3 * there + 1
+
+    @pytest.mark.parametrize("ratio", [2, 4])
+    def test_ratios(self, ratio):
+        """Facets of one side that are several times as large are of the second surface, whichever is given first."""
+        one = first_step(boxes((2, 2), (2 * ratio, 2 * ratio)), 2)
+        other = first_step(boxes((2, 2), (2 * ratio, 2 * ratio), order=("lower top", "upper bottom")), 2)
+        for step in (one, other):
+            assert step.scene.oriented[0].first == "lower top"
+            assert largest(step.contact.pressure / 0.01 - 1) < 1e-10
+
+    def test_penalty(self):
+        """With springs instead of projection the pressure is uniform too."""
+        step = first_step(boxes((3, 3), (4, 4)), 2, enforcement=Enforcement("penalty", factor=1e4))
+        assert largest(step.contact.pressure / 0.01 - 1) < 1e-6
+
+
+def taken_for_nonmatching(scene):
+    """The scene with mortar rows on surfaces that match."""
+    scene.pairing.nonmatching[0] = "for a test"
+    for known in ("nonmatching", "contact_surfaces"):
+        vars(scene).pop(known, None)
+    return scene
+
+
+class TestMatching:
+    """On surfaces meshed alike mortar rows are the node pairs."""
+
+    @pytest.mark.parametrize("degree", [1, 2])
+    def test_rows(self, degree):
+        """Entries, gaps, areas and normals, on surfaces of the degree of the displacement with hanging nodes."""
+        scene = hertz(coarse=2, order=degree, comm=WORLD)
+        forest = grown(Beginning.uniform(scene, 1, WORLD).forest, 1, share=0.2, salt=3)
+        prolongation = Prolongation(Space(forest, degree))
+        pairs = create_rows(scene, prolongation, Enforcement())
+        twin = taken_for_nonmatching(hertz(coarse=2, order=degree, comm=WORLD))
+        prolongation = Prolongation(Space(replace(forest, contact_surfaces=twin.contact_surfaces), degree))
+        rows = create_rows(twin, prolongation, Enforcement())
+        size = np.abs(scene.mesh.points).max()
+        # Areas of curved facets are those of two rules of integration.
+        for name, off in (("gap", 1e-12 * size), ("normal", 1e-12), ("area", 1e-4 * largest(pairs.area))):
+            one, other = (
+                dict(zip(gathered(WORLD, r.node_keys), gathered(WORLD, getattr(r, name)))) for r in (pairs, rows)
+            )
+            assert one.keys() == other.keys()
+            assert max(np.abs(one[key] - other[key]).max() for key in one) < off, name
+        u = prolongation.injected(np.sin(prolongation.space.positions() * [3, 5, 7]))
+        one, other = (dict(zip(gathered(WORLD, r.node_keys), gathered(WORLD, r.jump(u)))) for r in (pairs, rows))
+        assert max(abs(one[key] - other[key]) for key in one) < 1e-10
+
+    def test_run(self):
+        """The whole run has the same leaves and force."""
+        scenes = hertz(coarse=2, order=2, comm=WORLD), taken_for_nonmatching(hertz(coarse=2, order=2, comm=WORLD))
+        pairs, mortar = ([step.record for step in adapt(scene, 0.1, WORLD)] for scene in scenes)
+        assert [r.cells for r in pairs] == [r.cells for r in mortar]
+        assert [r.force for r in mortar] == pytest.approx([r.force for r in pairs], rel=1e-7)
+
+
+def overhanging(upper, lower, width, poisson=0.3):
+    """A block 1 x 1.3 x 1 under a pressure of 0.01, of which a width lies on another one."""
+    bodies = {
+        "upper": block((0, 0, 1), (1, 1.3, 2), (upper, upper, 2), 1),
+        "lower": block((width - 1, -0.1, 0), (width, 1.4, 1), (lower, lower, 1), 1),
+    }
+    walls = ("upper left", "upper right")
+    return Scene(
+        name="overhanging",
+        mesh=root_mesh_from_shapes(bodies),
+        materials={name: Material(1.0, poisson) for name in bodies},
+        dirichlet=(
+            Dirichlet("lower bottom", 0.0, 0.0, 0.0),
+            *(Dirichlet(wall, x=0.0) for wall in walls),
+            Dirichlet("upper front", y=0.0),
+        ),
+        contact=(ContactPair("upper bottom", "lower top"),),
+        tractions=(Pressure("upper top", 0.01),),
+    )
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("upper, lower, width", [(4, 3, 0.6), (3, 5, 1 / 3), (2, 2, 0.5 + 1e-14)])
+def test_overhanging_block(degree, upper, lower, width):
+    """The force is the load, and moments balance, where the rim of one surface crosses facets of the other."""
+    for step in adapt(overhanging(upper, lower, width), 0.15, WORLD, degree=degree, max_steps=2):
+        assert step.record.force == pytest.approx(0.013, rel=1e-7)
+        contact = step.record.resultants[0]
+        assert contact.kind == "contact" and contact.force == pytest.approx((0, 0, -0.013), abs=1e-9)
+        for one in step.record.resultants:
+            if one.kind == "balance":
+                assert np.abs([*one.force, *one.moment]).max() < 1e-8
+
+
+def disk_in_ring(disk, outer):
+    """A disk in a ring, both with R = 0.6 at the contact, under pressure 1e7 + 1e6 cos 2t; plane strain, a quarter."""
+    bodies = {
+        "disk": cylinder(0.6, 0.2, (disk, 1), 6, quarters=1),
+        "ring": ring(0.6, 1, 0.2, (1, 2 * outer, 1), 6, quarters=1),
+    }
+    names = {plane: [f"{body} {plane}" for body in bodies] for plane in ("x = 0", "y = 0")}
+    names["ends"] = [f"{body} {end}" for body in bodies for end in ("bottom", "top")]
+    names |= {name: name for name in ("disk outside", "ring inside", "ring outside")}
+    return Scene(
+        name="disk in ring",
+        mesh=root_mesh_from_shapes(bodies, names),
+        materials={body: Material(1e9, 0.2) for body in bodies},
+        dirichlet=(SymmetryPlane("x = 0"), SymmetryPlane("y = 0"), Dirichlet("ends", z=0.0)),
+        contact=(ContactPair("disk outside", "ring inside"),),
+        tractions=(
+            Pressure("ring outside", lambda x: 1e7 + 1e6 * (x[0] ** 2 - x[1] ** 2) / (x[0] ** 2 + x[1] ** 2)),
+        ),
+    )
+
+
+@pytest.mark.parametrize("disk, outer", [(2, 3), (3, 2)])
+def test_pressure_converges(disk, outer):
+    """Of a disk in a ring, meshed 3:2: errors fall by 3.6 a halving, and are no larger than on matching meshes."""
+    errors = {}
+    for cells in ((disk, outer), (2, 2)):
+        scene, errors[cells] = disk_in_ring(*cells), []
+        for level in (0, 1):
+            step = first_step(scene, 2, Beginning.uniform(scene, level, WORLD), tolerance=1e-8)
+            x, y, _ = step.rows.position.T
+            exact = 1e7 + 1.479263e6 * np.cos(2 * np.arctan2(y, x))
+            area, off = gathered(WORLD, step.rows.area), gathered(WORLD, step.contact.pressure - exact)
+            errors[cells].append(np.sqrt((area * off**2).sum() / area.sum()) / 1e7)
+    here, there = errors.values()
+    assert here[0] / here[1] > 3.6 and np.all(np.array(here) < np.array(there))
+
+
+def test_which_surface_has_the_rows():
+    """The finer one where they face each other, said by the scene; not the one with more facets elsewhere."""
+    wide = block((0, 0, 0), (3, 1, 1), (2, 1, 1), 1)
+    fine = block((1, 0, 1), (2, 1, 2), (3, 3, 1), 1)
+    scene = Scene(
+        name="wide",
+        mesh=root_mesh_from_shapes({"wide": wide, "fine": fine}),
+        materials={"wide": Material(1.0, 0.3), "fine": Material(1.0, 0.3)},
+        dirichlet=(Dirichlet("wide bottom", 0, 0, 0), Dirichlet("fine top", 0, 0, -0.01)),
+        contact=(ContactPair("wide top", "fine bottom", direction=(0, 0, 1)),),
+    )
+    assert scene.oriented[0] == ContactPair("fine bottom", "wide top", direction=(0, 0, -1))
+    assert "rows on 'fine bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
+    record = first_step(scene, 1).record
+    assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of wide on fine
+
+
+def test_far_surfaces_do_not_face():
+    """Of surfaces beside each other no point faces one of the other."""
+    apart = block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1), block((2, 0, 1), (3, 1, 2), (3, 3, 1), 1)
+    with pytest.raises(PairingError, match="do not face each other anywhere along their normals"):
+        Scene(
+            name="beside",
+            mesh=root_mesh_from_shapes(dict(zip(("one", "two"), apart))),
+            materials={"one": Material(1.0, 0.3), "two": Material(1.0, 0.3)},
+            contact=(ContactPair("one top", "two bottom"),),
+        )

@@ -1,0 +1,245 @@
+"""Quadrature over overlaps: areas, exact integrals on planes, facets that do not face each other, and slivers."""
+
+import numpy as np
+import pytest
+from meshed_apart import Side, hollow_ball, near
+from model_problems import scramble
+from scipy.spatial import ConvexHull
+
+from fx_contact.contact.polygons import Bilinear, clipped, signed_areas, triangles
+from fx_contact.contact.segments import Segments, create_segments
+from fx_contact.problem.root_facets import face_functions
+from fx_contact.problem.solids import ball, block
+from fx_contact.problem.surface_projection import SurfaceProjection
+
+pytestmark = pytest.mark.ranks(1)
+
+
+def draw(*shape, salt=0):
+    """Numbers in [0, 1)."""
+    return (scramble(np.arange(np.prod(shape)), salt) / 2.0**64).reshape(shape)
+
+
+def convex(count, salt=0):
+    """Convex quadrilaterals (count, 4, 2), counter-clockwise: corners on ellipses."""
+    angle = np.pi / 2 * (np.arange(4) + 0.8 * draw(count, 4, salt=salt))
+    radius, centre = 0.3 + draw(count, 1, 2, salt=salt + 1), draw(count, 1, 2, salt=salt + 2)
+    return centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+
+
+def hull_area(one, two):
+    """Area of the overlap of two convex polygons: the hull of corners in the other one and of crossings of sides."""
+
+    def inside(points, polygon):
+        edges = np.roll(polygon, -1, axis=0) - polygon
+        away = points[:, None] - polygon
+        return (edges[:, 0] * away[..., 1] - edges[:, 1] * away[..., 0] >= 0).all(axis=1)
+
+    found = [one[inside(one, two)], two[inside(two, one)]]
+    for a, b in zip(one, np.roll(one, -1, axis=0)):
+        for c, d in zip(two, np.roll(two, -1, axis=0)):
+            s, t = np.linalg.solve(np.column_stack([b - a, c - d]), c - a)
+            if 0 <= s <= 1 and 0 <= t <= 1:
+                found.append([a + s * (b - a)])
+    points = np.concatenate(found)
+    return ConvexHull(points).volume if len(points) > 2 else 0.0
+
+
+def collected(*arguments, **options):
+    """Segments in one piece."""
+    parts = list(create_segments(*arguments, **options))
+    names = Segments.__dataclass_fields__
+    return Segments(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def whole(side, quantity, index):
+    """Sums of values at points over facets by their index: (n, ...)."""
+    result = np.zeros((len(side), *quantity.shape[1:]))
+    np.add.at(result, index, quantity)
+    return result
+
+
+def exact(side):
+    """int N over each facet."""
+    points, weights = (values / 2 for values in np.polynomial.legendre.leggauss(8))
+    uv = np.stack(np.meshgrid(points + 0.5, points + 0.5), axis=-1).reshape(-1, 2)
+    jacobian = side.facets.at(np.broadcast_to(uv, (len(side), *uv.shape))).jacobian
+    return (jacobian * np.kron(weights, weights)) @ face_functions(side.degree, uv)
+
+
+def test_random_overlaps():
+    """Areas of overlaps of random convex quadrilaterals, by an independent computation."""
+    one, two = convex(400), convex(400, salt=50)
+    polygons, count = clipped(one, two)
+    expected = np.array([hull_area(a, b) for a, b in zip(one, two)])
+    assert (expected == 0).sum() > 5 and set(count) >= {0, 3, 4, 5, 6, 7} and count.max() <= 8
+    polygon, corners = triangles(polygons, count)
+    areas = signed_areas(corners)
+    assert (areas > -1e-15).all()
+    assert np.abs(np.bincount(polygon, areas, 400) - expected).max() < 1e-14
+
+
+def test_special_overlaps():
+    """The same quadrilateral, one inside another, a common side, a common corner, nothing in common."""
+    square = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]])
+    others = np.stack([square, 0.5 * square + 0.25, 3 * square - 1, square + [1, 0], square + 1, square + 2])
+    for subject, window in ((others, square + 0 * others), (square + 0 * others, others)):
+        polygons, count = clipped(subject, window)
+        polygon, corners = triangles(polygons, count)
+        assert np.array_equal(np.bincount(polygon, signed_areas(corners), 6), [1, 0.25, 1, 0, 0, 0])
+
+
+def test_bilinear_coordinates():
+    """The inverse of the map at random points of random quadrilaterals."""
+    corners = convex(300)[:, [0, 1, 3, 2]]
+    uv = draw(300, 5, 2, salt=9)
+    u, v = uv[..., :1], uv[..., 1:]
+    a, b, c, d = (corners[:, i, None] for i in range(4))
+    points = (1 - u) * (1 - v) * a + u * (1 - v) * b + (1 - u) * v * c + u * v * d
+    maps = Bilinear(corners)
+    assert np.abs(maps.inverse(points) - uv).max() < 1e-11
+    mean = maps.determinant(np.full((300, 1, 2), 0.5))[:, 0]
+    assert np.allclose(mean, signed_areas(corners[:, [0, 1, 3, 2]]), rtol=1e-12)
+
+
+def warped(amount):
+    """A distortion of the unit square that keeps its sides."""
+    return lambda x: (
+        x[0] + amount * np.sin(3 * x[1]) * x[0] * (1 - x[0]),
+        x[1] + amount * np.sin(2 * x[0]) * x[1] * (1 - x[1]),
+        x[2],
+    )
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("amount", [0.0, 0.3, 0.6])
+def test_distorted_facets_of_a_plane(degree, order, amount):
+    """Integrals of the functions of both facets, and of products of two, on planes tilted in space."""
+    shapes = [
+        block((0, 0, low), (1, 1, low + 1), (cells, 3, 1), 1).placed(warped(sign * amount)).turned((1, 2, 3), 35)
+        for cells, low, sign in ((3, 0, 1), (4, -1, -1))
+    ]
+    if order == 2:  # nodes in the middle of straight edges
+        shapes = [
+            block((0, 0, low), (1, 1, low + 1), (cells, 3, 1), 2)
+            .placed(straight(sign * amount, cells))
+            .turned((1, 2, 3), 35)
+            for cells, low, sign in ((3, 0, 1), (4, -1, -1))
+        ]
+    first, second = (Side.of(shape, degree, side) for shape, side in zip(shapes, ("bottom", "top")))
+    determinants = first.facets.at(np.broadcast_to(np.eye(2), (len(first), 2, 2))).jacobian
+    assert (np.ptp(determinants, axis=1).max() > 0.03 / 9) == (amount > 0)
+    pairs = near(first, second)
+    found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], degree, np.inf)
+    assert (np.diff(found.pair) >= 0).all()
+    one, two = pairs[found.pair].T
+    at = [found.weight[:, None] * face_functions(degree, uv) for uv in (found.first, found.second)]
+    assert np.abs(whole(first, at[0], one) - exact(first)).max() < 1e-14
+    assert np.abs(whole(second, at[1], two) - exact(second)).max() < 1e-14
+    assert abs(found.weight.sum() - 1) < 1e-14 and np.abs(found.apart).max() < 1e-15
+    assert np.abs(first.facets[one].at(found.first[:, None]).position[:, 0] - found.position).max() < 1e-15
+
+
+def straight(amount, cells):
+    """The same distortion of the corners of cells of a block of order 2, with straight edges between."""
+    place = warped(amount)
+
+    def interpolated(x):
+        result = np.zeros_like(x)
+        counts = np.array([cells, 3, 1])[:, None]
+        base = np.array([[0], [0], [np.floor(x[2].min())]])
+        low = np.minimum(np.floor((x - base) * counts + 1e-9), counts - 1)
+        part = (x - base) * counts - low
+        for corner in np.ndindex(2, 2, 2):
+            at = base + (low + np.array(corner)[:, None]) / counts
+            weight = np.prod(np.where(np.array(corner)[:, None] == 1, part, 1 - part), axis=0)
+            result += weight * np.array(place(at))
+        return result
+
+    return interpolated
+
+
+def test_oblique_direction():
+    """Along a direction: vectors are parallel to it, areas those of the first surface, and nothing else is covered."""
+    direction = np.array([0.3, 0.0, -1.0]) / np.sqrt(1.09)
+    first = Side.of(block((0, 0, 0.5), (1, 1, 1), (3, 3, 1), 1), 2, "bottom")
+    second = Side.of(block((0, 0, -1), (1, 1, 0), (4, 4, 1), 1), 2, "top")
+    pairs = np.stack(np.divmod(np.arange(9 * 16), 16), axis=1)
+    found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], 2, np.inf, direction=direction)
+    assert abs(found.weight.sum() - 0.85) < 1e-14  # shifted by 0.15 over the border
+    assert np.abs(np.cross(found.apart, direction)).max() < 1e-15
+    assert np.abs(found.apart[:, 2] + 0.5).max() < 1e-15
+    assert (
+        np.abs(
+            found.position
+            + found.apart
+            - second.facets[pairs[found.pair, 1]].at(found.second[:, None]).position[:, 0]
+        ).max()
+        < 1e-15
+    )
+
+
+def test_facets_that_do_not_face():
+    """No points on facets that look the same way, are perpendicular, apart, touch, or lie too far behind."""
+    first = Side.of(block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), 2, "bottom").facets
+    lower = {
+        side: Side.of(block((0, 0, -1), (1, 1, 0), (1, 1, 1), 1), 2, side).facets
+        for side in ("top", "bottom", "left")
+    }
+    assert abs(collected(first, lower["top"], 2, 0.1).weight.sum() - 1) < 1e-15
+    for name in ("bottom", "left"):
+        assert sum(len(part.weight) for part in create_segments(first, lower[name], 2, np.inf)) == 0
+    for shift in ((1, 0, 0), (0, -1, 0), (1, 1, 0), (3, 0, 0)):
+        other = Side.of(block((0, 0, -1), (1, 1, 0), (1, 1, 1), 1).shifted(*shift), 2, "top").facets
+        assert sum(len(part.weight) for part in create_segments(first, other, 2, np.inf)) == 0
+    inside = Side.of(block((0, 0, -1), (1, 1, 0), (1, 1, 1), 1).shifted(z=0.3), 2, "top").facets
+    assert sum(len(part.weight) for part in create_segments(first, inside, 2, 0.2)) == 0
+    found = collected(first, inside, 2, 0.4)
+    assert np.abs(found.apart - [0, 0, 0.3]).max() < 1e-15
+    assert (
+        np.abs(found.first_normal - [0, 0, -1]).max() < 1e-15
+        and np.abs(found.second_normal - [0, 0, 1]).max() < 1e-15
+    )
+
+
+@pytest.mark.parametrize("shift", [1e-16, 1e-15, 3e-14, 1e-12, 1e-8, 1e-3])
+def test_slivers(shift):
+    """A mesh shifted by next to nothing: everything is finite, and no area is lost."""
+    first = Side.of(block((0, 0, 0), (1, 1, 1), (3, 3, 1), 1), 2, "bottom")
+    second = Side.of(block((-1, -1, -1), (2, 2, 0), (9, 9, 1), 1).shifted(shift, shift / 2), 2, "top")
+    pairs = np.stack(np.divmod(np.arange(9 * 81), 81), axis=1)
+    found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], 2, np.inf)
+    for values in vars(found).values():
+        assert np.isfinite(values).all()
+    loads = found.weight[:, None] * face_functions(2, found.first)
+    assert np.abs(whole(first, loads, pairs[found.pair, 0]) - exact(first)).max() < 1e-15
+
+
+@pytest.mark.parametrize("order", [2, 3, 6])
+def test_closed_sphere(order):
+    """A ball in a hollow ball: segments cover each first facet, whatever the chords of the second."""
+    first = Side.of(ball(1.0, 2, order), 1, "outside", levels=1)
+    second = Side.of(hollow_ball(3, 1.1, 1.5, order), 1, "bottom", levels=1)
+    pairs = near(first, second)
+    found = collected(first.facets[pairs[:, 0]], second.facets[pairs[:, 1]], 2, np.inf)
+    area = whole(first, found.weight, pairs[found.pair, 0])
+    expected = exact(first).sum(axis=1)
+    assert abs(expected.sum() - 4 * np.pi) < {2: 0.05, 3: 5e-3, 6: 1e-6}[order]
+    assert np.abs(area / expected - 1).max() < 1e-6
+    assert (np.einsum("ni,ni->n", found.first_normal, found.second_normal) < -0.98).all()
+    assert np.abs(found.second - 0.5).max() < 0.55
+    assert (
+        np.abs(np.einsum("ni,ni->n", found.apart, found.first_normal) - 0.1).max()
+        < {2: 5e-3, 3: 1e-3, 6: 1e-3}[order]
+    )
+
+    # Where the points are on their second facets, a projection onto the whole surface finds the same.
+    mesh, inside = second.forest.mesh, ((found.second >= 0) & (found.second <= 1)).all(axis=1)
+    assert inside.mean() > 0.9
+    projected = SurfaceProjection(mesh, mesh.surfaces["body bottom"])(
+        found.position[inside], found.first_normal[inside]
+    )
+    assert projected.found.all()
+    vectors = projected.distance[:, None] * found.first_normal[inside]
+    assert np.abs(vectors - found.apart[inside]).max() < 1e-12
