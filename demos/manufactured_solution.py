@@ -123,7 +123,7 @@ def adapt_manufactured(
         max_steps: most solves.
     """
     control = ErrorControl() if control is None else control
-    mesh, history, step = quarter_ring(order, coarse), control.begin(degree, _MATERIAL.poisson), None
+    mesh, history, step = quarter_ring(order, coarse), control.begin(degree, _MATERIAL.poisson, functions=True), None
     for number in range(max_steps):
         stages = Stages()
         if step is None:

@@ -63,7 +63,6 @@ def test_leaf_springs(loaded):
     assert len(step.record.krylov_iterations) < 60
 
 
-@pytest.mark.ranks(1)  # 500 iterations with factors, slow on more ranks than cores
 def test_a_preconditioner_of_few_rows():
     """Five slender plates: 20 rows are closed, then more than 300; PCG fails with the factors of the 20."""
     scene, force = leaf_springs(10, plates=5, slenderness=200, loaded=False)

@@ -136,7 +136,7 @@ class ContactSystem:
             others = self._jump_in_matrix is not self._jump
             if not (others or self._any(self._in_matrix != active * self.capped_stiffness)):
                 raise
-        # Of another set the preconditioner may be useless: where 20 rows of slender bodies close to 340.
+        # The preconditioner of another active set may fail, as in slender bodies where 20 closed rows become 340.
         self._set_up(active * self.capped_stiffness)
         return self._solved(u, tolerance)
 

@@ -27,11 +27,11 @@ _CENTRING, _TO_BOUNDARY = 0.1, 0.95
 #: Last s . f relative to the energy, and tolerances of a linear solve: the loosest, and that relative to the root of
 #: s . f over the energy.
 _GAP, _LOOSE, _OF_GAP = 1e-12, 1e-2, 0.1
-#: First gaps and penetrations over those of springs k.  1 takes more than 40 linear solves where all rows open, 100 up
-#: to 35 in leaf springs, 10 at most 31 in both.
+#: First gaps and penetrations over those of springs k.  In leaf springs of 10 to 25 cells 1 takes more than 40 linear
+#: solves where all rows open, 100 up to 35 elsewhere, 10 at most 34 in both (with 80 and 160 cells of 1:200: 39 to 48).
 _FIRST = 10.0
 #: All rows have one status if the mean of f times that of s is less, over the energy and the rows: 2e-12 to 2e-11 where
-#: all open, 9e-8 or more in leaf springs.
+#: all open, 2e-8 or more in leaf springs of 1:20 to 1:500.
 _ALIKE = 1e-9
 #: Springs of ties over the capped stiffness: they yield by a millionth of what the surface yields.
 _TIED = 1e6
