@@ -126,7 +126,7 @@ class NonmatchingSurfaces:
         position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
         missed = ~self.faced(position, direction).found
         missed[missed] = self._continuation(position[missed], direction[missed], self.depth).found
-        return np.asarray(missed.reshape(len(facets), -1).mean(axis=1))
+        return np.asarray(missed.reshape(len(facets), len(_UV)).mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
         """Sizes of root facets, and moduli of their bodies, of the first surface over those that they face.
