@@ -163,10 +163,10 @@ def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, 
     scene = settings.scene
     if all(contact.force is None for contact in scene.contact):
         return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
-
     known = columns_at_rest(scene, start.prolongation, settings.enforcement)
 
     def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
+        """Rows with obstacles moved along their forces.  Collective."""
         return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
 
     if start.approaches is None:

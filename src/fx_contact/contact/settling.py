@@ -109,7 +109,7 @@ def settle(
             if solver is loose and ((np.abs(excess) <= _NEAR * force + allowed) | (stiffness == 0)).all():
                 solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
             t, u = t + step, u - np.tensordot(step, z, axes=1)
-        rows = problem.rows_at(_listed(rows, t))
+        rows = problem.rows_at(_listed(problem.scene, rows, t))
         jump = Jump(rows, problem.supports)
         system.exchange_rows(jump)
         status.exchange_rows(rows)
@@ -150,8 +150,8 @@ def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
         gap, indentation = _expected(rows, u)
         t += gap
         if (np.abs(gap) <= _TOUCHING * indentation).all():
-            return rows_at(_listed(rows, t + indentation))
-        rows = rows_at(_listed(rows, t))
+            return rows_at(_listed(scene, rows, t + indentation))
+        rows = rows_at(_listed(scene, rows, t))
     raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
 
 
@@ -226,9 +226,9 @@ def approaches(scene: Scene, rows: ConstraintRows | None) -> list[float | None] 
     return result
 
 
-def _listed(rows: ConstraintRows, t: FloatArray) -> list[float | None]:
-    """Distances (k,) as a list with an entry for each contact."""
-    result: list[float | None] = [None] * len(rows.part(ties=False).kinds)
+def _listed(scene: Scene, rows: ConstraintRows, t: FloatArray) -> list[float | None]:
+    """Distances (k,) as a list with an entry for each contact of the scene."""
+    result: list[float | None] = [None] * len(scene.contact)
     for index, distance in zip(rows.pressed, t):
         result[index] = float(distance)
     return result

@@ -15,9 +15,9 @@ p_z of z, and the families P of cells T of one parent, |J(u) - J(u_h)| is estima
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
-Obstacles that settle under forces give way in dual problems too: with the rates w and the solutions z_w, m_w of
-`contact.settling`, z + c z_w has c from w . (m + c m_w) = 0.  The force of such an obstacle is known; its error is that
-at a fixed place of the obstacle, the error of the distance times the stiffness.
+Obstacles that settle give way in dual problems too.  With the rates v and the solutions z_v, m_v of `contact.settling`
+the dual solution is z + c z_v, where v . (m + c m_v) = 0.  The force of such an obstacle is known: its error is that of
+the distance times the stiffness.
 
 Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
 reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
@@ -130,7 +130,7 @@ class Goals:
 
     @cached_property
     def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """z_w (k, owned, 3), m_w and w, both (k, n), of obstacles that settle.  Collective at the first call."""
+        """z_v (k, owned, 3), m_v and v, both (k, n), of obstacles that settle.  Collective at the first call."""
         solution, system = self._state.solution, self._system
         assert solution.rows is not None and isinstance(system, ContactSystem)
         rows, closed = solution.rows, solution.rows.equality & system.movable

@@ -57,7 +57,7 @@ class FacingFacets:
 
     @classmethod
     def of(cls, forest: Forest, surfaces: NonmatchingSurfaces) -> FacingFacets:
-        """Those of a forest.  Collective on forest.comm."""
+        """Facing leaf facets of a forest.  Collective on forest.comm."""
         leaf, face = forest.boundary_faces(surfaces.first.facets)
         first = _leaf_facets(forest, leaf, face)
         samples = _Faced(surfaces, first)

@@ -85,6 +85,7 @@ def draw_bodies(
     shown, obstacles = on_first(step.forest.comm, points, values), placed_obstacles(step, factor)
 
     def draw(plotter: "Plotter") -> None:
+        """Add all that is shown, on rank 0."""
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
         add_obstacles(plotter, obstacles, points.reshape(-1, 3))

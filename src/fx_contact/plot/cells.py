@@ -152,6 +152,7 @@ def _draw_groups(
     colour = _COLOURS.get(word, _number_colour)
 
     def draw(plotter: "Plotter") -> None:
+        """Add all that is shown, on rank 0."""
         faces, group = shown
         numbers = np.unique(group).tolist()
         for number in numbers:

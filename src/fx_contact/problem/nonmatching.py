@@ -45,11 +45,11 @@ class NonmatchingSurfaces:
 
     @classmethod
     def of(cls, mesh: RootMesh, contact: ContactPair | Tie) -> Self:
-        """Those of a contact."""
+        """Surfaces of a contact, with their search trees."""
         return cls(mesh, contact, *(SurfaceProjection(mesh, mesh.surface(name)) for name in contact.surfaces))
 
     def reversed(self) -> "NonmatchingSurfaces":
-        """Those of the reversed contact."""
+        """Surfaces of the reversed contact, with the same search trees."""
         return NonmatchingSurfaces(self.mesh, self.contact.reversed(), self._onto_second, self._onto_first)
 
     @cached_property
