@@ -11,8 +11,8 @@ from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, a
 from fx_contact.plot import draw_stress
 
 
-def ring(name, inner, outer):
-    """Two hexahedral blocks around the y axis, lower and upper; physical groups name the body and its sides."""
+def ring(name, inner, outer, around):
+    """Two hexahedral blocks around the y axis, of `around` cells each; physical groups name body and sides."""
     geo, angles = gmsh.model.geo, np.pi / 2 * np.array([-1, 0, 1])
     centre = geo.addPoint(0, 0, 0)
     points = [[geo.addPoint(r * np.cos(a), 0, r * np.sin(a)) for a in angles] for r in (inner, outer)]
@@ -21,7 +21,7 @@ def ring(name, inner, outer):
     for i in range(2):
         loop = [arcs[0][i], spokes[i], arcs[1][i], spokes[i + 1]]
         face = geo.addPlaneSurface([geo.addCurveLoop(loop, reorient=True)])
-        for curve, cells in zip(loop, (12, 4, 12, 4)):  # as many along all arcs: surfaces in contact are meshed alike
+        for curve, cells in zip(loop, (around, 4, around, 4)):
             geo.mesh.setTransfiniteCurve(curve, cells + 1)
         geo.mesh.setTransfiniteSurface(face)
         geo.mesh.setRecombine(2, face)
@@ -37,9 +37,9 @@ def ring(name, inner, outer):
 
 
 def model():
-    """A pin with 1 mm play in an eye of half a metre, quadratic cells."""
-    ring("pin", 0.25, 0.499)
-    ring("eye", 0.5, 1.0)
+    """A pin with 1 mm play in an eye of half a metre, meshed apart, quadratic cells."""
+    ring("pin", 0.25, 0.499, 10)
+    ring("eye", 0.5, 1.0, 12)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
 

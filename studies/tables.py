@@ -196,6 +196,8 @@ COLUMNS = {
         "unknowns": "{dofs:,}",
         "iterations, last solve": "{iterations:d}",
         "CPU": "{cpu_s:.1f} s",
+        "estimated": "{estimate:.2%}",
+        "true": ("{true_error:.2%}", ""),
         "mean pressure or force": "{mean:+.3%}",
         "largest pressure": "{largest:+.2%}",
     },

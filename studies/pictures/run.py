@@ -62,6 +62,7 @@ SCENES = {
     "step_part": (partial(demo, "step_part"), 20),
     "crossed_cylinders": (partial(demo, "crossed_cylinders"), 5),
     "shaft_in_bore": (partial(demo, "shaft_in_bore"), 20),
+    "roller_on_block": (partial(demo, "roller_on_block"), 1),
     "rigid_stamp": (stamp, 1),
 }
 

@@ -68,7 +68,7 @@ class State:
 
     def __init__(self, step, penalty=False):
         self.record, self._step, self._penalty = step.record, step, penalty
-        self.rows, contact = step.rows, step.solution
+        rows, contact = step.rows, step.solution
         u = contact.displacement
         stiffness = step.elasticity.stiffness().mat
         stiffness.assemble()
@@ -81,8 +81,9 @@ class State:
         self._load = load(step.scene, step.forest, step.elasticity)
         held = ~supports.free
         self._contact = np.zeros_like(u)
-        pairs, entries = self.rows, self.rows.entries
-        np.add.at(self._contact, entries.node, -contact.force[entries.row, None] * pairs.values)
+        for some, forces in ((rows, contact.force), (step.ties, contact.tie_force)):
+            if some is not None:
+                np.add.at(self._contact, some.entries.node, -forces[some.entries.row, None] * some.values)
         self._reaction = np.where(held, inner - self._load - self._contact, 0.0)
         self._body = _bodies(step.forest, prolongation)
         self.copies = step.scene.symmetry
@@ -97,15 +98,18 @@ class State:
         diagonal = np.sqrt((stiffness.getDiagonal().array ** 2).sum())
         stiffness.destroy()
 
-        self.penetration = self.rows.penetration(u)
+        self.gap = self.penetration = self._resultants = np.zeros(0)
+        self._facing, springs = np.zeros((0, 2), dtype=np.int32), 0.0
+        if rows is not None:
+            self.gap, self.penetration, self._facing = rows.gap, rows.penetration(u), rows.bodies
+            self._resultants = rows.force_components(contact.force)
+            springs = rows.capped_stiffness[contact.active].sum() if penalty else 0.0
         self.force = float(np.abs(contact.force).sum())
-        self._resultants = self.rows.force_components(contact.force)
         self.energy = step.elasticity.energy_norm(u) ** 2
         self.work = float((u * (self._load + self._reaction)).sum())
         self.yielded = float(contact.force @ self.penetration)
         self.potential = self.energy + self.yielded - 2 * float((u * self._load).sum())
         self.size = float(np.abs(u).max())
-        springs = self.rows.capped_stiffness[contact.active].sum() if penalty else 0.0
         spread = max(1.0, 2 * sum(contact.krylov_iterations) / np.log(2 / Solver().tolerance))
         loss = spread * contact.energy_error * np.sqrt(lever2 + springs)
         entries = 3 * (2 * self.record.degree + 1) ** 3  # most of a row of the stiffness, whose roundings add up
@@ -144,7 +148,7 @@ class State:
 
     def interfaces(self):
         """Contact force of the whole bodies between each two bodies: (n,) float64 [N]."""
-        between, place = np.unique(self.rows.bodies, axis=0, return_inverse=True)
+        between, place = np.unique(self._facing, axis=0, return_inverse=True)
         sums = np.bincount(place.ravel(), self._resultants, minlength=len(between))
         return self.copies * sums
 
@@ -154,12 +158,12 @@ class State:
         all_forces = self._reaction + self._load + self._contact
         bodies = range(len(self._step.scene.mesh.bodies))
         unbalanced = max(np.linalg.norm(all_forces[self._body == body].sum(axis=0)) for body in bodies)
-        tension = -min(contact.force.min(), 0.0) / max(contact.force.max(), self.noise * self.scale)
+        tension = -contact.force.min(initial=0.0) / max(contact.force.max(initial=0.0), self.noise * self.scale)
         depth = np.where(contact.active, 0.0 if self._penalty else np.abs(self.penetration), self.penetration)
-        depth = max(depth.max(), 0.0)
+        depth = depth.max(initial=0.0)
         approach = min(self.size, self.energy / self.force) if self.force else self.size
-        clapeyron = self.work - self.energy - contact.force @ (self.rows.gap + self.penetration)
-        parts = abs(self.work) + self.energy + np.abs(contact.force * self.rows.gap).sum() + abs(self.yielded)
+        clapeyron = self.work - self.energy - contact.force @ (self.gap + self.penetration)
+        parts = abs(self.work) + self.energy + np.abs(contact.force * self.gap).sum() + abs(self.yielded)
         lost = self.noise * self.scale * self.size
         said = np.array([self.record.force, sum(self.record.pair_forces)])
         return [
@@ -169,7 +173,7 @@ class State:
                 CONTRACT,
             ),
             Check("balance of each body", unbalanced / self.scale, self.noise),
-            Check("no tension", tension, self.noise * np.sqrt(len(self.rows))),
+            Check("no tension", tension, self.noise * np.sqrt(len(self.gap))),
             Check("no penetration but the penalty's", depth / (approach or 1.0), GAP_TOLERANCE),
             Check(
                 "work is stored", abs(clapeyron) / (parts + lost or 1.0), self.noise + lost / (parts + lost or 1.0)
@@ -222,7 +226,7 @@ class State:
             result[0] = Check("force of each pair against the twin", off.max(), tolerance)
         if same and twin.same_contact:
             pressure = self.record.max_pressure * twin.pressure
-            allowed *= np.sqrt(len(self.rows))
+            allowed *= np.sqrt(len(self.gap))
             result.append(Check("pressure against the twin", _off(pressure, other.record.max_pressure), allowed))
         return result
 

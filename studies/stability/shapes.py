@@ -81,7 +81,7 @@ def corner(push=0.01, materials=(PLAIN, PLAIN, PLAIN)):
     return Scene("corner", root_mesh_from_shapes(bodies), dict(zip(bodies, materials)), conditions, pairs)
 
 
-def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN), pairs=1):
+def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN), pairs=1, other=None):
     """A body whose lower face has a height above a block, with its top moved down.
 
     Args:
@@ -92,9 +92,11 @@ def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN),
         displacement: of the top [m].
         materials: of the block and of the body.
         pairs: contact pairs, side by side along x.
+        other: root cells of the body, meshed apart; None: as of the block.
     """
     base = block((-1, -1, -1), (1, 1, 0), (cells, cells, 2), order)
-    body = block((-1, -1, 0), (1, 1, 1), (cells, cells, 2), order)
+    other = cells if other is None else other
+    body = block((-1, -1, 0), (1, 1, 1), (other, other, 2), order)
     for k in range(pairs):
         part = between(2 * k / pairs - 1, 2 * (k + 1) / pairs - 1)
         base, body = base.named(f"part {k}", "top", where=part), body.named(f"part {k}", "bottom", where=part)
@@ -108,9 +110,11 @@ def on_block(name, height, cells, order, displacement, materials=(PLAIN, PLAIN),
     )
 
 
-def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0):
+def bump(cells=3, pole=0.0, displacement=0.02, radius=4.0, **more):
     """A paraboloid of a radius of curvature [m] pressed on a block; where its pole x = y is, the cells decide."""
-    return on_block("bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement)
+    return on_block(
+        "bump", lambda x, y: ((x - pole) ** 2 + (y - pole) ** 2) / (2 * radius), cells, 2, displacement, **more
+    )
 
 
 def waves(phase, cells=2):

@@ -20,6 +20,7 @@ from fx_contact import (
     Scene,
     SceneError,
     StepRecord,
+    Tie,
     Traction,
     ValidityError,
     adapt,
@@ -166,6 +167,70 @@ def test_initial_overlap():
     assert abs(found.value - 0.6) < 1e-9 and abs(found.limit - 0.5) < 1e-9 and "of 'slider'" in found.message
     assert not warned(on_a_block(down=0.0, gap=-0.4, thick=10.0))
     assert not warned(shrink_fit(coarse=2))
+
+
+def lying(upper, lower, named=(), glued=False):
+    """A block on another one, by their ends along x and cells; of one of the touching sides only a part is named."""
+    shapes = {
+        name: brick((low, 0, z), (high, 1, z + 1), (n, max(n // round(high - low), 1) + 1, 1), 1)
+        for z, (name, (low, high, n)) in enumerate({"lower": lower, "upper": upper}.items())
+    }
+    names = {"lower": "lower top", "upper": "upper bottom"}
+    if named:
+        body, low, high = named
+        side, names[body] = names[body].split()[1], f"{body} part"
+        within = lambda x: (x[0] > low - 0.01) & (x[0] < high + 0.01)  # noqa: E731
+        shapes[body] = shapes[body].named("part", side, where=within)
+    surfaces = names["upper"], names["lower"]
+    return Scene(
+        "lying",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(shapes, Material(1.0, 0.3)),
+        (Dirichlet("lower bottom", 0.0, 0.0, 0.0), Dirichlet("upper top", 0.0, 0.0, -0.01)),
+        () if glued else (ContactPair(*surfaces),),
+        ties=(Tie(*surfaces),) if glued else (),
+    )
+
+
+@pytest.mark.ranks(1, 2, 3)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_surface_that_is_too_small(degree):
+    """Contact reaches its rim at x = 0.5, where its body goes on; whichever body has it."""
+    for body, upper, lower in (("lower", (0, 1, 4), (-1, 2, 6)), ("upper", (0, 1, 2), (-1, 2, 12))):
+        warning = warned(lying(upper, lower, (body, -1, 0.5)), degree=degree)["uncovered"]
+        assert warning.limit == 0.01 < warning.value < 0.5
+        assert abs(warning.place[0] - 0.5) < 0.2 and warning.place[2] == 1.0
+        assert f"reaches the rim of '{body} part'" in warning.message
+
+
+@pytest.mark.parametrize(
+    "upper, lower, named",
+    [
+        ((0, 1, 4), (-1, 2, 6), ()),
+        ((0, 1, 2), (-1, 2, 12), ()),
+        ((0, 1, 4), (-1, 2, 6), ("lower", 0, 1)),
+        ((0, 1, 2), (-1, 2, 12), ("lower", 0, 1)),
+        ((0, 1, 4), (-1, 0.5, 3), ()),
+        ((0, 1, 4), (-1, 0.4, 3), ()),
+    ],
+    ids=["smaller first", "larger first", "seat second", "seat first", "over an edge", "over one inside a facet"],
+)
+def test_surface_that_is_large_enough(upper, lower, named):
+    """It ends with its body, or where the other surface ends."""
+    scene = lying(upper, lower, named)
+    assert scene.pairing.nonmatching
+    assert not warned(scene)
+
+
+@pytest.mark.ranks(1, 2, 3)
+def test_tie_that_is_free_in_part():
+    """A tenth of the smaller surface may face nothing."""
+    warning = warned(lying((0, 1, 4), (-1, 0.5, 3), glued=True))["uncovered"]
+    assert (
+        abs(warning.value - 0.5) < 1e-12 and warning.place == "upper bottom" and "50% of the area" in warning.message
+    )
+    assert not warned(lying((0, 1, 4), (-1, 0.95, 3), glued=True))
+    assert not warned(lying((0, 1, 4), (-1, 2, 6), glued=True))
 
 
 def test_unresolved_load():

@@ -488,7 +488,9 @@ def test_restart(folder):
         (lambda: ContactPair("a", FLOOR, moved=1.0), "three components"),
         (lambda: ContactPair("a", FLOOR, (0, 0, 0)), "direction .* is zero"),
         (lambda: on_obstacle(RigidPlane((0, 0, 0), (0, 0, -1))), "is inside the obstacle; turn"),
-        (lambda: on_obstacle(RigidSphere((0.5, 0.5, 0.5), 3.0)), "is inside the obstacle"),
+        (lambda: on_obstacle(RigidSphere((0.5, 0.5, 0.5), 3.0)), "100% of body 'block' is inside the obstacle"),
+        (lambda: on_obstacle(RigidSphere((0.5, 0.5, -0.8), -1.0)), "9.% of body 'block' is inside the obstacle"),
+        (lambda: on_obstacle(RigidCylinder((0.5, 0, -0.6), (0, 1, 0), -1.0)), "6.% of body 'block' is inside"),
         (lambda: on_obstacle(RigidSphere((0.3, 0.3, 0.3), -0.2)), "is inside the obstacle"),
         (lambda: on_obstacle(RigidPlane((0, 0, -2.5), (0, 0, 1))), "2.5 away from the surface"),
         (lambda: with_contacts(ContactPair("block top", FLOOR)), "looks away from the obstacle"),
@@ -504,6 +506,20 @@ def test_restart(folder):
 def test_bad_input(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    "obstacle, options",
+    [
+        (RigidPlane((0, 0, 0.2), (0, 0, 1)), {}),
+        (RigidSphere((0.5, 0.5, -0.8), 1.0), {}),
+        (RigidSphere((0.5, 0.5, 0.5), 1.0), {"moved": (0.0, 0.0, -1.5)}),
+        (RigidPlane((0, 0, 0), (0, 0, 1)), {"moved": (0.0, 0.0, 0.9)}),
+    ],
+)
+def test_interference(obstacle, options):
+    """A body may begin inside an obstacle in part, and an obstacle may be moved to its place, or through a body."""
+    assert on_obstacle(obstacle, **options).contact[0].second == obstacle
 
 
 def with_contacts(*contacts):

@@ -98,7 +98,6 @@ def test_uniform_pressure(degree, method):
 
 
 @pytest.mark.slow
-@all_ranks
 def test_a_ball_on_a_block():
     """Hertz on a block 60 contact radii wide, approach within the block's compliance; the same as the ball moved."""
     mesh = root_mesh_from_shapes({"block": block((0, 0, -1), (1, 1, 0), (3, 3, 3), 1)})
@@ -166,7 +165,6 @@ SCENES = {
 }
 
 
-@all_ranks
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("name", SCENES)
 def test_as_if_moved(name, degree):
@@ -261,7 +259,6 @@ def test_a_load_path(folder):
     assert abs(found[-1] / known.approaches[0] - 1) < 0.3**2
 
 
-@all_ranks
 def test_a_path_to_another_kind_of_load():
     """A ball that is moved, and one below a force, begin anew."""
     held = pressed().contact[0]
@@ -270,7 +267,6 @@ def test_a_path_to_another_kind_of_load():
     assert [point.record.begun for point in points] == ["anew", "anew"]
 
 
-@all_ranks
 def test_restart(folder):
     """A run goes on from a checkpoint; that of another force does not."""
     scene, other = pressed(), pressed(force=2e-3)

@@ -32,7 +32,7 @@ from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.shapes import join, root_mesh_from_shapes
 from fx_contact.problem.solids import block
 
-pytestmark = pytest.mark.ranks(1, 2, 3)
+all_ranks = pytest.mark.ranks(1, 2, 3)
 
 YOUNG, POISSON = 1.0, 0.3
 MATERIAL = Material(YOUNG, POISSON)
@@ -111,6 +111,7 @@ def leaves(step):
     return rows[np.lexsort(np.rint(rows * 1e6).T)]
 
 
+@all_ranks
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("counts", [(3, 3), (4, 3), (3, 4)], ids=["alike", "4:3", "3:4"])
 @pytest.mark.parametrize("refined", ["", "a", "b", "ab"], ids=["none", "first", "second", "both"])
@@ -132,6 +133,7 @@ def test_uniform_strain(degree, counts, refined):
             assert np.abs(force[:3] - STRESS[2]).max() < 1e-10 * np.abs(STRESS).max()
 
 
+@all_ranks
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("counts", [(2, 2, 2, 2), (3, 2, 2, 3), (2, 2, 2, 3)], ids=["alike", "apart", "both"])
 def test_four_ties_at_an_edge(degree, counts):
@@ -350,6 +352,7 @@ def test_goals(other):
     assert abs(moved.value / fine.record.goals[0].value - 1) < 0.02 and abs(held.value / -1e-4 - 1) < 1e-6
 
 
+@all_ranks
 def test_any_number_of_ranks():
     """The same leaves, energy and section force as on each rank alone."""
     scene = bar(cut(2, 3), TIED)
@@ -376,6 +379,7 @@ def test_a_scene_shows_its_ties():
     assert "ties" not in scene_parts(bar(whole()))
 
 
+@all_ranks
 def test_a_tie_that_cannot_be_held():
     """Both sides of a node are prescribed, to different values."""
     mesh = cut()

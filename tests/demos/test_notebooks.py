@@ -11,7 +11,13 @@ from conftest import WORLD, outside
 TOP = Path(__file__).parents[2]
 NAMES = sorted(path.stem for path in (TOP / "notebooks").glob("*.ipynb"))
 #: How many pictures each shows.
-PICTURES = {"adaptive_loop": 4, "hertz_in_five_minutes": 4, "reading_work_precision": 1, "two_ranks": 2}
+PICTURES = {
+    "adaptive_loop": 4,
+    "hertz_in_five_minutes": 4,
+    "reading_work_precision": 1,
+    "two_parts_meshed_apart": 3,
+    "two_ranks": 2,
+}
 #: What is run instead: coarse meshes, and a run of each kind.
 SMALLER = (
     (r'^ *"    Point\(.*(reference\(0\.08|--uniform 0 ).*\n', ""),
@@ -62,4 +68,4 @@ def test_both_files_say_the_same(name):
 
 def test_all_are_known():
     """No notebook without its number of pictures."""
-    assert NAMES == sorted(PICTURES) and len(NAMES) == 4
+    assert NAMES == sorted(PICTURES) and len(NAMES) == 5

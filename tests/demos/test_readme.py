@@ -31,7 +31,7 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
-    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp)\.py.*"
+    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
 )

@@ -14,6 +14,7 @@ from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.row_kinds import kinds_of
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson
 from fx_contact.fem.space import Space
+from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.scenes import punch
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
@@ -37,6 +38,32 @@ def test_a_pole_between_nodes(degree, hidden):
     # Seen or not at first, the contact is the same: with a node at the pole.
     *_, seen = adapt(bump(**(hidden | {"cells": 6})), 0.3, degree=degree)
     assert abs(last.force / seen.record.force - 1) < 2 * 0.3**2
+
+
+@pytest.mark.ranks(1, 2, 3)
+@pytest.mark.parametrize("degree, start", [(1, 0.65), (2, 0.625), (2, 0.65)])
+def test_a_rim_that_touches_between_nodes(degree, start):
+    """The lower edge of a tilted block, the rim of the second surface, presses inside facets whose rows stay open."""
+
+    def place(x):
+        low = 1 + 0.05 * (x[0] - start)
+        return x[0], x[1], low + (x[2] - 1) * (2 - low)
+
+    bodies = {
+        "base": block((0, 0, 0), (2, 1, 1), (8, 4, 4), 1),
+        "block": block((start, 0, 1), (1.6, 1, 2), (1, 1, 1), 1).placed(place),
+    }
+    scene = Scene(
+        "tilted",
+        root_mesh_from_shapes(bodies),
+        dict.fromkeys(bodies, Material(1.0, 0.3)),
+        (Dirichlet("base bottom", 0.0, 0.0, 0.0), Dirichlet("block top", 0.0, 0.0, -0.002)),
+        (ContactPair("base top", "block bottom"),),
+    )
+    assert scene.oriented[0].first == "base top"
+    records = [step.record for step in adapt(scene, 0.3, degree=degree, max_steps=3 - degree)]
+    assert records[0].active_pairs == 0 and records[0].penetrated_leaves == 4 and not records[0].reached
+    assert degree == 2 or records[1].force > 0
 
 
 @pytest.mark.slow

@@ -89,6 +89,13 @@ def two_cubes(shift=0.0, order=1, gap=0.0):
     return root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(shift, 0, 1 + gap)}, surfaces)
 
 
+def cubes_apart():
+    """Two unit cubes, one above the other, of 2 x 2 x 1 and 3 x 3 x 1 cells."""
+    shapes = {"lower": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1), "upper": block((0, 0, 1), (1, 1, 2), (3, 3, 1), 1)}
+    surfaces = {"base": "lower bottom", "under": "lower top", "over": "upper bottom", "top": "upper top"}
+    return root_mesh_from_shapes(shapes, surfaces)
+
+
 def press(*extra, **changes):
     """The two cubes pressed together, with extra conditions; keyword arguments replace those of the scene."""
     arguments = dict(
@@ -564,11 +571,29 @@ CASES = {
         ),
         (lambda: press(contact=(), ties=(Tie("under", "over"), Tie("under", "top"))), "two contact pairs or ties"),
         (
+            lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "base")), mesh=cubes_apart()),
+            "do not face each other",
+        ),
+        (
             lambda: with_surface("over", [[1, 0], [0, 5]]),
             "root cell 0 is on both sides of 'under on over'; leave it out",
         ),
     ],
     SolveError: [
+        (
+            lambda: first(press(Dirichlet("under", z=0.0), Dirichlet("over", z=-0.01), mesh=cubes_apart())),
+            "prescribed on both surfaces of a contact, or around it, press them 0.01 into each other",
+        ),
+        (
+            lambda: first(
+                glued(
+                    Tie("under", "over"),
+                    mesh=cubes_apart(),
+                    dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("under", x=0.0), Dirichlet("over", x=0.01)),
+                )
+            ),
+            "prescribed on both surfaces of a tie, or around it, differ by 0.01",
+        ),
         (lambda: list(adapt(unheld(), 0.5, COMM)), "nothing holds body 'lower' once the contact opens"),
         (lambda: with_options(pc_type="nonsense"), "cannot work with"),
         (

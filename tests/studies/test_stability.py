@@ -140,6 +140,17 @@ def test_the_judge_sees_a_spoilt_solution(spoil, check):
 
 
 @alone
+def test_the_judge_sees_a_spoilt_tie():
+    """Forces of ties are among those on a body, beside contact and without it."""
+    for name in ("E-5e1", "layers"):
+        *_, step = adapt(NAMED[f"ties/tied/{name}"].scene(), 0.2, comm=stability.MPI.COMM_SELF)
+        assert all(c.holds for c in stability.State(step).checks())
+        spoilt = replace(step.solution, tie_force=1.001 * step.solution.tie_force)
+        state = stability.State(replace(step, solution=spoilt))
+        assert [c.name for c in state.checks() if not c.holds] == ["balance of each body"]
+
+
+@alone
 def test_moved_nodes_keep_the_shape():
     """Cells with inner nodes moved have other maps but the same corners and surfaces."""
     scene = stack([SOFT, SOFT], order=2)

@@ -33,6 +33,7 @@ from fx_contact.parallel.validation import check_name, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce
 from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.scene import Scene
 
 Point: TypeAlias = tuple[float, float, float]
@@ -47,6 +48,8 @@ SLIDING = 0.1
 INITIAL_OVERLAP = 0.05
 #: Limit of the part of a load that the mesh misses [-].
 MISSED = 0.01
+#: Limit of the part of the smaller of two tied surfaces that faces nothing: the tied section is so much smaller [-].
+UNCOVERED = 0.1
 #: Refinements for a largest pressure after each of which it has grown by more than half of its tolerance.  At a corner
 #: of a cube it grows by 61 % with each level; below a rounded edge it grew once, by 19 % (studies/goals).
 GROWTHS = 3
@@ -66,7 +69,7 @@ class ModelWarning:
 
     Attributes:
         kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load",
-            "growing pressure" or "no load".
+            "growing pressure", "uncovered" or "no load".
         value: found, in the unit that the message says.
         limit: exceeded by the value; for "no contact" and "no load" reached.
         place: a point, undeformed [m], or the name of a body, a surface or the scene.
@@ -140,7 +143,8 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
-    return warnings + _unresolved_loads(state, load_totals)
+        warnings += _cut_off(state, rows)
+    return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
 
 def growing_pressures(
@@ -260,6 +264,45 @@ def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
         f"{name!r} along the normal, at {_shown(place)}; limit {INITIAL_OVERLAP * extent:.3g}, in units of the mesh"
     )
     return [ModelWarning("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
+
+
+def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts that reach a rim of the second surface beyond which the boundary of its body goes on smoothly."""
+    forest, warnings = state.forest, []
+    for kind in rows.kinds:
+        surfaces = state.scene.nonmatching.get(kind.index)
+        if surfaces is None or not surfaces.goes_on:
+            continue
+        leaf, face = kind.facets(forest)
+        pressure = rows.at_nodes(kind.index, state.solution.pressure[:, None])
+        mean = pressure[rows.prolongation.space.on_faces(leaf, face), 0].mean(axis=1)
+        leaf, face, mean = leaf[mean > 0], face[mean > 0], mean[mean > 0]
+        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        load = mean * np.linalg.norm(facets.mean_outward, axis=1)
+        missed = load * surfaces.cut_off(facets)
+        total, value = forest.comm.allreduce(np.array([load.sum(), missed.sum()]))
+        if value > MISSED * total:
+            place, part = _place_of_largest(forest.comm, missed, facets.corners.mean(axis=1))[0], float(value / total)
+            message = (
+                f"the contact of {kind.contact.label} reaches the rim of {kind.contact.surfaces[1]!r} near "
+                f"{_shown(place)}, beyond which the boundary of the body goes on: it misses about {part:.2g} of the "
+                f"force, limit {MISSED:g}; let the surface be larger"
+            )
+            warnings.append(ModelWarning("uncovered", part, MISSED, place, message))
+    return warnings
+
+
+def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
+    """Ties of which a large part of the smaller surface faces nothing."""
+    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if i >= len(scene.contact)}
+    message = "{}: {:.0%} of the area of {!r} faces nothing and is free, limit {:.0%}; name what is glued"
+    return [
+        ModelWarning(
+            "uncovered", part, UNCOVERED, name, message.format(scene.interfaces[index].label, part, name, UNCOVERED)
+        )
+        for index, (part, name) in ties.items()
+        if part > UNCOVERED
+    ]
 
 
 def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:

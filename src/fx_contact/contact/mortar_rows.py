@@ -7,6 +7,7 @@ the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J.
 B. Wohlmuth, CMAME 194, 2005.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,13 +18,14 @@ from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.fem.dirichlet import held_nodes
+from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import ObliquePlane
+from fx_contact.problem.contact import SMOOTH
 from fx_contact.problem.lattice import leaf_side
 from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.scene import Scene
@@ -61,14 +63,15 @@ class MortarRows(RowKind):
         self._surfaces = scene.nonmatching[index]
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
-        """As `RowKind.columns`.  Collective."""
+        """As `RowKind.columns`, without rows of nodes that other constraints hold along the normal.  Collective."""
         multipliers = self._multipliers(prolongation)
-        return self._columns(prolongation, enforcement, multipliers, multipliers.kept)
+        kept = _not_held(multipliers, prolongation, _stuck(self.scene, prolongation, self.index))
+        return self._columns(prolongation, enforcement, multipliers, kept[:, 0])
 
     def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
         """As `RowKind.tie_columns`, without rows of components that other constraints hold.  Collective."""
         multipliers = self._multipliers(prolongation)
-        kept = _not_held(self.scene, prolongation, self.index, multipliers)
+        kept = _not_held(multipliers, prolongation, _tied(self.scene, prolongation, self.index))
         return [self._columns(prolongation, enforcement, multipliers, kept[:, axis]).along(axis) for axis in range(3)]
 
     def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
@@ -175,27 +178,77 @@ def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) ->
     return np.asarray(prolongation.ghosted(prolongation.summed(wanted))[:, 0] > 0)
 
 
-def _not_held(scene: Scene, prolongation: Prolongation, index: int, multipliers: _Multipliers) -> BoolArray:
-    """Kept nodes of a tie along each axis, (owned + ghosts, 3), without those that other constraints hold.
+def _not_held(multipliers: _Multipliers, prolongation: Prolongation, held: BoolArray) -> BoolArray:
+    """Kept nodes without those that other constraints hold, both (owned + ghosts, k).  Collective.
 
-    Collective.  They are components that conditions prescribe, all on oblique symmetry planes, and nodes of other ties:
-    with a row each the second surface would lock.  Their multipliers go to neighbours; a facet without any keeps its
+    With a row each the second surface would lock.  Their multipliers go to neighbours; a facet without any keeps its
     own.  Source: B. Wohlmuth, Discretization Methods and Iterative Solvers Based on Domain Decomposition, 2001, 1.2.
+    """
+    free = multipliers.kept[:, None] & ~held
+    lonely = prolongation.zeros(held.shape[1])
+    facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
+    lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
+    return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
+
+
+def _tied(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
+    """Components of nodes that a tie shares, (owned + ghosts, 3).  Collective.
+
+    They are those that conditions prescribe, all on oblique symmetry planes, and of nodes of other ties.
     """
     held = prolongation.zeros(3)
     for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
         held[nodes] += 1.0 if isinstance(condition, ObliquePlane) else np.diag(condition.across)
+    here = _on_surfaces(prolongation, lambda contact, _: (contact >= len(scene.contact)) & (contact != index))[0]
+    held[here[here >= 0]] = 1.0
+    return np.asarray(prolongation.ghosted(prolongation.summed(held)) > 0)
+
+
+def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
+    """Nodes of a contact that others hold along its normal, (owned + ghosts, 1).  Collective.
+
+    They are those that conditions prescribe, of ties, and nodes with a mortar row of another contact along almost the
+    same normal.
+    """
+    normal, across = _normals(prolongation, index), prolongation.zeros(9)
+    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
+        across[nodes] += condition.across.ravel()
+    here = _on_surfaces(prolongation, lambda contact, _: contact >= len(scene.contact))[0]
+    across[here[here >= 0]] += np.eye(3).ravel()
+    across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
+    held, some = np.zeros(len(normal), dtype=bool), np.flatnonzero(across.any(axis=(1, 2)) & normal.any(axis=1))
+    values, vectors = np.linalg.eigh(across[some])
+    part = np.einsum("nij,ni->nj", vectors, normal[some]) * (values > SAME_PLANE)
+    held[some] = (part**2).sum(axis=1) > SMOOTH**2
+    for other in scene.nonmatching:
+        if other < len(scene.contact) and other != index:
+            held |= np.einsum("ni,ni->n", normal, _normals(prolongation, other)) > SMOOTH
+    return held[:, None]
+
+
+def _normals(prolongation: Prolongation, index: int) -> FloatArray:
+    """Mean unit normals of the first surface of a contact at its nodes, (owned + ghosts, 3).  Collective."""
+    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side == 0))
+    outward, result = np.repeat(facets.mean_outward, here.shape[1], axis=0), prolongation.zeros(3)
+    some = np.flatnonzero(here.ravel() >= 0)
+    np.add.at(result, here.ravel()[some], outward[some])
+    result = prolongation.ghosted(prolongation.summed(result))
+    return np.asarray(result / np.maximum(np.linalg.norm(result, axis=1), np.finfo(float).tiny)[:, None])
+
+
+def _on_surfaces(
+    prolongation: Prolongation, wanted: Callable[[IntArray, IntArray], BoolArray]
+) -> tuple[Int32Array, LeafFacets]:
+    """Conforming nodes (n, (p+1)^2), -1 where they hang, and leaf facets by contact and side.  Local."""
     space, forest = prolongation.space, prolongation.space.forest
     leaf, face = forest.contact_faces()
-    of = forest.contact_surfaces.contact[forest.cell[leaf], face]
-    others = (of >= len(scene.contact)) & (of != index)
-    here = prolongation.conforming[space.on_faces(leaf[others], face[others])]
-    held[here[here >= 0]] = 1.0
-    free = multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(held)) == 0)
-    lonely = prolongation.zeros(3)
-    facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
-    lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
-    return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
+    contact, side = (
+        of[forest.cell[leaf], face] for of in (forest.contact_surfaces.contact, forest.contact_surfaces.side)
+    )
+    some = wanted(contact, side)
+    leaf, face = leaf[some], face[some]
+    facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+    return prolongation.conforming[space.on_faces(leaf, face)], facets
 
 
 @dataclass(frozen=True, eq=False)

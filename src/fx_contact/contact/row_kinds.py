@@ -20,7 +20,7 @@ from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.contact import SMOOTH, Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.ties import Tie
@@ -32,10 +32,6 @@ KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
     Obstacle: ObstacleRows,
     RigidPlane: PlaneRows,
 }
-
-#: Cosine of the angle to their mean up to which normals at one node are those of a smooth surface: 15 degrees, as of
-#: the facets of a circle of twelve cells.
-_SMOOTH = 0.966
 
 
 #: Rows of contacts, one each, and of ties, three each, by index.
@@ -153,7 +149,7 @@ def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | N
     np.add.at(sums, rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
     stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
-    smooth = np.einsum("ni,ni->n", mean, rows.normal) > _SMOOTH
+    smooth = np.einsum("ni,ni->n", mean, rows.normal) > SMOOTH
     normal = np.where((smooth & ours)[:, None], mean, rows.normal)
     area, stiffness = np.where(ours, area, rows.area), np.where(ours, stiffness, rows.stiffness)
     stiffness = stiffness if node_stiffness is None else node_stiffness

@@ -36,13 +36,14 @@ class GapBetweenNodes:
         self._open: list[tuple[Int64Array, _Facets]] = []
         self._closed: list[tuple[int, Int64Array, IntArray, _Facets]] = []
         prolongation, space = pairs.prolongation, pairs.prolongation.space
-        known = np.column_stack([pairs.closing(solution.displacement), pairs.normal])
+        known = np.column_stack([pairs.closing(solution.displacement), pairs.normal, np.ones(len(pairs))])
         for kind in pairs.kinds:
             leaf, face = kind.facets(forest)
             cells, closed = space.on_faces(leaf, face), solution.active & (pairs.contact == kind.index)
             near = _touched(prolongation, cells, pairs.first[closed])
             nodal = pairs.at_nodes(kind.index, known)[cells]
-            far = ~near & np.all(np.any(nodal[..., 3:], axis=2), axis=1)  # not beyond the cover of a second surface
+            far = ~near & nodal[..., 6].any(axis=1)  # not beyond the cover of a second surface
+            nodal = _continued(nodal)
             near &= not kind.INTEGRATED
             with together(forest.comm):
                 away, close = (_Facets(kind, space, leaf[at], face[at], nodal[at]) for at in (far, near))
@@ -94,6 +95,8 @@ class _Facets:
         self._area = np.linalg.norm(np.cross(*diagonals), axis=1) / 2
         jump, self._normal = np.split(self._sampled(nodal), 2, axis=2)
         self._apart = apart - jump  # small, however far the bodies come
+        size = np.linalg.norm(np.ptp(forest.mesh.points, axis=0))
+        self._beyond = kind.INTEGRATED & (np.linalg.norm(apart, axis=2) > 1.5 * size)  # as `MortarRows.apart_from`
         self._kind, self._here, self._jump = kind, here, jump
 
     def _sampled(self, nodal: FloatArray) -> FloatArray:
@@ -103,9 +106,14 @@ class _Facets:
     def penetrate(self) -> BoolArray:
         """Facets that penetrate more than at their nodes and than rounding: (n,)."""
         gap = _normal_part(self._apart, self._normal) + self._kind.contact.clearance
-        limit = np.minimum(gap[:, self._nodes].min(axis=1), 0.0) - _ROUNDING * np.sqrt(self._area)
-        limit -= _VARIATION * np.ptp(gap, axis=1)
+        largest = np.where(self._beyond, -np.inf, gap).max(axis=1, keepdims=True)
+        gap = np.where(self._beyond & np.isfinite(largest), largest, gap)
+        limit = -_ROUNDING * np.sqrt(self._area) - _VARIATION * np.ptp(gap, axis=1)
+        if not self._kind.INTEGRATED:  # rows of integrals may be open where nodes penetrate
+            limit += np.minimum(gap[:, self._nodes].min(axis=1), 0.0)
         deeper: BoolArray = gap.min(axis=1) < self._swing * np.ptp(gap, axis=1)
+        # Beyond a rim the gap may fall by as much as the facet is wide, at 45 degrees.
+        deeper |= self._beyond.any(axis=1) & (gap.min(axis=1) < np.sqrt(self._area))
         deeper[deeper] = self._least(np.flatnonzero(deeper)) < limit[deeper]
         return deeper
 
@@ -135,6 +143,17 @@ class _Facets:
         off = np.abs(gap - gap[:, self._nodes] @ self._linear.T) - _ROUNDING * np.sqrt(self._area)[:, None]
         density = np.maximum(self._sampled(pressure), 0.0) * np.maximum(off, 0.0)
         return self._area * (density @ self._simpson)
+
+
+def _continued(nodal: FloatArray) -> FloatArray:
+    """Values (n, (p+1)^2, k) of rows at the nodes of facets, without a row the mean of the others of the facet.
+
+    The last column has the share of nodes with a row: part of the masters of a hanging node may have none.
+    """
+    share = nodal[..., -1:]
+    values = np.divide(nodal[..., :-1], share, out=np.zeros_like(nodal[..., :-1]), where=share != 0)
+    mean = values.sum(axis=1, keepdims=True) / np.maximum((share != 0).sum(axis=1, keepdims=True), 1)
+    return np.where(share != 0, values, mean)
 
 
 def _tensor(line: FloatArray) -> FloatArray:

@@ -11,6 +11,10 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_number, check_vector
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 
+#: Cosine of the angle between normals up to which they are those of a smooth surface: 15 degrees, as of the facets of a
+#: circle of twelve cells.
+SMOOTH = 0.966
+
 
 class Contact(ABC):
     """Possible contact of a surface with an obstacle, or of two surfaces.

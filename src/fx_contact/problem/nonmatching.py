@@ -7,15 +7,18 @@ import numpy as np
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.errors import PairingError
-from fx_contact.problem.contact import ContactPair
+from fx_contact.problem import hexahedron
+from fx_contact.problem.contact import SMOOTH, ContactPair
 from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.root_facets import RootFacets
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.surface_projection import Projected, SurfaceProjection
 from fx_contact.problem.ties import Tie
 
-#: Samples along each side of a root facet: of what it faces.
-_SAMPLES = 4
+#: Samples of a facet: of what it faces.
+_UV = np.stack(np.meshgrid(*2 * [(np.arange(4) + 0.5) / 4]), axis=-1).reshape(-1, 2)
+#: Middles of the edges of a facet, as `hexahedron.FACE_EDGES`.
+_EDGE_MIDDLES = np.array([[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]])
 #: Differences of sizes up to this are rounding [-].
 _SAME = 1e-6
 #: Ratio of moduli up to which bodies are equally soft.  Rows on the stiffer one take more iterations of the Gram system
@@ -81,12 +84,49 @@ class NonmatchingSurfaces:
 
     @cached_property
     def faced_samples(self) -> Int64Array:
-        """(n, _SAMPLES^2), facets of the second surface that samples of the first one's root facets face, -1: none."""
-        line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        uv = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-        at = self.first.at(np.arange(len(self.first)), np.broadcast_to(uv, (len(self.first), *uv.shape)))
+        """(n, 16), facets of the second surface that samples of the first one's root facets face, -1: none."""
+        at = self.first.at(np.arange(len(self.first)), np.broadcast_to(_UV, (len(self.first), *_UV.shape)))
         found = self.faced(at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3))
-        return found.facet.reshape(-1, len(uv))
+        return found.facet.reshape(-1, len(_UV))
+
+    @cached_property
+    def uncovered(self) -> tuple[float, str]:
+        """Part of the smaller surface's area that faces nothing [-], and its name."""
+        parts = []
+        for surfaces in (self, self.reversed()):
+            area = surfaces.first.size**2
+            part = float(area @ (surfaces.faced_samples < 0).mean(axis=1) / area.sum())
+            parts.append((float(area.sum()), part, surfaces.contact.surfaces[0]))
+        return min(parts)[1:]
+
+    @cached_property
+    def _continuation(self) -> SurfaceProjection | None:
+        """Facets with which the boundary goes on smoothly at the rim of the second surface; None: it has an edge."""
+        mesh, named = self.mesh, np.zeros((len(self.mesh.cells), 6), dtype=bool)
+        named[tuple(self.second.facets.T)] = True
+        others = np.argwhere((mesh.face_neighbours == 1) & ~named)
+        edges, normals = _at_edges(mesh, self.second.facets)
+        others = others[np.isin(_edges(mesh, others), edges).any(axis=1)]
+        theirs, other_normals = _at_edges(mesh, others)
+        order = np.argsort(edges)
+        place = order[np.minimum(np.searchsorted(edges[order], theirs), len(order) - 1)]
+        smooth = (edges[place] == theirs) & (np.einsum("ni,ni->n", normals[place], other_normals) > SMOOTH)
+        others = others[smooth.reshape(-1, 4).any(axis=1)]
+        return SurfaceProjection(mesh, others) if len(others) else None
+
+    @property
+    def goes_on(self) -> bool:
+        """True if the boundary of the second body goes on smoothly somewhere beyond the rim of its surface."""
+        return self._continuation is not None
+
+    def cut_off(self, facets: LeafFacets) -> FloatArray:
+        """Parts (k,) of facets of the first surface that face nothing, but what goes on beyond the second one's rim."""
+        assert self._continuation is not None, "as of `goes_on`"
+        at = facets.at(np.broadcast_to(_UV, (len(facets), *_UV.shape)))
+        position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
+        missed = ~self.faced(position, direction).found
+        missed[missed] = self._continuation(position[missed], direction[missed], self.depth).found
+        return np.asarray(missed.reshape(len(facets), len(_UV)).mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
         """Sizes of root facets, and moduli of their bodies, of the first surface over those that they face.
@@ -118,6 +158,17 @@ class NonmatchingSurfaces:
         along = normal if direction is None else np.broadcast_to(-direction, normal.shape)
         place = self._onto_first(at.position[:, 0], along, self.depth)
         return place.found, (self.first.facets[place.facet[place.found]], place.uv[place.found])
+
+
+def _edges(mesh: RootMesh, facets: IntArray) -> Int64Array:
+    """Numbers (n, 4) of the edges of facets (n, 2)."""
+    return np.asarray(mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]])
+
+
+def _at_edges(mesh: RootMesh, facets: IntArray) -> tuple[Int64Array, FloatArray]:
+    """Edges (4 n,) of facets (n, 2), and the unit normals (4 n, 3) of the facets at their middles."""
+    at = RootFacets(mesh, facets).at(np.arange(len(facets)), np.broadcast_to(_EDGE_MIDDLES, (len(facets), 4, 2)))
+    return _edges(mesh, facets).ravel(), at.normal.reshape(-1, 3)
 
 
 def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> NonmatchingSurfaces:

@@ -55,8 +55,8 @@ class Scene:
         SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
             that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
             that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with a body inside it, behind the surface, or farther away than all bodies are large; a
-            force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
+            name; an obstacle with most of a body inside it, behind the surface, or farther away than all bodies are
+            large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
     """
 
     name: str

@@ -12,6 +12,7 @@ from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, SymmetryPl
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Tie
 
 if TYPE_CHECKING:
@@ -26,6 +27,9 @@ _LARGEST_STRAIN = 1.0
 _APART = 0.25
 #: Instead of a body, of facets that face nothing.
 _NOTHING = -2
+#: Largest part of a body's volume inside an obstacle: with the wrong sign of a radius, or the wrong normal, all but an
+#: interference is inside, else the interference.
+_INSIDE = 0.5
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 
@@ -74,11 +78,12 @@ def check_obstacles(scene: Scene) -> None:
                 f"{size:.3g} large: check its place and units"
             )
         for body in np.unique(mesh.body[facets[:, 0]]):
-            farthest = contact.distances(mesh.points[np.unique(mesh.cells[mesh.body == body])])[0].max()
-            if farthest <= _ROUNDING * size:
+            inside = _inside(mesh, contact, body)
+            if inside > _INSIDE:
                 raise SceneError(
-                    f"{contact.name!r}: body {mesh.bodies[body]!r} is inside the obstacle; turn the normal of a plane "
-                    "out of the obstacle, change the sign of a radius (negative: the body is inside), or move it"
+                    f"{contact.name!r}: {inside:.0%} of body {mesh.bodies[body]!r} is inside the obstacle; turn the "
+                    "normal of a plane out of the obstacle, change the sign of a radius (negative: the body is "
+                    "inside), or move it"
                 )
         if (np.einsum("nmi,ni->nm", towards.reshape(len(facets), -1, 3), mesh.outward_normals(facets)) <= 0).all():
             raise SceneError(
@@ -86,6 +91,19 @@ def check_obstacles(scene: Scene) -> None:
             )
         if contact.force is not None:
             _check_force(scene, contact, towards)
+
+
+def _inside(mesh: RootMesh, contact: ContactPair, body: int) -> float:
+    """Part of the volume of a body that is inside an obstacle where it is given, and where it is moved to [-]."""
+    cells = np.flatnonzero(mesh.body == body)
+    points = mesh.evaluate(cells, np.tile([0.25, 0.75], (len(cells), 3, 1))).reshape(-1, 3)
+    corners = mesh.points[mesh.corners[cells]].reshape(-1, 2, 2, 2, 3)
+    sides = [np.diff(corners, axis=axis).mean(axis=(1, 2, 3)) for axis in (1, 2, 3)]
+    volume = np.abs(np.linalg.det(np.stack(sides, axis=1)))
+    farthest = np.max(
+        [contact.distances(points + np.array(shift))[0] for shift in ((0.0, 0.0, 0.0), contact.moved)], 0
+    )
+    return float(volume @ (farthest <= 0).reshape(len(cells), -1).mean(axis=1) / volume.sum())
 
 
 def _check_force(scene: Scene, contact: ContactPair, towards: FloatArray) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.results.accuracy import contact_errors, field_error, true_error
-from fx_contact.results.analytic import Hertz, HertzLine, Persson, ShrinkFit
+from fx_contact.results.analytic import Hertz, HertzEllipse, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import REFERENCES, ContactReference
@@ -15,6 +15,7 @@ __all__ = [
     "REFERENCES",
     "ContactReference",
     "Hertz",
+    "HertzEllipse",
     "HertzLine",
     "Persson",
     "RecordWriter",

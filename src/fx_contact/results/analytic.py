@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from scipy.special import elliprd
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.materials import Material
@@ -51,6 +52,42 @@ class Hertz:
     def of_equal_spheres(cls, radius: float, material: Material, force: float) -> Self:
         """Contact of two equal spheres of a radius [m], pressed together by a force [N]."""
         return cls(radius / 2, material.plane_strain_modulus / 2, force)
+
+
+@dataclass(frozen=True)
+class HertzEllipse:
+    """Hertz's contact on an ellipse (half-space theory): a gap x^2 / (2 R_x) + y^2 / (2 R_y).
+
+    For cylinders crossed at right angles R_x and R_y are their radii.
+
+    Source: K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, sections 3.5 and 4.2; his integrals are
+    Carlson's R_D.
+
+    Attributes:
+        radii: R_x, R_y [m].
+        modulus: effective E*, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 [Pa].
+        force: F [N].
+    """
+
+    radii: tuple[float, float]
+    modulus: float
+    force: float
+
+    @cached_property
+    def semi_axes(self) -> tuple[float, float]:
+        """Those along x and y [m]: a^3 = F R_D(0, k^2, 1) R / (pi E*) and k a, where R is the larger radius.
+
+        k solves R_D(0, 1, k^2) / R_D(0, k^2, 1) = R / R', where R' is the smaller radius.
+        """
+        least, most = sorted(self.radii)
+        k = brentq(lambda k: least * elliprd(0, 1, k * k) - most * elliprd(0, k * k, 1), 1e-6, 1.0)
+        a = float(np.cbrt(self.force * elliprd(0, k * k, 1) * most / (np.pi * self.modulus)))
+        return (k * a, a) if self.radii[0] < self.radii[1] else (a, k * a)
+
+    @property
+    def max_pressure(self) -> float:
+        """p0 = 3 F / (2 pi a b) [Pa]."""
+        return float(1.5 * self.force / (np.pi * np.prod(self.semi_axes)))
 
 
 @dataclass(frozen=True)

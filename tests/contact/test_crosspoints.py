@@ -1,0 +1,120 @@
+"""Contact of surfaces meshed apart where other constraints hold its nodes: conditions, ties, other contacts."""
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from model_problems import gathered
+
+from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, Solver, Tie, adapt
+from fx_contact.problem import block, root_mesh_from_shapes
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
+PRESSURE, POISSON = 0.01, 0.3
+#: Of all directions, in bodies under `PRESSURE` on all sides.
+STRAIN = -PRESSURE * (1 - 2 * POISSON)
+SIDES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
+EXACT = {name: lambda x, axis=axis: STRAIN * x[axis] for axis, name in enumerate("xyz")}
+
+
+def compressed(bodies, contact, ties=(), clamped=(), cut=None):
+    """Blocks, by name with corners and cells, under pressure on all sides: u = STRAIN x, and sides at 0 slide.
+
+    All components are prescribed on `clamped` sides.  `cut`: named parts of sides, by a function of position.
+    """
+    shapes = {name: block(*corners, cells, 1) for name, (*corners, cells) in bodies.items()}
+    for name, (body, side, where) in (cut or {}).items():
+        shapes[body] = shapes[body].named(name, side, where=where)
+    touching = {name for one in (*contact, *ties) for name in one.surfaces}
+    held, loads = [Dirichlet(side, **EXACT) for side in clamped], []
+    for body, (low, high, _) in bodies.items():
+        for side, (axis, end) in SIDES.items():
+            name = f"{body} {side}"
+            whole = not any(one == body and other == side for one, other, _ in (cut or {}).values())
+            if name in touching or name in clamped or not whole:
+                continue
+            if (low, high)[end][axis] == 0:
+                held.append(Dirichlet(name, **{"xyz"[axis]: 0.0}))
+            else:
+                loads.append(Pressure(name, PRESSURE))
+    return Scene(
+        "compressed",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(bodies, Material(1.0, POISSON)),
+        tuple(held),
+        tuple(contact),
+        tuple(loads),
+        ties=tuple(ties),
+    )
+
+
+def two(upper, lower, clamped=("left", "right", "front", "back")):
+    """A block on another one, clamped on sides that the contact meets."""
+    bodies = {"upper": ((0, 0, 1), (1, 1, 2), (*upper, 2)), "lower": ((0, 0, 0), (1, 1, 1), (*lower, 2))}
+    sides = [f"{body} {side}" for body in bodies for side in clamped]
+    return compressed(bodies, [ContactPair("upper bottom", "lower top")], clamped=sides)
+
+
+def on_support(upper, lower):
+    """A block on a part of a larger surface, which is held along the normal around it."""
+    bodies = {
+        "upper": ((0, 0, 1), (1, 1, 2), (upper, upper, 2)),
+        "lower": ((-1, -1, 0), (2, 2, 1), (3 * lower, 3 * lower, 1)),
+    }
+
+    def seat(x):
+        return (np.abs(x[:2] - 0.5) < 0.51).all(axis=0)
+
+    def beside(x):
+        return (np.abs(x[:2] - 0.5) > 0.49).any(axis=0)
+
+    cut = {"seat": ("lower", "top", seat), "support": ("lower", "top", beside)}
+    return compressed(bodies, [ContactPair("upper bottom", "lower seat")], clamped=["lower support"], cut=cut)
+
+
+def tee(base, one, other):
+    """Two blocks side by side on a third one, each on a part of its surface, and in contact with each other."""
+    bodies = {
+        "base": ((0, 0, 0), (2, 1, 1), (2 * base, base, 2)),
+        "one": ((0, 0, 1), (1, 1, 2), (one, one, 2)),
+        "other": ((1, 0, 1), (2, 1, 2), (other, other, 2)),
+    }
+    cut = {"west": ("base", "top", lambda x: x[0] < 1.01), "east": ("base", "top", lambda x: x[0] > 0.99)}
+    pairs = [("one bottom", "base west"), ("other bottom", "base east"), ("one right", "other left")]
+    return compressed(bodies, [ContactPair(*pair) for pair in pairs], cut=cut)
+
+
+def around(counts, tie=False):
+    """Four blocks around an edge, in contact, or two of them glued."""
+    lows = (0, 0, 0), (1, 0, 0), (0, 0, 1), (1, 0, 1)
+    bodies = {name: (low, tuple(np.add(low, 1)), (n, n, n)) for name, low, n in zip("abcd", lows, counts)}
+    pairs = [("a right", "b left"), ("c right", "d left"), ("a top", "c bottom"), ("b top", "d bottom")]
+    contact = [ContactPair(*pair) for pair in pairs]
+    return compressed(bodies, contact[:2] + contact[3:], [Tie(*pairs[2])]) if tie else compressed(bodies, contact)
+
+
+SCENES = {
+    "clamped around": lambda: two((3, 3), (4, 4)),
+    "clamped around, other order": lambda: two((4, 4), (3, 3)),
+    "clamped around, 1:2": lambda: two((4, 4), (2, 2)),
+    "clamped on one side": lambda: two((3, 3), (4, 4), ("left",)),
+    "held beside": lambda: on_support(2, 3),
+    "first in two contacts": lambda: tee(4, 2, 3),
+    "first and second": lambda: tee(3, 2, 4),
+    "second in two contacts": lambda: tee(2, 3, 4),
+    "four around an edge": lambda: around((2, 3, 3, 4)),
+    "four, two of them glued": lambda: around((3, 2, 2, 4), tie=True),
+}
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("name", SCENES)
+def test_uniform_pressure(name, degree):
+    """It passes exactly, and so does the displacement."""
+    scene = SCENES[name]()
+    assert len(scene.pairing.nonmatching) == len(scene.interfaces)
+    step = next(adapt(scene, 0.9, degree=degree, solver=Solver(tolerance=1e-12)))
+    assert np.abs(gathered(WORLD, step.contact.pressure) / PRESSURE - 1).max() < 1e-10
+    prolongation = step.elasticity.prolongation
+    exact = STRAIN * prolongation.injected(prolongation.space.positions())
+    assert np.abs(gathered(WORLD, step.solution.displacement - exact)).max() < 1e-10 * -STRAIN
