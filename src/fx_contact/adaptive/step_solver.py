@@ -296,4 +296,5 @@ def _record(
         resultants=assessed.resultants,
         goals=assessed.goals,
         approaches=approaches(settings.scene, state.rows),
+        remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
     )

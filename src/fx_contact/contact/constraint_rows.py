@@ -270,6 +270,12 @@ class ConstraintRows:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
         return self.apart - self.closing(u)
 
+    @property
+    def remote(self) -> int:
+        """Number of all ranks' rows with nodes of other ranks.  Collective."""
+        away = self.entries.node >= self.prolongation.owned
+        return int(self.prolongation.comm.allreduce(len(np.unique(self.entries.row[away]))))
+
     def at_nodes(self, contact: int, values: FloatArray) -> FloatArray:
         """Values (n, k) of the rows of one contact, by its index, at this rank's nodes: (m, k).  Collective."""
         ours, nodal = self.contact == contact, self.prolongation.zeros(values.shape[1])
