@@ -16,6 +16,7 @@ from fx_contact import (
     PairingError,
     Pressure,
     Scene,
+    SceneError,
     Solver,
     SymmetryPlane,
     adapt,
@@ -254,6 +255,46 @@ def test_which_surface_has_the_rows():
     assert "rows on 'fine bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
     record = first_step(scene, 1).record
     assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of wide on fine
+
+
+@pytest.mark.parametrize(
+    "moduli, first", [((1, 1.9), "lower"), ((1.9, 1), "lower"), ((1, 2.1), "upper"), ((2.1, 1), "lower")]
+)
+def test_moduli_that_are_alike(moduli, first):
+    """Up to a factor of 2 the finer surface has the rows, here the lower one, beyond it that of the softer body."""
+    assert boxes((3, 3), (4, 4), moduli=moduli).oriented[0].first.split()[0] == first
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_surface_smaller_than_a_sample(order):
+    """No sample of the large facet faces the small one, which has the rows in any case."""
+    bodies = {
+        "plate": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1),
+        "pin": block((0.5, 0.5, 1), (0.6, 0.6, 2), (1, 1, 1), 1),
+    }
+    scene = Scene(
+        name="pin",
+        mesh=root_mesh_from_shapes(bodies),
+        materials={body: Material(1.0, 0.3) for body in bodies},
+        dirichlet=(Dirichlet("plate bottom", 0, 0, 0), Dirichlet("pin top", 0, 0, -0.01)),
+        contact=(ContactPair(*("plate top", "pin bottom")[::order]),),
+    )
+    assert scene.oriented[0].first == "pin bottom"
+
+
+def test_facets_that_face_nothing_hold_nothing():
+    """A surface around a corner: its left side faces nothing, so that the body may slide along x."""
+    bodies = {"upper": block((0, 0, 1), (1, 1, 2), (3, 3, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (4, 4, 1), 1)}
+    corner = {"corner": ["upper bottom", "upper left"]}
+    names = {f"{body} {side}": [f"{body} {side}"] for body in bodies for side in ("bottom", "top", "front")}
+    with pytest.raises(SceneError, match="nothing holds body 'upper'"):
+        Scene(
+            name="corner",
+            mesh=root_mesh_from_shapes(bodies, {**names, **corner}),
+            materials={body: Material(1.0, 0.3) for body in bodies},
+            dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper front", y=0.0)),
+            contact=(ContactPair("corner", "lower top"),),
+        )
 
 
 def test_far_surfaces_do_not_face():
