@@ -284,7 +284,7 @@ def test_a_surface_smaller_than_a_sample(order):
 
 def test_facets_that_face_nothing_hold_nothing():
     """A surface around a corner: its left side faces nothing, so that the body may slide along x."""
-    bodies = {"upper": block((0, 0, 1), (1, 1, 2), (3, 3, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (4, 4, 1), 1)}
+    bodies = {"upper": block((0, 0, 1), (1, 1, 2), (5, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (4, 4, 1), 1)}
     corner = {"corner": ["upper bottom", "upper left"]}
     names = {f"{body} {side}": [f"{body} {side}"] for body in bodies for side in ("bottom", "top", "front")}
     with pytest.raises(SceneError, match="nothing holds body 'upper'"):
