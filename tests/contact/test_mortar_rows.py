@@ -282,6 +282,41 @@ def test_a_surface_smaller_than_a_sample(order):
     assert scene.oriented[0].first == "pin bottom"
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_strip_from_afar(degree):
+    """The rim crosses facets at a tenth, where no sample faces the other surface, at a distance of 1.6 facets."""
+    bodies = {
+        "upper": block((0, 0, 1.4), (1, 1, 2), (4, 4, 1), 1),
+        "lower": block((-1, -0.1, 0), (0.525, 1.1, 1), (3, 3, 1), 1),
+    }
+    scene = Scene(
+        name="strip",
+        mesh=root_mesh_from_shapes(bodies),
+        materials={body: Material(1.0, 0.3) for body in bodies},
+        dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper top", 0, 0, -0.5)),
+        contact=(ContactPair("upper bottom", "lower top"),),
+    )
+    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, degree))
+    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area).sum()
+    assert scene.oriented[0].first == "upper bottom" and abs(area - 0.525) < 1e-12
+
+
+def test_facets_between_clamped_sides():
+    """All their nodes are held, and they keep their rows."""
+    bodies = {"upper": block((0, 0, 1), (1, 1, 2), (1, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1)}
+    held = tuple(Dirichlet(f"{body} {side}", 0, 0, 0) for body in bodies for side in ("left", "right"))
+    scene = Scene(
+        name="clamped",
+        mesh=root_mesh_from_shapes(bodies),
+        materials={body: Material(1.0, 0.3) for body in bodies},
+        dirichlet=held,
+        contact=(ContactPair("upper bottom", "lower top"),),
+    )
+    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, 1))
+    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area)
+    assert scene.oriented[0].first == "upper bottom" and len(area) == 12 and abs(area.sum() - 1) < 1e-12
+
+
 def test_facets_that_face_nothing_hold_nothing():
     """A surface around a corner: its left side faces nothing, so that the body may slide along x."""
     bodies = {"upper": block((0, 0, 1), (1, 1, 2), (5, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (4, 4, 1), 1)}
