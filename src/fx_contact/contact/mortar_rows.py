@@ -56,7 +56,7 @@ class MortarRows(RowKind):
 
     PARTS = 16  # a point on a surface of any mesh costs a hundred times that on a polynomial
     INTEGRATED = True
-    FOLLOWED = 4.0  # 12 to 28 iterations of the Gram system instead of 31 to 42 (`studies/nonmatching`)
+    FOLLOWED = 4.0  # 19 to 28 iterations of the Gram system instead of 31 to 42 (`studies/nonmatching`)
 
     def __init__(self, scene: Scene, index: int) -> None:
         super().__init__(scene, index)
