@@ -207,8 +207,8 @@ def _tied(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
 def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     """Nodes of a contact that others hold along its normal, (owned + ghosts, 1).  Collective.
 
-    They are those that conditions prescribe, of ties, and nodes with a mortar row of another contact along almost the
-    same normal.
+    They are those that conditions prescribe, of ties, and nodes with a row of another contact, also with an obstacle,
+    along almost the same normal.
     """
     normal, across = _normals(prolongation, index), prolongation.zeros(9)
     for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
@@ -220,15 +220,16 @@ def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     values, vectors = np.linalg.eigh(across[some])
     part = np.einsum("nij,ni->nj", vectors, normal[some]) * (values > SAME_PLANE)
     held[some] = (part**2).sum(axis=1) > SMOOTH**2
-    for other in scene.nonmatching:
-        if other < len(scene.contact) and other != index:
+    for other in range(len(scene.contact)):
+        if other != index:
             held |= np.einsum("ni,ni->n", normal, _normals(prolongation, other)) > SMOOTH
     return held[:, None]
 
 
 def _normals(prolongation: Prolongation, index: int) -> FloatArray:
-    """Mean unit normals of the first surface of a contact at its nodes, (owned + ghosts, 3).  Collective."""
-    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side == 0))
+    """Mean unit normals of a contact at the nodes of its rows, (owned + ghosts, 3).  Collective."""
+    sides = 1 if index in prolongation.space.forest.contact_surfaces.nonmatching else 2
+    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side < sides))
     outward, result = np.repeat(facets.mean_outward, here.shape[1], axis=0), prolongation.zeros(3)
     some = np.flatnonzero(here.ravel() >= 0)
     np.add.at(result, here.ravel()[some], outward[some])

@@ -192,5 +192,6 @@ def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> 
     if contact.direction is not None:
         along, turn = f"along the direction {tuple(contact.direction)}", ", or turn the direction round"
     raise PairingError(
-        f"{contact.label}: the surfaces do not face each other anywhere {along}: check their names and places{turn}"
+        f"{contact.label}: the surfaces do not face each other {along}, or on less than a sixteenth of a facet, or are "
+        f"farther inside each other than the largest facet is wide: check their names and places{turn}"
     )
