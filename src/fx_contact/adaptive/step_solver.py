@@ -31,15 +31,16 @@ from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
-from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order
+from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import percent
+from fx_contact.problem.scene import Scene
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
 #: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding
@@ -134,8 +135,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
     with stages("assemble"):
         rows, rows_at = _rows(settings, start)
         prolongation = start.prolongation if rows is None else rows.prolongation
-        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
-        elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
+        elasticity = elasticity_of(scene, mesh, forest.cell[mesh.leaf], prolongation, stages)
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
@@ -156,6 +156,15 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         rows_at=rows_at,
     )
     return _Discrete(elasticity, problem, totals)
+
+
+def elasticity_of(
+    scene: Scene, mesh: LeafMesh, cells: IntArray, prolongation: Prolongation, stages: Stages
+) -> Elasticity:
+    """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
+    materials = np.array([[m.young, m.poisson] for m in (scene.materials[name] for name in scene.mesh.regions)])
+    layer = scene.layers[cells], int(scene.layers.max()) + 1
+    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer)
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:

@@ -172,14 +172,14 @@ def growing_pressures(
 
 
 def _large_deformations(state: SolvedState) -> list[ModelWarning]:
-    """The largest mean strain and rotation of a body, if they exceed `LARGE`."""
-    forest, names = state.forest, state.forest.mesh.bodies
-    body = forest.mesh.body[forest.cell[state.elasticity.leaf_mesh.leaf]]
+    """The largest mean strain and rotation of a body or part, if they exceed `LARGE`."""
+    forest, names = state.forest, state.forest.mesh.regions
+    region = forest.mesh.region[forest.cell[state.elasticity.leaf_mesh.leaf]]
     strain, rotation, volume = cell_strains(state.field.function)
     energy = state.estimate.energy
     assert energy is not None, "kept in a step"
     columns = energy, energy * strain, volume, volume * rotation
-    sums = np.stack([np.bincount(body, column, len(names)) for column in columns]).astype(float)
+    sums = np.stack([np.bincount(region, column, len(names)) for column in columns]).astype(float)
     forest.comm.Allreduce(MPI.IN_PLACE, sums)
     strains = np.divide(sums[1], sums[0], out=np.zeros(len(names)), where=sums[0] > 0)
     rotations = sums[3] / sums[2]
@@ -193,8 +193,9 @@ def _large_deformations(state: SolvedState) -> list[ModelWarning]:
             else:
                 did = f"turns by {np.degrees(value):.2g} degrees, the mean over its volume"
                 limit = f"{np.degrees(LARGE):.2g} degrees"
+            of = "part" if name in forest.mesh.parts else "body"
             message = (
-                f"body {name!r} {did}: linear elasticity is for small ones, and omits about {value / 2:.2g} of it; "
+                f"{of} {name!r} {did}: linear elasticity is for small ones, and omits about {value / 2:.2g} of it; "
                 f"limit {limit}"
             )
             warnings.append(ModelWarning(kind, value, LARGE, name, message))

@@ -71,6 +71,7 @@ class RowColumns:
     apart: FloatArray
     area: FloatArray
     stiffness: FloatArray
+    modulus: FloatArray
     position: FloatArray
     bodies: Int32Array
 
@@ -155,7 +156,7 @@ class ConstraintRows:
         area: (n,), tributary area [m^2].
         node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
         stiffness: (n,), k_N, in exact contact that in the preconditioner matrix [N/m].
-        modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
+        modulus: (n, 2), E/(1 - nu^2) of the first and the second side, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
         contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.

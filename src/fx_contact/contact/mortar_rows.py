@@ -39,13 +39,13 @@ class _Multipliers(NamedTuple):
 
     Attributes:
         keys: (m, (p+1)^2), of the nodes of second facets.
-        bodies: (n,) and (m,), of first and second facets.
+        regions: (n,) and (m,), of first and second facets.
         nodes: (n, (p+1)^2), conforming nodes of first facets, positions in the index map.
         kept: (owned + ghosts,), nodes with a row.
     """
 
     keys: Int64Array
-    bodies: tuple[IntArray, IntArray]
+    regions: tuple[IntArray, IntArray]
     nodes: Int64Array
     dual: DualFunctions
     kept: BoolArray
@@ -84,19 +84,19 @@ class MortarRows(RowKind):
         tables, nodes = _conforming(prolongation, space.on_faces(facing.leaf, facing.face))
         dual = DualFunctions(first, space.degree, tables, segments)
         keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
-        bodies = self.scene.mesh.body[first.cell], self.scene.mesh.body[second.cell]
-        return _Multipliers(keys, bodies, nodes, dual, _kept(prolongation, dual, nodes))
+        regions = self.scene.mesh.region[first.cell], self.scene.mesh.region[second.cell]
+        return _Multipliers(keys, regions, nodes, dual, _kept(prolongation, dual, nodes))
 
     def _columns(
         self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
     ) -> RowColumns:
         """The rows of kept nodes (owned + ghosts,).  Collective."""
-        keys, bodies, nodes, dual, _ = multipliers
+        keys, regions, nodes, dual, _ = multipliers
         integrals = dual.integrals(kept[nodes])
         stiffness, some = np.zeros_like(integrals.area), integrals.area.any(axis=1)
         area = np.maximum(integrals.area[some], 0.0)
         one, two = integrals.pairs[integrals.second.any(axis=(1, 2))].T
-        facing = np.stack([bodies[0], _least(one, bodies[1][two], len(nodes))], axis=1)
+        facing = np.stack([regions[0], _least(one, regions[1][two], len(nodes))], axis=1)
         stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, facing[some]), area)
         across = integrals.first_normal - integrals.second_normal
         shares = np.concatenate([integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2)
@@ -106,8 +106,9 @@ class MortarRows(RowKind):
         ours = np.flatnonzero(kept[: prolongation.owned])
         row = np.full(prolongation.owned, -1)
         row[ours] = np.arange(len(ours))
-        parts = _entries(prolongation, integrals, nodes, keys, bodies)
+        parts = _entries(prolongation, integrals, nodes, keys, regions)
         parts = replace(parts, row=row[parts.row])
+        of_rows = _least(2 * parts.row + parts.side, parts.region, 2 * len(ours)).reshape(-1, 2)
         return RowColumns(
             first=ours,
             entries=_by_row(parts, sums[ours, 0]),
@@ -115,8 +116,9 @@ class MortarRows(RowKind):
             apart=sums[ours, 5:] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
+            modulus=moduli(self.scene, of_rows),
             position=prolongation.injected(prolongation.space.positions())[ours],
-            bodies=_least(2 * parts.row + parts.side, parts.body, 2 * len(ours)).reshape(-1, 2),
+            bodies=self.scene.mesh.body_of_region[of_rows],
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -257,10 +259,10 @@ class _Parts(KeyedEntries):
     """Integrals of psi_j N over facets, on the owners of the rows: `row` is the owned node, `weight` in [m^2].
 
     Attributes:
-        body: (b,), of the facet with the function N.
+        region: (b,), of the facet with the function N.
     """
 
-    body: IntArray
+    region: IntArray
 
 
 def _entries(
@@ -268,22 +270,22 @@ def _entries(
     integrals: MultiplierIntegrals,
     nodes: Int64Array,
     keys: Int64Array,
-    bodies: tuple[IntArray, IntArray],
+    regions: tuple[IntArray, IntArray],
 ) -> _Parts:
     """Those of first facets, and of second ones with the sign of the second side.  Collective."""
     comm, imap = prolongation.comm, prolongation.index_map
     (one, two), first, second = integrals.pairs.T, integrals.first, -integrals.second
     row = np.concatenate([_on(nodes[:, :, None], first), _on(nodes[one][:, :, None], second)])
     key = np.concatenate([_on(prolongation.keys[nodes][:, None], first), _on(keys[two][:, None], second)])
-    body = np.concatenate([_on(bodies[0][:, None, None], first), _on(bodies[1][two][:, None, None], second)])
+    region = np.concatenate([_on(regions[0][:, None, None], first), _on(regions[1][two][:, None, None], second)])
     value, side = np.concatenate([first.ravel(), second.ravel()]), np.repeat([0, 1], [first.size, second.size])
     some = np.flatnonzero(value)
     row = row[some]
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])[row]
     exchange = Exchange(comm, owner)
     owned = exchange.forward(imap.local_to_global(row.astype(np.int32))) - imap.local_range[0]
-    key, side, body = (exchange.forward(column[some]) for column in (key, side, body))
-    return _Parts(owned, key, side, exchange.forward(value[some]), body)
+    key, side, region = (exchange.forward(column[some]) for column in (key, side, region))
+    return _Parts(owned, key, side, exchange.forward(value[some]), region)
 
 
 def _on(names: IntArray, values: FloatArray) -> Int64Array:

@@ -129,18 +129,18 @@ class NonmatchingSurfaces:
         return np.asarray(missed.reshape(len(facets), len(SAMPLES)).mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
-        """Sizes of root facets, and moduli of their bodies, of the first surface over those that they face.
+        """Sizes of root facets, and moduli of their materials, of the first surface over those that they face.
 
         Geometric means by area, None if facets of the first surface face none.
 
         Args:
-            moduli: (nbodies,) [Pa].
+            moduli: (nregions,) [Pa].
         """
         faced = self.faced_samples
         weight = np.where(faced >= 0, self.first.size[:, None] ** 2, 0.0)
         if not weight.any():
             return None
-        one, two = (moduli[self.mesh.body[facets.facets[:, 0]]] for facets in self._both)
+        one, two = (moduli[self.mesh.region[facets.facets[:, 0]]] for facets in self._both)
         ratios = self.first.size[:, None] / self.second.size[faced], one[:, None] / two[faced]
         size, modulus = (float(np.exp((weight * np.log(ratio)).sum() / weight.sum())) for ratio in ratios)
         return size, modulus
@@ -177,7 +177,7 @@ def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> 
     Raises PairingError if the surfaces do not face each other.
 
     Args:
-        moduli: of the bodies (nbodies,) [Pa].
+        moduli: of the mesh's regions (nregions,) [Pa].
     """
     surfaces = NonmatchingSurfaces.of(mesh, contact)
     ratios = surfaces.mean_ratios(moduli)

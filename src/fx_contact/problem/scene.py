@@ -40,7 +40,7 @@ class Scene:
 
     Attributes:
         name: for records and file names.
-        materials: by body name.
+        materials: by the names of the mesh's `regions`: bodies, and parts of bodies.
         dirichlet: prescribed displacements and symmetry planes.
         contact: a facet is in at most one of them.
         tractions: those on one surface add up.
@@ -48,15 +48,16 @@ class Scene:
             records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
             planes; None: the centroid of the contact forces.
-        body_forces: those on one body add up.
+        body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
 
     Raises:
-        SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
-            that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
-            that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with most of a body inside it, behind the surface, or farther away than all bodies are
-            large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
+        SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
+            displacement that is not finite, across a symmetry plane, or different from another one at a node; a
+            symmetry plane that is not plane; a number of parts that does not follow from the symmetry planes; two
+            contacts of one name; an obstacle with most of a body inside it, behind the surface, or farther away than
+            all bodies are large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that
+            lie apart.
     """
 
     name: str
@@ -84,14 +85,14 @@ class Scene:
         if self.contact_centre is not None:
             check_vector("contact_centre", self.contact_centre)
         materials = self.materials if isinstance(self.materials, Mapping) else {}
-        if {*materials} != {*mesh.bodies} or not all(isinstance(m, Material) for m in materials.values()):
+        if {*materials} != {*mesh.regions} or not all(isinstance(m, Material) for m in materials.values()):
             raise SceneError(
-                f"materials must be a dict with a Material for each of {mesh.bodies}, got {shown(self.materials)}"
+                f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
             )
         for traction in self.tractions:
             mesh.surface(traction.surface)
         for force in self.body_forces:
-            check_name("body", force.body, mesh.bodies, "the root mesh has")
+            mesh.cells_of(force.body)
         check_units(self)
         check_obstacles(self)
         check_ties(self)
@@ -104,9 +105,9 @@ class Scene:
 
     def __repr__(self) -> str:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
-        materials = ((body, self.materials[body]) for body in self.mesh.bodies)
+        materials = ((region, self.materials[region]) for region in self.mesh.regions)
         lists = {
-            "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
+            "materials": [f"{region!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for region, m in materials],
             "contact": [self._described(index) for index in range(len(self.contact))],
             "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
@@ -133,6 +134,13 @@ class Scene:
         return tuple(c for c in self.conditions if isinstance(c, ObliquePlane))
 
     @cached_property
+    def layers(self) -> Int64Array:
+        """(ncells,), number of each root cell's material among the materials of its body."""
+        mesh, known = self.mesh, [dict[Material, int]() for _ in self.mesh.bodies]
+        pairs = ((known[body], self.materials[name]) for body, name in zip(mesh.body_of_region, mesh.regions))
+        return np.array([of_body.setdefault(material, len(of_body)) for of_body, material in pairs])[mesh.region]
+
+    @cached_property
     def mirrors(self) -> Mirrors:
         """Symmetry group of the scene."""
         return mirrors_of(self)
@@ -145,7 +153,7 @@ class Scene:
     @cached_property
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
         """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
-        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
+        moduli = np.array([self.materials[region].plane_strain_modulus for region in self.mesh.regions])
         pairs = {index: self.interfaces[index] for index in self.pairing.nonmatching}
         return {
             i: oriented(self.mesh, pair, moduli) for i, pair in pairs.items() if isinstance(pair, (ContactPair, Tie))
@@ -208,8 +216,8 @@ class Scene:
         if name in mesh.curves:
             cells, edges = mesh.curves[name].T
             nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
-        elif name in mesh.bodies:
-            cells = np.flatnonzero(mesh.body == mesh.bodies.index(name))
+        elif name in (*mesh.bodies, *mesh.parts):
+            cells = mesh.cells_of(name)
             nodes = np.arange((_SAMPLES + 1) ** 3)[None]
         else:
             return mesh.points[self.place(name)]

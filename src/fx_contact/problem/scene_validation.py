@@ -37,11 +37,11 @@ _ROUNDING = 1e-9
 def check_units(scene: Scene) -> None:
     """Raises SceneError for moduli, sizes or displacements that cannot be in one system of units."""
     mesh = scene.mesh
-    young = {name: scene.materials[name].young for name in mesh.bodies}
+    young = {name: scene.materials[name].young for name in mesh.regions}
     soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
     if young[hard] > _STIFFEST * young[soft]:
         raise SceneError(
-            f"body {hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
+            f"{hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
             "precision holds: check the units of the moduli, or make it 1e6 times as stiff, which is as good as rigid"
         )
     size = np.ptp(mesh.points, axis=0).max()

@@ -43,11 +43,13 @@ class Shape:
         points: (npoints, 3), node positions, in the unit of the mesh.
         cells: (ncells, (p+1)^3), nodes of each cell in tensor order, x fastest, equispaced in the reference cell.
         sides: name -> (n, 2), facets (cell, local face) on the boundary.
+        parts: name -> (n,), cells of a part, which may have a material of its own.
     """
 
     points: FloatArray
     cells: Int64Array
     sides: dict[str, Int32Array] = field(default_factory=dict)
+    parts: dict[str, Int64Array] = field(default_factory=dict)
 
     @cached_property
     def order(self) -> int:
@@ -86,6 +88,20 @@ class Shape:
             raise GeometryError(f"side {name!r} has no facet: none has all its nodes in the place that is asked for")
         return replace(self, sides={**self.sides, name: rows})
 
+    def as_part(self, name: str, where: Predicate | None = None) -> Shape:
+        """The shape, or those of its cells whose nodes all satisfy a predicate, as a part with a name.
+
+        A cell is in one part, that which is named last.  Raises SceneError for a name that is none, GeometryError if no
+        cell is there, or `where` is no function that gives truth values.
+        """
+        check_label("a part", name)
+        inside = np.ones(len(self.points), dtype=bool) if where is None else _holds(name, where, self.points)
+        cells = np.flatnonzero(inside[self.cells].all(axis=1))
+        if not len(cells):
+            raise GeometryError(f"part {name!r} has no cell: none has all its nodes in the place that is asked for")
+        others = {other: np.setdiff1d(rows, cells) for other, rows in self.parts.items()}
+        return replace(self, parts={other: rows for other, rows in others.items() if len(rows)} | {name: cells})
+
     def placed(self, place: Placement) -> Shape:
         """The shape with its nodes moved by a function.  Raises GeometryError unless it gives positions."""
         return replace(self, points=images("the place of a shape", place, self.points))
@@ -122,7 +138,8 @@ class Shape:
 def join(*shapes: Shape) -> Shape:
     """One shape made of several of one order that touch, or of one whose ends meet.
 
-    Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
+    Coincident nodes are merged, sides and parts of one name are united, and facets shared by two cells belong to no
+    side.
     Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
     """
     check_kinds("what is joined", shapes, Shape)
@@ -140,7 +157,18 @@ def join(*shapes: Shape) -> Shape:
         parts = [shape.sides[name] + [start, 0] for shape, start in zip(shapes, first) if name in shape.sides]
         rows = np.concatenate(parts).astype(np.int32)
         sides[name] = rows[np.isin(rows @ [6, 1], outside)]
-    return replace(whole, sides={name: rows for name, rows in sides.items() if len(rows)})
+    return replace(
+        whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(shapes, first)
+    )
+
+
+def _parts(shapes: Sequence[Shape], first: Int64Array) -> dict[str, Int64Array]:
+    """Cells of the parts of shapes with the numbers of their first cells; those of one name are united."""
+    cells: dict[str, list[Int64Array]] = {}
+    for shape, start in zip(shapes, first):
+        for name, rows in shape.parts.items():
+            cells.setdefault(name, []).append(rows + start)
+    return {name: np.concatenate(rows) for name, rows in cells.items()}
 
 
 def root_mesh_from_shapes(
@@ -149,7 +177,7 @@ def root_mesh_from_shapes(
     curves: Mapping[str, tuple[str, Predicate]] | None = None,
     vertices: Mapping[str, tuple[str, Predicate]] | None = None,
 ) -> RootMesh:
-    """Root mesh of bodies given by shapes.
+    """Root mesh of bodies given by shapes, whose parts are called "BODY PART".
 
     Args:
         surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
@@ -214,6 +242,11 @@ def root_mesh_from_shapes(
         known,
         {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
         found(curves, hexahedron.edge_nodes(order)),
+        {
+            f"{name} {part}": rows + start
+            for (name, shape), start in zip(bodies.items(), first)
+            for part, rows in shape.parts.items()
+        },
     )
 
 
