@@ -899,7 +899,8 @@ UNLIKE = [
     ({}, {"partition_kind": "sfx"}, "unknown partition 'sfx'"),
     ({}, {"checkpoint": "/dev/null/a"}, "checkpoint (null on rank 0"),
     ({}, {"progress": 3}, "must be a function"),
-    ({}, {"restart": "here"}, "must be a Checkpoint, got 'here'"),
+    ({}, {"restart": "here"}, 'restart (null on rank 0, "here" on rank'),
+    ({}, {"restart": 3}, "must be a Checkpoint, got 3"),
     ({}, {"scene": of(STEEL, SOFT)}, "materials ({"),
     ({}, {"scene": pressed_by(-0.02)}, "displacement conditions ([["),
     (
