@@ -68,6 +68,11 @@ class Step(SolvedState):
         lines += [f"  {warning.kind}: {warning.message}" for warning in r.doubts]
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
+    def __getattr__(self, name: str) -> Any:
+        if name in StepRecord.__dataclass_fields__:
+            raise AttributeError(f"a Step has no attribute {name!r}; did you mean `step.record.{name}`?", name=name)
+        raise AttributeError(f"a Step has no attribute {name!r}", name=name, obj=self)
+
     def __del__(self) -> None:
         # Communicators of dolfinx that are freed while an error is under way hang in mpi4py (see `parallel.mpi`);
         # inside `__del__` the error is set aside.

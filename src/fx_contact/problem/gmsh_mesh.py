@@ -145,6 +145,12 @@ def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
     types = model.mesh.getElementTypes(3)
     properties = [model.mesh.getElementProperties(kind) for kind in types]
     complete = ["hexahedron" in name.lower() and n == (order + 1) ** 3 for name, _, order, n, *_ in properties]
+    if not properties:
+        flat = [model.mesh.getElementProperties(kind)[0] for kind in model.mesh.getElementTypes(2)]
+        raise GeometryError(
+            f"the mesh has no volumes, and surfaces of {flat or 'no elements'}: bodies have hexahedra; extrude "
+            "the surfaces with recombine=True, give each volume a physical group, and mesh in 3D, generate(3)"
+        )
     if complete != [True]:
         raise GeometryError(
             f"the volume mesh has elements of type {[p[0] for p in properties]}; only hexahedra can be refined, "

@@ -19,7 +19,15 @@ from scipy.spatial import cKDTree
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_kinds, check_label, check_name, check_number, check_vector, shown
+from fx_contact.parallel.validation import (
+    as_tuple,
+    check_kinds,
+    check_label,
+    check_name,
+    check_number,
+    check_vector,
+    shown,
+)
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 
@@ -135,27 +143,27 @@ class Shape:
         return self.cells[rows[:, :1], hexahedron.face_nodes(self.order)[rows[:, 1]]]
 
 
-def join(*shapes: Shape) -> Shape:
-    """One shape made of several of one order that touch, or of one whose ends meet.
+def join(*shapes: Shape | Sequence[Shape]) -> Shape:
+    """One shape made of several of one order that touch, or of a list of them, or of one whose ends meet.
 
     Coincident nodes are merged, sides and parts of one name are united, and facets shared by two cells belong to no
     side.
     Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
     """
-    check_kinds("what is joined", shapes, Shape)
-    if len({shape.order for shape in shapes}) != 1:
-        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in shapes]}")
-    points, cells, first = _concatenated(shapes)
+    parts = as_tuple("what is joined", shapes[0] if len(shapes) == 1 else shapes, Shape)
+    if len({shape.order for shape in parts}) != 1:
+        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in parts]}")
+    points, cells, first = _concatenated(parts)
     near = cKDTree(points).query_pairs(_SAME * np.ptp(points, axis=0).max(), output_type="ndarray")
     graph = coo_matrix((np.ones(len(near)), near.T), shape=(len(points),) * 2)
     _, place = connected_components(graph, directed=False)
     _, kept = np.unique(place, return_index=True)
     whole = Shape(points[kept], place[cells].astype(np.int64))
-    names = dict.fromkeys(name for shape in shapes for name in shape.sides)
+    names = dict.fromkeys(name for shape in parts for name in shape.sides)
     outside, sides = whole.boundary @ [6, 1], {}
     for name in names:
-        parts = [shape.sides[name] + [start, 0] for shape, start in zip(shapes, first) if name in shape.sides]
-        rows = np.concatenate(parts).astype(np.int32)
+        every = [shape.sides[name] + [start, 0] for shape, start in zip(parts, first) if name in shape.sides]
+        rows = np.concatenate(every).astype(np.int32)
         sides[name] = rows[np.isin(rows @ [6, 1], outside)]
     return replace(
         whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(shapes, first)
@@ -180,7 +188,7 @@ def root_mesh_from_shapes(
     """Root mesh of bodies given by shapes, whose parts are called "BODY PART".
 
     Args:
-        surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
+        surfaces: name -> "BODY SIDE", or a list of several: surfaces beside each side of each body, named so.
         curves, vertices: name -> (body, predicate): the cell edges whose nodes all satisfy the predicate, or the cell
             corners that do.
 
@@ -208,8 +216,7 @@ def root_mesh_from_shapes(
         for (name, shape), start in zip(bodies.items(), first)
         for side, rows in shape.sides.items()
     }
-    if surfaces is not None:
-        known = _united(known, surfaces)
+    known |= _united(known, surfaces or {})
     order = hexahedron.order_of(cells.shape[1])
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
