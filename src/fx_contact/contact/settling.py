@@ -180,8 +180,8 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     if not np.isfinite(least).all():
         raise SolveError(
             "along the force on it a rigid obstacle does not meet the surface: the force pulls it away, moves it past "
-            "the surface, or has pressed it through the body; reverse the force, or check the place of the obstacle and "
-            "the unit of the force"
+            "the surface, or has pressed it through the body; reverse the force, or check the place of the obstacle "
+            "and the unit of the force"
         )
     soft = rows.area * (1 / rows.modulus).sum(axis=1)
 

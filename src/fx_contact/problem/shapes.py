@@ -147,26 +147,25 @@ def join(*shapes: Shape | Sequence[Shape]) -> Shape:
     """One shape made of several of one order that touch, or of a list of them, or of one whose ends meet.
 
     Coincident nodes are merged, sides and parts of one name are united, and facets shared by two cells belong to no
-    side.
-    Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
+    side.  Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
     """
-    parts = as_tuple("what is joined", shapes[0] if len(shapes) == 1 else shapes, Shape)
-    if len({shape.order for shape in parts}) != 1:
-        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in parts]}")
-    points, cells, first = _concatenated(parts)
+    pieces = as_tuple("what is joined", shapes[0] if len(shapes) == 1 else shapes, Shape)
+    if len({shape.order for shape in pieces}) != 1:
+        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in pieces]}")
+    points, cells, first = _concatenated(pieces)
     near = cKDTree(points).query_pairs(_SAME * np.ptp(points, axis=0).max(), output_type="ndarray")
     graph = coo_matrix((np.ones(len(near)), near.T), shape=(len(points),) * 2)
     _, place = connected_components(graph, directed=False)
     _, kept = np.unique(place, return_index=True)
     whole = Shape(points[kept], place[cells].astype(np.int64))
-    names = dict.fromkeys(name for shape in parts for name in shape.sides)
+    names = dict.fromkeys(name for shape in pieces for name in shape.sides)
     outside, sides = whole.boundary @ [6, 1], {}
     for name in names:
-        every = [shape.sides[name] + [start, 0] for shape, start in zip(parts, first) if name in shape.sides]
+        every = [shape.sides[name] + [start, 0] for shape, start in zip(pieces, first) if name in shape.sides]
         rows = np.concatenate(every).astype(np.int32)
         sides[name] = rows[np.isin(rows @ [6, 1], outside)]
     return replace(
-        whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(shapes, first)
+        whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(pieces, first)
     )
 
 
