@@ -242,12 +242,17 @@ def root_mesh_from_shapes(
         known,
         {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
         found(curves, hexahedron.edge_nodes(order)),
-        {
-            f"{name} {part}": rows + start
-            for (name, shape), start in zip(bodies.items(), first)
-            for part, rows in shape.parts.items()
-        },
+        _parts_of_bodies(bodies, first),
     )
+
+
+def _parts_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int64Array]:
+    """Cells of "BODY PART", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {part}": rows + start
+        for (name, shape), start in zip(bodies.items(), first)
+        for part, rows in shape.parts.items()
+    }
 
 
 def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:
