@@ -203,11 +203,7 @@ def root_mesh_from_shapes(
         raise GeometryError(f"bodies must be of one order, got {orders}")
     points, cells, first = _concatenated(bodies.values())
     body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in bodies.values()])
-    known = {
-        f"{name} {side}": rows + np.array([start, 0], np.int32)
-        for (name, shape), start in zip(bodies.items(), first)
-        for side, rows in shape.sides.items()
-    }
+    known = _sides_of_bodies(bodies, first)
     if surfaces is not None:
         known = _united(known, surfaces)
     order = hexahedron.order_of(cells.shape[1])
@@ -244,6 +240,15 @@ def root_mesh_from_shapes(
         found(curves, hexahedron.edge_nodes(order)),
         _parts_of_bodies(bodies, first),
     )
+
+
+def _sides_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int32Array]:
+    """Facets of "BODY SIDE", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {side}": rows + np.array([start, 0], np.int32)
+        for (name, shape), start in zip(bodies.items(), first)
+        for side, rows in shape.sides.items()
+    }
 
 
 def _parts_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int64Array]:
