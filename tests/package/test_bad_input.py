@@ -546,7 +546,7 @@ CASES = {
         (lambda: RootMesh(grid()[0], grid()[1] + 1, ("a",), [0]), "outside 0..7"),
         (lambda: RootMesh(None, None, None, None), "points must be an array"),
         (lambda: RootMesh(*grid(), ("a",), [[0]]), "one number for each cell"),
-        (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), "curves dicts of"),
+        (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), "curves and parts dicts of"),
     ],
     FxContactError: [
         (lambda: root_mesh_from_file(COMM, __file__), ""),

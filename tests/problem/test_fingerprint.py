@@ -54,6 +54,7 @@ OF_MESH = {
     "surfaces": dict(MESH.surfaces) | {"lid": MESH.surfaces["bottom"]},
     "vertices": {"corner": [14]},
     "curves": {"edge": [[0, 9]]},
+    "parts": {"coating": [0]},
 }
 #: of a scene, but for the name, which is that of its records,
 OF_SCENE = {

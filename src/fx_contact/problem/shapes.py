@@ -210,11 +210,7 @@ def root_mesh_from_shapes(
         raise GeometryError(f"bodies must be of one order, got {orders}")
     points, cells, first = _concatenated(bodies.values())
     body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in bodies.values()])
-    known = {
-        f"{name} {side}": rows + np.array([start, 0], np.int32)
-        for (name, shape), start in zip(bodies.items(), first)
-        for side, rows in shape.sides.items()
-    }
+    known = _sides_of_bodies(bodies, first)
     known |= _united(known, surfaces or {})
     order = hexahedron.order_of(cells.shape[1])
 
@@ -248,12 +244,26 @@ def root_mesh_from_shapes(
         known,
         {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
         found(curves, hexahedron.edge_nodes(order)),
-        {
-            f"{name} {part}": rows + start
-            for (name, shape), start in zip(bodies.items(), first)
-            for part, rows in shape.parts.items()
-        },
+        _parts_of_bodies(bodies, first),
     )
+
+
+def _sides_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int32Array]:
+    """Facets of "BODY SIDE", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {side}": rows + np.array([start, 0], np.int32)
+        for (name, shape), start in zip(bodies.items(), first)
+        for side, rows in shape.sides.items()
+    }
+
+
+def _parts_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int64Array]:
+    """Cells of "BODY PART", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {part}": rows + start
+        for (name, shape), start in zip(bodies.items(), first)
+        for part, rows in shape.parts.items()
+    }
 
 
 def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:
