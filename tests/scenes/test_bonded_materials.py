@@ -163,7 +163,7 @@ def of_parts(step, values):
 @DEGREES
 @pytest.mark.parametrize("materials", [(SOFT, HARD), (SOFT, Material(1e3, 0.3)), (Material(1.0, 0.0), SOFT)])
 def test_effectivity(materials, degree):
-    """0.8 to 1.25 on all meshes, in a solution with jumps of stress; the energy error falls as with one material."""
+    """0.8 to 1.25 on all meshes, in a solution with jumps of stress."""
     scene, ratios = manufactured(materials)
     found = []
     for step in adapt(scene, tolerance=0.06 if degree == 1 else 0.003, degree=degree):
