@@ -123,7 +123,7 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
-    force = 7.61418e-3  # this program's at 2 %, from 6 x 6 x 12 cells a body
+    force = 7.61418e-3 / 4  # a quarter of this program's at 2 %, from 6 x 6 x 12 cells a body
     tolerance = 0.12
     step = solve(clamped(0.3, cells=(9, 9, 1)), tolerance)
     true = np.sqrt(step.record.force / force - 1)  # the energy is the force times the displacement
