@@ -9,12 +9,12 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_solver import elasticity_of
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -308,9 +308,7 @@ def vertex_positions(forest):
 def discrete(scene, forest, order=1, degree=1):
     """Elasticity of a scene on a forest."""
     cells = create_leaf_mesh(forest, order)
-    materials = np.array([[scene.materials[b].young, scene.materials[b].poisson] for b in scene.mesh.bodies])
-    body = scene.mesh.body[forest.cell[cells.leaf]]
-    return Elasticity(cells, materials, body, prolongation_of(scene, forest, degree), Stages())
+    return elasticity_of(scene, cells, forest.cell[cells.leaf], prolongation_of(scene, forest, degree), Stages())
 
 
 def prolongation_of(scene, forest, degree=1):

@@ -28,6 +28,7 @@ from fx_contact.parallel.errors import (
     ValidityError,
 )
 from fx_contact.parallel.meeting import expect_end
+from fx_contact.parallel.validation import named_arguments
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
@@ -35,6 +36,9 @@ from fx_contact.problem.materials import Material
 from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
+from fx_contact.problem.solids import ball, block, cylinder, ring
+from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
 from fx_contact.problem.ties import Tie
 
 __version__ = "0.2.0"
@@ -75,6 +79,7 @@ __all__ = [
     "Run",
     "Scene",
     "SceneError",
+    "Shape",
     "SolveError",
     "Solver",
     "Step",
@@ -88,10 +93,21 @@ __all__ = [
     "TrueError",
     "ValidityError",
     "adapt",
+    "ball",
+    "block",
+    "cylinder",
+    "extrude",
+    "join",
+    "revolve",
+    "ring",
     "root_mesh_from_file",
     "root_mesh_from_gmsh",
+    "root_mesh_from_shapes",
     "solve",
     "sweep",
+    "sweep_side",
 ]
 
+for _name in __all__:
+    named_arguments(globals()[_name])
 expect_end()

@@ -286,7 +286,10 @@ def test_belongs_to_another_problem(scene, folder):
         (hertz(displacement=0.02, order=2, coarse=2), "displacement conditions ([["),
         (replace(scene, tractions=(Traction("top", (0.01, 0, 0)),)), "tractions ([] then"),
         (replace(scene, contact=(replace(scene.contact[0], direction=(0, 0, 2)),)), "contact pairs ([["),
-        (replace(scene, symmetry=8), "symmetry ([4"),
+        (
+            replace(scene, contact_centre=(0.0, 0.0, 0.1)),
+            "symmetry ([4, 0.0, 0.0, 0.0] then, [4, 0.0, 0.0, 0.1] now)",
+        ),
         (hertz(order=2, coarse=3), "root mesh"),
         (hertz(order=1, coarse=2), "root mesh"),
         (replace(scene, mesh=replace(scene.mesh, body=1 - scene.mesh.body)), "root mesh"),

@@ -71,6 +71,7 @@ class FloorRows(RowKind):
             area=sums[:, 0],
             stiffness=sums[:, 1],
             position=here.reshape(-1, 3)[example],
+            modulus=moduli(self.scene, bodies[example // points.shape[1]]),
             bodies=bodies[example // points.shape[1]],
         )
 
@@ -163,6 +164,7 @@ class AveragedRows(RowKind):
             area=sums[:, 0],
             stiffness=sums[:, 1],
             position=here.reshape(-1, 3)[example],
+            modulus=moduli(self.scene, bodies[example // points.shape[1]]),
             bodies=bodies[example // points.shape[1]],
         )
 

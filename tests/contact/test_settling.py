@@ -319,7 +319,7 @@ def test_bad_beginnings(approaches):
 @pytest.mark.parametrize(
     "scene, message",
     [
-        (pressed(force=10.0), "pressed it through the body: reverse the force, or check its unit"),
+        (pressed(force=10.0), "pressed it through the body; reverse the force, or check the place"),
         (pressed(RigidSurface(lambda x: 0 * x[2] + 0.1, lambda x: 0 * x - [[0], [0], [1]])), "misses the surface"),
     ],
 )

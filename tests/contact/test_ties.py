@@ -28,6 +28,9 @@ from fx_contact import (
     adapt,
 )
 from fx_contact.contact import contact_solver
+from fx_contact.contact.row_kinds import create_rows
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.shapes import join, root_mesh_from_shapes
 from fx_contact.problem.solids import block
@@ -272,6 +275,17 @@ def test_a_symmetry_plane_through_a_tie(degree, other, same, angle):
     for step in (double, single):
         (force,) = of_kind(step, "tie").values()
         assert np.abs(force[:3] + 2 * np.array(load)).max() < 1e-8 * 1e-4
+
+
+def test_rows_where_a_plane_of_symmetry_holds_a_component():
+    """On meshes apart there are none of this component, and those of the two others."""
+    planes = tuple(SymmetryPlane(f"{name} front") for name in ("base", "tip"))
+    half = bar(cut(2, 3), TIED)
+    half = replace(half, dirichlet=(*half.dirichlet, *planes), symmetry=2)
+    rows = create_rows(half, Prolongation(Space(Beginning.uniform(half, 0).forest, 2)), Enforcement())
+    axes, on = gathered(WORLD, rows.normal).argmax(axis=1), np.abs(gathered(WORLD, rows.position)[:, 1]) < 1e-9
+    assert [int((axes[on] == axis).sum()) for axis in range(3)] == [7, 0, 7]
+    assert [int((axes == axis).sum()) for axis in range(3)] == [49, 42, 49]
 
 
 def on_base(mesh, first, second, **more):

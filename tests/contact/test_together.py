@@ -59,7 +59,7 @@ def test_forces(degree, most):
         everywhere(np.array_equal(leaves(here.forest), leaves(alone.forest)), "other leaves")
         ball, wall = here.record.pair_forces
         assert abs(ball / FORCE - 1) < 1e-6 and wall > 0
-        assert np.allclose(here.record.pair_forces, alone.record.pair_forces, rtol=1e-6)
+        assert np.allclose(here.record.pair_forces, alone.record.pair_forces, rtol=1e-7, atol=0)
         assert np.allclose(here.record.goals[0].value, alone.record.goals[0].value, rtol=1e-6)
         forces = {one.name: np.array(one.force) for one in here.resultants if one.kind in ("contact", "tie")}
         assert abs(forces["low top tied to high bottom"][2] / FORCE - 1) < 1e-6
@@ -91,3 +91,13 @@ def test_a_load_path(folder):
     assert last.record.begun == "coarse"
     alone = solve(pressed(moved=(0.0, 0.0, ways[1])), 0.4, degree=1).record
     assert np.allclose(last.step.record.pair_forces, alone.pair_forces, rtol=0.4**2)
+
+
+@pytest.mark.ranks(2)
+def test_remote_rows():
+    """Rows with nodes of other ranks: none on one rank, and fewer where the partition keeps facing leaves together."""
+    scene = pressed(moved=(0.0, 0.0, -0.02))
+    together, apart = (solve(scene, 0.9, degree=1, partition_kind=kind).record for kind in ("contact-sfc", "sfc"))
+    assert together.partition.split_pairs < apart.partition.split_pairs
+    assert together.remote_rows < apart.remote_rows
+    assert solve(scene, 0.9, MPI.COMM_SELF, degree=1).record.remote_rows == 0

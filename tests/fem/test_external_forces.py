@@ -51,7 +51,7 @@ def test_loads_add_up(degree, distribution):
 
 def test_finer_sums():
     """Net force and magnitude of loads that are functions and cancel; constant loads are left out."""
-    swing = Traction("upper z high", lambda x: np.stack([0 * x[0], 0 * x[0], 3 * (x[0] - 1)]))
+    swing = Traction("upper y high", lambda x: np.stack([0 * x[0], 0 * x[0], 3 * (x[0] - 1)]))
     ramp = BodyForce("lower", lambda x: np.stack([x[1], 0 * x[0], 0 * x[0]]))
     scene = under(swing, ramp, BodyForce("lower", (1.0, 1.0, 1.0)))
     forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 1))

@@ -369,7 +369,10 @@ CASES = {
         (lambda: RootMesh(*grid(), ("a",), [1]), "for the numbers [1]"),
         (lambda: RootMesh(*grid(2), ("a", "b"), [0, 1]), "share the node at"),
         (lambda: root_mesh_from_file(COMM, "no/such.msh"), "No such file or directory: 'no/such.msh'"),
-        (lambda: press(tractions=(Pressure("upper", 1.0),)), "unknown surface 'upper'; the root mesh has 'base'"),
+        (
+            lambda: press(tractions=(Pressure("upper", 1.0),)),
+            "unknown surface 'upper'; the root mesh has 'lower bottom'",
+        ),
         (lambda: press(Dirichlet("side", x=0.0)), "'base', 'under', 'over'"),
         (lambda: press(contact=(ContactPair("under", "ofer"),)), "unknown surface 'ofer'"),
         (lambda: press(tractions=(Traction("side", (0, 0, 1)),)), "'side'"),
@@ -396,7 +399,7 @@ CASES = {
             "'under' tied to 'over': the surfaces are 0.5",
         ),
         (lambda: press(contact_centre=(np.nan, 0, 0)), "contact_centre"),
-        (lambda: press(dirichlet=Dirichlet("base", x=0.0)), "tuple of Dirichlet"),
+        (lambda: press(dirichlet="base"), "dirichlet must be a tuple of Dirichlet and SymmetryPlane, got 'base'"),
         (lambda: first(press(), max_steps=2.5), "2.5"),
         (lambda: first(press(), enforcement="penalty"), "Enforcement"),
         (lambda: first(press(), solver="ilu"), "Solver"),
@@ -543,7 +546,7 @@ CASES = {
         (lambda: RootMesh(grid()[0], grid()[1] + 1, ("a",), [0]), "outside 0..7"),
         (lambda: RootMesh(None, None, None, None), "points must be an array"),
         (lambda: RootMesh(*grid(), ("a",), [[0]]), "one number for each cell"),
-        (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), "curves dicts of"),
+        (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), "curves and parts dicts of"),
     ],
     FxContactError: [
         (lambda: root_mesh_from_file(COMM, __file__), ""),
@@ -556,14 +559,14 @@ CASES = {
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, -1)),)), "looks away from the other surface"),
         (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
         (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
-        (lambda: press(mesh=two_cubes(shift=3.0)), "do not face each other anywhere along the direction (0, 0, 1)"),
+        (lambda: press(mesh=two_cubes(shift=3.0)), "do not face each other along the direction (0, 0, 1)"),
         (
             lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
             "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
         ),
         (
             lambda: press(mesh=two_cubes(shift=3.0), contact=(ContactPair("over", "under"),)),
-            "'over' on 'under': the surfaces do not face each other anywhere along their normals",
+            "'over' on 'under': the surfaces do not face each other along their normals",
         ),
         (
             lambda: press(ties=(Tie("over", "under"),)),
@@ -896,7 +899,8 @@ UNLIKE = [
     ({}, {"partition_kind": "sfx"}, "unknown partition 'sfx'"),
     ({}, {"checkpoint": "/dev/null/a"}, "checkpoint (null on rank 0"),
     ({}, {"progress": 3}, "must be a function"),
-    ({}, {"restart": "here"}, "must be a Checkpoint, got 'here'"),
+    ({}, {"restart": "here"}, 'restart (null on rank 0, "here" on rank'),
+    ({}, {"restart": 3}, "must be a Checkpoint, got 3"),
     ({}, {"scene": of(STEEL, SOFT)}, "materials ({"),
     ({}, {"scene": pressed_by(-0.02)}, "displacement conditions ([["),
     (
@@ -929,7 +933,7 @@ def test_what_is_alike():
 UNLIKE_ELSEWHERE = [
     (lambda folder: Checkpoint(folder, press(), COMM), "a", "b", 'folder ("a" on rank 0, "b"'),
     (lambda folder: Checkpoint(folder, press(), COMM), "a", None, "a path, got None"),
-    (lambda copies: Checkpoint("a", press(symmetry=copies), COMM), 1, 2, "symmetry ([1"),
+    (lambda z: Checkpoint("a", press(contact_centre=(0, 0, z)), COMM), 1, 2, "symmetry ([1, 0.0, 0.0, 1.0]"),
     (lambda scene: Checkpoint("a", scene, COMM), press(), None, "got None"),
     (lambda folder: RecordWriter(folder, COMM), "/dev/null/a", "/dev/null/b", "output folder"),
     (lambda folder: RecordWriter(folder, COMM), "/dev/null", 5, "must be a path, got 5"),

@@ -22,7 +22,7 @@ from fx_contact.plot import (
 from fx_contact.plot.bodies import _on_faces
 from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.cells import _level_colour, _number_colour
-from fx_contact.plot.cut import _outlines, cut_by_body
+from fx_contact.plot.cut import _outlines, cut_by_region
 from fx_contact.plot.faces import visible_faces
 from fx_contact.scenes import hertz
 
@@ -32,12 +32,12 @@ def test_each_body_shows_its_own_stress():
     z, y, x = (axis.ravel() for axis in np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"))
     cube = np.stack([x, y, z], axis=1)
     corners, values = np.stack([cube, cube + [0, 0, 1]]), np.repeat([[0.0], [1.0]], 8, axis=1)
-    sections = cut_by_body(corners, values, np.array([0, 1]), 0.5)
+    sections = cut_by_region(corners, values, np.array([0, 1]), 0.5)
     assert len(sections) == 2
     for section, stress, bottom in zip(sections, (0.0, 1.0), (0.0, 1.0)):
         assert (section.points[:, 2].min(), section.points[:, 2].max()) == (bottom, bottom + 1), "the bodies touch"
         assert (section["stress"] == stress).all()
-    together = cut_by_body(corners, values, np.array([0, 0]), 0.5)[0]
+    together = cut_by_region(corners, values, np.array([0, 0]), 0.5)[0]
     assert together.n_points < sum(s.n_points for s in sections), "what VTK does where they are one body"
 
 
@@ -45,7 +45,7 @@ def test_quadratic_leaves_bend():
     """A leaf of degree 2 is cut along its bent sides, with the stress of all its nodes."""
     z, y, x = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"))
     nodes = np.stack([x, y, z + x * (1 - x)], axis=1)
-    (section,) = cut_by_body(nodes[None], (x * (1 - x))[None], np.zeros(1, dtype=int), 0.5)
+    (section,) = cut_by_region(nodes[None], (x * (1 - x))[None], np.zeros(1, dtype=int), 0.5)
     assert np.isclose(section.bounds[5], 1.25) and np.isclose(section["stress"].max(), 0.25)
     lines = _outlines(nodes[None], 0.5).points
     at_middle = np.isclose(lines[:, 0], 0.5)

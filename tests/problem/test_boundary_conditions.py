@@ -215,6 +215,7 @@ def test_twins():
         dirichlet=held,
         tractions=(Pressure("x = 0", lambda x: 0.01 * x[2]), Traction("y = 0", lambda x: 0.01 * x[[1, 2, 0]])),
         body_forces=(BodyForce("block 1", lambda x: 0.01 * x),),
+        symmetry=1,
     )
     any_size = {"max_steps": 1, "allow": ("large strain", "large rotation")}
     first = next(iter(adapt(scene, 0.5, **any_size))).record

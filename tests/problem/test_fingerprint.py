@@ -29,7 +29,12 @@ def complete(mesh):
         "two cubes",
         mesh,
         {"lower": Material(1.0, 0.3), "upper": Material(2.0, 0.2)},
-        (Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("foot", 0.0, 0.0), SymmetryPlane("top")),
+        (
+            Dirichlet("bottom", 0.0, 0.0, 0.0),
+            Dirichlet("foot", 0.0, 0.0),
+            SymmetryPlane("upper right"),
+            Dirichlet("upper back", y=0.0, z=0.0),
+        ),
         (ContactPair("head", "foot", direction=(0.0, 0.0, 1.0)),),
         (Traction("lid", (0.01, 0.0, 0.0)), Pressure("lid", 0.01)),
         symmetry=2,
@@ -49,25 +54,26 @@ OF_MESH = {
     "surfaces": dict(MESH.surfaces) | {"lid": MESH.surfaces["bottom"]},
     "vertices": {"corner": [14]},
     "curves": {"edge": [[0, 9]]},
+    "parts": {"coating": [0]},
 }
 #: of a scene, but for the name, which is that of its records,
 OF_SCENE = {
     "mesh": replace(MESH, points=MESH.points * 2),
     "materials": dict(SCENE.materials) | {"lower": Material(1.5, 0.3)},
-    "dirichlet": SCENE.dirichlet[:2],
-    "contact": (),
+    "dirichlet": SCENE.dirichlet[:3],
+    "contact": (replace(SCENE.contact[0], clearance=0.01),),
     "tractions": SCENE.tractions[:1],
-    "symmetry": 4,
+    "symmetry": 1,
     "contact_centre": (0.5, 0.5, 2.0),
     "body_forces": (),
 }
 #: and of each thing that a scene holds: where it is, and its fields.
 OF_PARTS = {
-    Dirichlet: ("dirichlet", {"where": "head", "x": 0.01, "y": 0.01, "z": None}),
-    SymmetryPlane: ("dirichlet", {"surface": "foot"}),
+    Dirichlet: ("dirichlet", {"where": "head", "x": 0.01, "y": 0.01, "z": 0.01}),
+    SymmetryPlane: ("dirichlet", {"surface": "lower right"}),
     ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None}),
-    Traction: ("tractions", {"surface": "bottom", "value": (0.01, 0.0, 0.01)}),
-    Pressure: ("tractions", {"surface": "bottom", "value": 0.02}),
+    Traction: ("tractions", {"surface": "upper left", "value": (0.01, 0.0, 0.01)}),
+    Pressure: ("tractions", {"surface": "upper left", "value": 0.02}),
     BodyForce: ("body_forces", {"body": "lower", "value": (0.0, 0.01, 0.01)}),
     Material: ("materials", {"young": 3.0, "poisson": 0.25}),
 }
@@ -102,7 +108,9 @@ def test_every_field_counts():
     scenes = {("scene", name): replace(SCENE, **{name: value}) for name, value in OF_SCENE.items()}
     for part, (place, entries) in OF_PARTS.items():
         scenes |= {(part.__name__, name): with_part(part, place, **{name: value}) for name, value in entries.items()}
-    scenes["a plane that is held"] = replace(SCENE, dirichlet=(*SCENE.dirichlet[:2], Dirichlet("top", z=0.0)))
+    scenes["a plane that is held"] = replace(
+        SCENE, dirichlet=(*SCENE.dirichlet[:2], Dirichlet("upper right", x=0.0), SCENE.dirichlet[3])
+    )
     assert not [name for name, scene in scenes.items() if scene_parts(scene) == before]
 
 

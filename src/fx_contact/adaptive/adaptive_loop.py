@@ -14,7 +14,7 @@ from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import StepStart, solve_step
-from fx_contact.adaptive.validity import check_model_warnings, growing_pressures, load_warnings
+from fx_contact.adaptive.validity import check_model_warnings, growing_pressure, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
@@ -47,12 +47,12 @@ def adapt(
     enforcement: Enforcement | None = None,
     solver: Solver | None = None,
     control: ErrorControl | None = None,
-    goals: Sequence[Quantity] = (),
+    goals: Quantity | Sequence[Quantity] = (),
     partition_kind: str = "contact-sfc",
-    allow: Sequence[str] = (),
+    allow: str | Sequence[str] = (),
     beginning: Beginning | None = None,
     checkpoint: str | Path | None = None,
-    restart: Checkpoint | None = None,
+    restart: Checkpoint | str | Path | None = None,
     progress: Callable[[int, str], None] | None = None,
 ) -> "Run":
     """Solve a scene to a prescribed accuracy by adaptive refinement.
@@ -73,7 +73,8 @@ def adapt(
             rotation", "no load".
         beginning: forest and displacement to start from; None: the root cells.
         checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
-        restart: checkpoint; the run continues with its next step, or solves the last one again if there is none.
+        restart: checkpoint, or its folder; the run continues with its next step, or solves the last one again if
+            there is none.
         progress: called on every rank with the number of the step and the stage (`timing.STAGES`) that begins; it must
             not raise.
 
@@ -96,6 +97,7 @@ def adapt(
         Steps yielded before stay valid; an `FxContactError` holds the last state.
     """
     check_comm(comm)
+    source = _checkpoint(restart, scene, comm)
     with together(comm):
         settings = Settings(
             scene,
@@ -106,7 +108,7 @@ def adapt(
             ErrorControl() if control is None else control,
             degree=degree,
             allow=allow,
-            goals=goals,
+            goals=(goals,) if isinstance(goals, Quantity) else goals,
         )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
@@ -114,27 +116,34 @@ def adapt(
             raise SceneError(
                 f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
             )
-        _check_start(settings, comm, beginning, restart)
+        _check_start(settings, comm, beginning, source)
         entries = settings.entries() | {
             "most steps": max_steps,
             "partition": partition_kind,
             "fields that a beginning carries": None if beginning is None else beginning.values.shape[2],
             "checkpoint": None if checkpoint is None else str(checkpoint),
-            "restart": None if restart is None else [str(restart.path), len(restart.records)],
+            "restart": None if source is None else [str(source.path), len(source.records)],
         }
     check_alike(comm, entries)
     writer = None
     if checkpoint is not None:
-        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.fixed(), restart)
+        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.fixed(), source)
     return Run(
         settings,
         comm,
         max_steps=max_steps,
         partition_kind=partition_kind,
-        source=restart or beginning,
+        source=source or beginning,
         writer=writer,
         progress=progress,
     )
+
+
+def _checkpoint(restart: Checkpoint | str | Path | None, scene: Scene, comm: MPI.Intracomm) -> Checkpoint | None:
+    """A checkpoint, or that of a folder.  Collective.  Raises errors as Checkpoint; SceneError if ranks differ."""
+    folder = restart if isinstance(restart, (str, Path)) else None
+    check_alike(comm, {"restart": None if folder is None else str(folder)})
+    return restart if not isinstance(restart, (str, Path)) else Checkpoint(restart, scene, comm)
 
 
 def _check_start(
@@ -202,6 +211,12 @@ class Run:
 
     def __iter__(self) -> Self:
         return self
+
+    def __getitem__(self, index: object) -> Step:
+        raise SceneError(
+            f"a Run has no step {shown(index)}: it yields one after the other, and frees each before the next; "
+            "solve(...) or `last_step()` gives the last one, `records` has the figures of all"
+        )
 
     def __next__(self) -> Step:
         if not self.advance():
@@ -312,8 +327,11 @@ class Run:
             del values
         self._last.update(forest=forest, displacement=start.displacement)
         step = solve_step(self.settings, len(self.records), start, partition, stages)
-        goals = [record.goals for record in (*self.records, step.record)]
-        if growing := growing_pressures(self.settings.goals, goals):
+        records = (*self.records, step.record)
+        growing = growing_pressures(self.settings.goals, [record.goals for record in records])
+        pressures = [record.max_pressure for record in records]
+        growing += growing_pressure(self.settings.scene, self.settings.goals, pressures)
+        if growing:
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
         self.step, self._approaches = step, step.record.approaches
         self._last.update(record=step.record, displacement=step.solution.displacement)

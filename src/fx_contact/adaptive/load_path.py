@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,7 +26,7 @@ from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_path, check_comm, check_number, shown
+from fx_contact.parallel.validation import as_path, check_arguments, check_comm, check_number, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import same_mesh
 from fx_contact.problem.scene import Scene, check_scene
@@ -70,6 +71,7 @@ def sweep(
         if not callable(scene_of):
             raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
         points = _checked(values)
+        check_arguments("adapt", signature(adapt), (scene_of, tolerance), options)
         for name in ("checkpoint", "restart"):
             if name in options:
                 raise SceneError(f"a sweep takes no {name!r} of adapt: it keeps its last point in its own folder")
@@ -129,6 +131,12 @@ class Sweep:
 
     def __iter__(self) -> Self:
         return self
+
+    def __getitem__(self, index: object) -> SweepPoint:
+        raise SceneError(
+            f"a Sweep has no point {shown(index)}: it yields one after the other, and `records` has the figures of "
+            "all; list(...) keeps the points, with their memory"
+        )
 
     def __next__(self) -> SweepPoint:
         if len(self.records) >= len(self._values):

@@ -25,14 +25,15 @@ def leaf_grid(step: SolvedState, stress: fem.Function) -> Any:
     from dolfinx.plot import vtk_mesh
 
     displacement, forest, leaf = step.field.function, step.forest, step.elasticity.leaf_mesh.leaf
-    space = displacement.function_space
+    space = stress.function_space  # its nodes are those of the displacement, or of each cell
     grid = import_pyvista().UnstructuredGrid(*vtk_mesh(space))
-    tensors = np.empty((grid.n_points, 9))
-    tensors[space.dofmap.list] = stress.x.array.reshape(-1, 9)[stress.function_space.dofmap.list]
-    grid.point_data["displacement"] = displacement.x.array.reshape(-1, 3)
+    tensors, vectors = stress.x.array.reshape(-1, 9), np.empty((grid.n_points, 3))
+    vectors[space.dofmap.list] = displacement.x.array.reshape(-1, 3)[displacement.function_space.dofmap.list]
+    grid.point_data["displacement"] = vectors
     grid.point_data["stress"] = tensors
     grid.point_data["von Mises stress"] = von_mises(tensors[:, np.array(VOIGT) @ [3, 1]])
     grid.cell_data["body"] = forest.mesh.body[forest.cell[leaf]]
+    grid.cell_data["region"] = forest.mesh.region[forest.cell[leaf]]
     grid.cell_data["level"] = forest.level[leaf]
     grid.cell_data["rank"] = np.full(len(leaf), forest.comm.rank)
     grid.cell_data["indicator"] = step.estimate.error

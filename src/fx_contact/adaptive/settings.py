@@ -6,7 +6,7 @@ from functools import cached_property
 from numbers import Integral
 from typing import Any
 
-from fx_contact.adaptive.validity import check_allowed
+from fx_contact.adaptive.validity import checked_kinds
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
@@ -14,7 +14,7 @@ from fx_contact.estimate.quantities import Quantity, check_goals
 from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_number, shown
+from fx_contact.parallel.validation import check_tolerance, shown
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.scene import Scene, check_scene
 
@@ -23,19 +23,6 @@ DEGREE = 2
 #: Largest deviation of the leaf maps from the root cells' maps, relative to the leaf's shortest length, over the
 #: tolerance: it changes strains by about as much, and errors add in squares.
 GEOMETRY_SHARE = 0.1
-#: Smallest tolerance: below it rounding is most of the error.
-LEAST_TOLERANCE = 1e-9
-
-
-def check_tolerance(what: str, value: object) -> float:
-    """A prescribed error.  Raises SceneError unless it is a number of `LEAST_TOLERANCE` or more.  Local."""
-    tolerance = check_number(what, value, positive=True)
-    if tolerance < LEAST_TOLERANCE:
-        raise SceneError(
-            f"{what} must be at least {LEAST_TOLERANCE:g}, got {tolerance:g}: below that rounding is most of the "
-            "error, so that no mesh reaches it"
-        )
-    return tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +48,14 @@ class Settings:
     solver: Solver
     control: ErrorControl
     degree: int = DEGREE
-    allow: Sequence[str] = ()
+    allow: str | Sequence[str] = ()
     goals: Sequence[Quantity] = ()
 
     def __post_init__(self) -> None:
         check_scene(self.scene)
         object.__setattr__(self, "goals", check_goals(self.goals, self.scene))
-        tolerance = check_tolerance("the tolerance", self.tolerance)
-        object.__setattr__(self, "tolerance", tolerance)
-        if tolerance >= 1:
-            raise SceneError(f"the tolerance is relative and must be below 1, got {tolerance}: 4 % are 0.04")
+        object.__setattr__(self, "tolerance", check_tolerance("the tolerance", self.tolerance))
+        object.__setattr__(self, "allow", checked_kinds(self.allow))
         for name, kind in (("enforcement", Enforcement), ("solver", Solver), ("control", ErrorControl)):
             value = getattr(self, name)
             if not isinstance(value, kind):
@@ -85,7 +70,6 @@ class Settings:
                 "the preconditioner 'p-multigrid' solves on degree 1 below displacements of degree 2: at degree 1 take "
                 "'boomeramg', the default"
             )
-        check_allowed(self.allow)
         if self.geometry_order is not None:
             highest = self.scene.mesh.order
             wanted = f"the geometry order must be 1 to {highest}, that of the root mesh"

@@ -68,6 +68,11 @@ class Step(SolvedState):
         lines += [f"  {warning.kind}: {warning.message}" for warning in r.doubts]
         return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
 
+    def __getattr__(self, name: str) -> Any:
+        if name in StepRecord.__dataclass_fields__:
+            raise AttributeError(f"a Step has no attribute {name!r}; did you mean `step.record.{name}`?", name=name)
+        raise AttributeError(f"a Step has no attribute {name!r}", name=name, obj=self)
+
     def __del__(self) -> None:
         # Communicators of dolfinx that are freed while an error is under way hang in mpi4py (see `parallel.mpi`);
         # inside `__del__` the error is set aside.
@@ -119,13 +124,12 @@ class Step(SolvedState):
     @cached_property
     @collective("self.forest.comm")
     def stress(self) -> fem.Function:
-        """L2 projection of the stress, a 3 x 3 tensor, continuous inside each body [Pa].
+        """L2 projection of the stress, a 3 x 3 tensor, continuous inside each material of a body [Pa].
 
         Collective.  Raises SolveError if the projection does not converge.
         """
         elasticity, six = self.elasticity, self._projected_stress
-        degree = elasticity.prolongation.space.degree
-        result = fem.Function(fem.functionspace(self.mesh, ("Lagrange", degree, (3, 3))), name="stress")
+        result = fem.Function(elasticity.stresses.space(3, 3), name="stress")
         values = six.x.array.reshape(-1, 6)[six.function_space.dofmap.list]
         result.x.array.reshape(-1, 9)[result.function_space.dofmap.list] = values[:, :, np.ravel(TENSOR)]
         return result

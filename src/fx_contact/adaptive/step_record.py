@@ -148,6 +148,7 @@ class StepRecord(SolveRecord, ContactFigures):
         goals: of the run; None: it has none.
         approaches: for each contact pair, how far its obstacle has moved from `moved` along the force on it [m], or
             None; None: no obstacle has a force.
+        remote_rows: number of rows of contact and ties with nodes of other ranks.
     """
 
     enforcement: str
@@ -168,6 +169,7 @@ class StepRecord(SolveRecord, ContactFigures):
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] | None = None
     approaches: list[float | None] | None = None
+    remote_rows: int = 0
 
     @property
     def unseen_contact(self) -> int | None:

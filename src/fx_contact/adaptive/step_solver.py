@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.contact_figures import ContactFigures, figures_of_contact
 from fx_contact.adaptive.resultants import Resultant, sum_up
+from fx_contact.adaptive.scene_warnings import warnings_of
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, record_of_solve
@@ -31,15 +32,16 @@ from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
-from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order
+from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import percent
+from fx_contact.problem.scene import Scene
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
 #: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding
@@ -134,8 +136,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
     with stages("assemble"):
         rows, rows_at = _rows(settings, start)
         prolongation = start.prolongation if rows is None else rows.prolongation
-        materials = np.array([[m.young, m.poisson] for m in (scene.materials[b] for b in scene.mesh.bodies)])
-        elasticity = Elasticity(mesh, materials, scene.mesh.body[forest.cell[mesh.leaf]], prolongation, stages)
+        elasticity = elasticity_of(scene, mesh, forest.cell[mesh.leaf], prolongation, stages)
     with stages("system"):
         supports = find_supports(scene, forest, prolongation)
         forces, totals = load_and_totals(scene, forest, elasticity)
@@ -156,6 +157,15 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         rows_at=rows_at,
     )
     return _Discrete(elasticity, problem, totals)
+
+
+def elasticity_of(
+    scene: Scene, mesh: LeafMesh, cells: IntArray, prolongation: Prolongation, stages: Stages
+) -> Elasticity:
+    """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
+    materials = np.array([[m.young, m.poisson] for m in (scene.materials[name] for name in scene.mesh.regions)])
+    layer = scene.layers[cells], int(scene.layers.max()) + 1
+    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer)
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
@@ -192,7 +202,7 @@ def _assess(
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete.problem)
-    warnings = model_warnings(state, discrete.load_totals)
+    warnings = [*model_warnings(state, discrete.load_totals), *warnings_of(state.scene)]
     check_model_warnings(warnings, settings.allow)
     history = start.history
     if control.of_contact:
@@ -296,4 +306,5 @@ def _record(
         resultants=assessed.resultants,
         goals=assessed.goals,
         approaches=approaches(settings.scene, state.rows),
+        remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
     )

@@ -71,6 +71,7 @@ class RowColumns:
     apart: FloatArray
     area: FloatArray
     stiffness: FloatArray
+    modulus: FloatArray
     position: FloatArray
     bodies: Int32Array
 
@@ -155,7 +156,7 @@ class ConstraintRows:
         area: (n,), tributary area [m^2].
         node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
         stiffness: (n,), k_N, in exact contact that in the preconditioner matrix [N/m].
-        modulus: (n, 2), E/(1 - nu^2) of the first and the second body, inf of an obstacle [Pa].
+        modulus: (n, 2), E/(1 - nu^2) of the first and the second side, inf of an obstacle [Pa].
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
         contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
@@ -269,6 +270,12 @@ class ConstraintRows:
     def separation(self, u: FloatArray) -> FloatArray:
         """From the first side to the second, deformed: (n, 3) [m].  Collective; as `closing`."""
         return self.apart - self.closing(u)
+
+    @property
+    def remote(self) -> int:
+        """Number of all ranks' rows with nodes of other ranks.  Collective."""
+        away = self.entries.node >= self.prolongation.owned
+        return int(self.prolongation.comm.allreduce(len(np.unique(self.entries.row[away]))))
 
     def at_nodes(self, contact: int, values: FloatArray) -> FloatArray:
         """Values (n, k) of the rows of one contact, by its index, at this rank's nodes: (m, k).  Collective."""

@@ -31,10 +31,25 @@ def facet_shares(space: Space, nodes: FloatArray, face: Int64Array) -> tuple[Flo
     return np.linalg.norm(normal, axis=2) @ value, value.T @ normal
 
 
-def moduli(scene: Scene, bodies: IntArray) -> FloatArray:
-    """E/(1 - nu^2) of bodies by their number, inf of none (-1): shaped as `bodies` [Pa].  Local."""
-    known = [scene.materials[name].plane_strain_modulus for name in scene.mesh.bodies]
-    return np.asarray(np.array([*known, np.inf])[bodies])
+def moduli(scene: Scene, regions: IntArray) -> FloatArray:
+    """E/(1 - nu^2) of the mesh's regions by their number, inf of none (-1): shaped as `regions` [Pa].  Local."""
+    known = [scene.materials[name].plane_strain_modulus for name in scene.mesh.regions]
+    return np.asarray(np.array([*known, np.inf])[regions])
+
+
+def mean_moduli(scene: Scene, regions: IntArray, compliances: FloatArray) -> FloatArray:
+    """E/(1 - nu^2) at both sides of rows, where parts meet the harmonic mean by area: (n, 2) [Pa].
+
+    Local.
+
+    Args:
+        regions: (n, 2), of one of the facets of each row, -1: none.
+        compliances: (n, 3), of the row the area, and the sums of area/modulus of its facets on both sides.
+    """
+    if not scene.mesh.parts:
+        return moduli(scene, regions)
+    with np.errstate(divide="ignore"):
+        return np.asarray(compliances[:, :1] / compliances[:, 1:])
 
 
 def spring_stiffness(enforcement: Enforcement, modulus: FloatArray, area: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
 from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.root_facets import face_functions
 
-#: Part of the integral of each function that must be left on a facet which counts as covered.  A strip of 0.93 of a
+#: Part of the integral of each function that must be left on a facet which counts as covered.  A strip of 0.90 of a
 #: facet has it for the corners at degree 2, one of 0.71 at degree 1.
 _COVERED = 0.5
 #: Nodes of which less than this part is covered, relative to the most covered one of a facet, have no multiplier: their

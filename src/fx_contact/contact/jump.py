@@ -49,6 +49,14 @@ class Products:
         """y (owned, 3) += B^T f for f (n,) [N]; y is contiguous."""
         self._add(self._transposed @ values, y)
 
+    def times_transposed(self, other: Products, values: FloatArray) -> FloatArray:
+        """Product (n,) with the transpose of another matrix of the same rows, times values (n,)."""
+        if self._local:
+            return np.asarray(self._matrix @ (other._transposed @ values))
+        u: FloatArray = np.zeros((self._prolongation.owned, 3))
+        other.add_transposed(values, u)
+        return self.times(u)
+
     def squares(self, weights: FloatArray) -> FloatArray:
         """The diagonal (owned, 3) of B^T k B, for weights k (n,)."""
         result: FloatArray = np.zeros((self._prolongation.owned, 3))

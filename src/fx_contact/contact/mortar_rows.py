@@ -39,13 +39,13 @@ class _Multipliers(NamedTuple):
 
     Attributes:
         keys: (m, (p+1)^2), of the nodes of second facets.
-        bodies: (n,) and (m,), of first and second facets.
+        regions: (n,) and (m,), of first and second facets.
         nodes: (n, (p+1)^2), conforming nodes of first facets, positions in the index map.
         kept: (owned + ghosts,), nodes with a row.
     """
 
     keys: Int64Array
-    bodies: tuple[IntArray, IntArray]
+    regions: tuple[IntArray, IntArray]
     nodes: Int64Array
     dual: DualFunctions
     kept: BoolArray
@@ -56,7 +56,7 @@ class MortarRows(RowKind):
 
     PARTS = 16  # a point on a surface of any mesh costs a hundred times that on a polynomial
     INTEGRATED = True
-    FOLLOWED = 4.0  # 12 to 28 iterations of the Gram system instead of 31 to 42 (`studies/nonmatching`)
+    FOLLOWED = 16.0  # up to 22 iterations of the Gram system instead of 51 (`studies/nonmatching`)
 
     def __init__(self, scene: Scene, index: int) -> None:
         super().__init__(scene, index)
@@ -84,19 +84,19 @@ class MortarRows(RowKind):
         tables, nodes = _conforming(prolongation, space.on_faces(facing.leaf, facing.face))
         dual = DualFunctions(first, space.degree, tables, segments)
         keys = forest.lattice.keys(second.cell, _node_points(facing.anchor, facing.level, second.face, space.degree))
-        bodies = self.scene.mesh.body[first.cell], self.scene.mesh.body[second.cell]
-        return _Multipliers(keys, bodies, nodes, dual, _kept(prolongation, dual, nodes))
+        regions = self.scene.mesh.region[first.cell], self.scene.mesh.region[second.cell]
+        return _Multipliers(keys, regions, nodes, dual, _kept(prolongation, dual, nodes))
 
     def _columns(
         self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
     ) -> RowColumns:
         """The rows of kept nodes (owned + ghosts,).  Collective."""
-        keys, bodies, nodes, dual, _ = multipliers
+        keys, regions, nodes, dual, _ = multipliers
         integrals = dual.integrals(kept[nodes])
         stiffness, some = np.zeros_like(integrals.area), integrals.area.any(axis=1)
         area = np.maximum(integrals.area[some], 0.0)
         one, two = integrals.pairs[integrals.second.any(axis=(1, 2))].T
-        facing = np.stack([bodies[0], _least(one, bodies[1][two], len(nodes))], axis=1)
+        facing = np.stack([regions[0], _least(one, regions[1][two], len(nodes))], axis=1)
         stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, facing[some]), area)
         across = integrals.first_normal - integrals.second_normal
         shares = np.concatenate([integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2)
@@ -106,8 +106,9 @@ class MortarRows(RowKind):
         ours = np.flatnonzero(kept[: prolongation.owned])
         row = np.full(prolongation.owned, -1)
         row[ours] = np.arange(len(ours))
-        parts = _entries(prolongation, integrals, nodes, keys, bodies)
+        parts = _entries(prolongation, integrals, nodes, keys, regions)
         parts = replace(parts, row=row[parts.row])
+        of_rows = _least(2 * parts.row + parts.side, parts.region, 2 * len(ours)).reshape(-1, 2)
         return RowColumns(
             first=ours,
             entries=_by_row(parts, sums[ours, 0]),
@@ -115,8 +116,9 @@ class MortarRows(RowKind):
             apart=sums[ours, 5:] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
+            modulus=moduli(self.scene, of_rows),
             position=prolongation.injected(prolongation.space.positions())[ours],
-            bodies=_least(2 * parts.row + parts.side, parts.body, 2 * len(ours)).reshape(-1, 2),
+            bodies=self.scene.mesh.body_of_region[of_rows],
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -207,8 +209,8 @@ def _tied(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
 def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     """Nodes of a contact that others hold along its normal, (owned + ghosts, 1).  Collective.
 
-    They are those that conditions prescribe, of ties, and nodes with a mortar row of another contact along almost the
-    same normal.
+    They are those that conditions prescribe, of ties, and nodes with a row of another contact, also with an obstacle,
+    along almost the same normal.
     """
     normal, across = _normals(prolongation, index), prolongation.zeros(9)
     for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
@@ -220,15 +222,16 @@ def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     values, vectors = np.linalg.eigh(across[some])
     part = np.einsum("nij,ni->nj", vectors, normal[some]) * (values > SAME_PLANE)
     held[some] = (part**2).sum(axis=1) > SMOOTH**2
-    for other in scene.nonmatching:
-        if other < len(scene.contact) and other != index:
+    for other in range(len(scene.contact)):
+        if other != index:
             held |= np.einsum("ni,ni->n", normal, _normals(prolongation, other)) > SMOOTH
     return held[:, None]
 
 
 def _normals(prolongation: Prolongation, index: int) -> FloatArray:
-    """Mean unit normals of the first surface of a contact at its nodes, (owned + ghosts, 3).  Collective."""
-    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side == 0))
+    """Mean unit normals of a contact at the nodes of its rows, (owned + ghosts, 3).  Collective."""
+    sides = 1 if index in prolongation.space.forest.contact_surfaces.nonmatching else 2
+    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side < sides))
     outward, result = np.repeat(facets.mean_outward, here.shape[1], axis=0), prolongation.zeros(3)
     some = np.flatnonzero(here.ravel() >= 0)
     np.add.at(result, here.ravel()[some], outward[some])
@@ -256,10 +259,10 @@ class _Parts(KeyedEntries):
     """Integrals of psi_j N over facets, on the owners of the rows: `row` is the owned node, `weight` in [m^2].
 
     Attributes:
-        body: (b,), of the facet with the function N.
+        region: (b,), of the facet with the function N.
     """
 
-    body: IntArray
+    region: IntArray
 
 
 def _entries(
@@ -267,22 +270,22 @@ def _entries(
     integrals: MultiplierIntegrals,
     nodes: Int64Array,
     keys: Int64Array,
-    bodies: tuple[IntArray, IntArray],
+    regions: tuple[IntArray, IntArray],
 ) -> _Parts:
     """Those of first facets, and of second ones with the sign of the second side.  Collective."""
     comm, imap = prolongation.comm, prolongation.index_map
     (one, two), first, second = integrals.pairs.T, integrals.first, -integrals.second
     row = np.concatenate([_on(nodes[:, :, None], first), _on(nodes[one][:, :, None], second)])
     key = np.concatenate([_on(prolongation.keys[nodes][:, None], first), _on(keys[two][:, None], second)])
-    body = np.concatenate([_on(bodies[0][:, None, None], first), _on(bodies[1][two][:, None, None], second)])
+    region = np.concatenate([_on(regions[0][:, None, None], first), _on(regions[1][two][:, None, None], second)])
     value, side = np.concatenate([first.ravel(), second.ravel()]), np.repeat([0, 1], [first.size, second.size])
     some = np.flatnonzero(value)
     row = row[some]
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])[row]
     exchange = Exchange(comm, owner)
     owned = exchange.forward(imap.local_to_global(row.astype(np.int32))) - imap.local_range[0]
-    key, side, body = (exchange.forward(column[some]) for column in (key, side, body))
-    return _Parts(owned, key, side, exchange.forward(value[some]), body)
+    key, side, region = (exchange.forward(column[some]) for column in (key, side, region))
+    return _Parts(owned, key, side, exchange.forward(value[some]), region)
 
 
 def _on(names: IntArray, values: FloatArray) -> Int64Array:

@@ -7,7 +7,14 @@ row is on the rank that owns both nodes: B^T B needs no message (section 3 of th
 import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
-from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
+from fx_contact.contact.contact_facets import (
+    facet_shares,
+    mean_moduli,
+    moduli,
+    nodal_sums,
+    positions_across,
+    spring_stiffness,
+)
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
@@ -26,12 +33,14 @@ class NodePairs(RowKind):
         here, there = positions_across(forest, leaf, face, points)
         partner = forest.pairing.partner[forest.cell[leaf], face, 0]
         (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))
-        bodies = np.stack([forest.mesh.body[cell] for cell in (forest.cell[leaf], partner)], axis=1)
-        stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
-        shares = np.concatenate([area[:, :, None], stiffness[:, :, None], outward + inward], axis=2)
+        cells = np.stack([forest.cell[leaf], partner], axis=1)
+        modulus = moduli(self.scene, forest.mesh.region[cells])
+        stiffness, soft = spring_stiffness(enforcement, modulus, area), area[:, :, None] / modulus[:, None]
+        shares = np.concatenate([area[:, :, None], soft, stiffness[:, :, None], outward + inward], axis=2)
         first, example, sums = nodal_sums(prolongation, leaf, face, shares)
         count, named = len(first), np.stack([space.keys[space.on_faces(leaf, face)], keys], axis=2).reshape(-1, 2)
         here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
+        cells = cells[example // keys.shape[1]]
         return RowColumns(
             first=first,
             entries=KeyedEntries(
@@ -40,12 +49,13 @@ class NodePairs(RowKind):
                 side=np.tile([0, 1], count),
                 weight=np.tile([1.0, -1.0], count),
             ),
-            across=sums[:, 2:],
+            across=sums[:, 4:],
             apart=there - here,
             area=sums[:, 0],
-            stiffness=sums[:, 1],
+            stiffness=sums[:, 3],
+            modulus=mean_moduli(self.scene, forest.mesh.region[cells], sums[:, :3]),
             position=here,
-            bodies=bodies[example // keys.shape[1]],
+            bodies=forest.mesh.body[cells],
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ g is the signed distance of the node from the obstacle plus the clearance, n the
 import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
-from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, spring_stiffness
+from fx_contact.contact.contact_facets import facet_shares, mean_moduli, moduli, nodal_sums, spring_stiffness
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
@@ -26,9 +26,16 @@ class ObstacleRows(RowKind):
         points = space.points[leaf[:, None], space.face_nodes[face]]
         here = forest.evaluate(forest.cell[leaf], points)
         area, _ = facet_shares(space, here, face)
-        bodies = np.stack([forest.mesh.body[forest.cell[leaf]], np.full(len(leaf), -1)], axis=1).astype(np.int32)
-        stiffness = spring_stiffness(enforcement, moduli(self.scene, bodies), area)
-        first, example, sums = nodal_sums(prolongation, leaf, face, np.stack([area, stiffness], axis=2))
+        cell = forest.cell[leaf]
+        regions, bodies = (
+            np.stack([of[cell], np.full(len(cell), -1, np.int32)], axis=1)
+            for of in (forest.mesh.region, forest.mesh.body)
+        )
+        modulus = moduli(self.scene, regions)
+        stiffness, soft = spring_stiffness(enforcement, modulus, area), area[:, :, None] / modulus[:, None]
+        shares = np.concatenate([area[:, :, None], soft, stiffness[:, :, None]], axis=2)
+        first, example, sums = nodal_sums(prolongation, leaf, face, shares)
+        of = example // points.shape[1]
         position, count = here.reshape(-1, 3)[example], len(first)
         keys = space.keys[space.on_faces(leaf, face)].ravel()[example]
         with together(prolongation.comm):
@@ -39,9 +46,10 @@ class ObstacleRows(RowKind):
             across=sums[:, :1] * normal,
             apart=distance[:, None] * normal,
             area=sums[:, 0],
-            stiffness=sums[:, 1],
+            stiffness=sums[:, 3],
+            modulus=mean_moduli(self.scene, regions[of], sums[:, :3]),
             position=position,
-            bodies=bodies[example // points.shape[1]],
+            bodies=bodies[of],
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:

@@ -108,9 +108,7 @@ class Projection:
         return solution
 
     def _gram_times(self, values: FloatArray) -> FloatArray:
-        u: FloatArray = np.zeros((self._jump.rows.prolongation.owned, 3))
-        self._weighted.add_transposed(values, u)
-        return np.where(self.closed, self._jump.matrix.times(u), 0.0)
+        return np.where(self.closed, self._jump.matrix.times_transposed(self._weighted, values), 0.0)
 
     def _dots(self, *factors: tuple[FloatArray, FloatArray]) -> FloatArray:
         return self._comm.allreduce(np.array([a @ b for a, b in factors]))

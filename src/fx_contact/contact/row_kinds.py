@@ -12,7 +12,6 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
-from fx_contact.contact.contact_facets import moduli
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
@@ -101,7 +100,6 @@ def create_rows(
         normal=normal,
         gap=np.zeros(len(normal)),
         node_area=columns["area"],
-        modulus=moduli(scene, columns["bodies"]),
         contact=contact,
         equality=contact >= contacts,
         symmetry=scene.symmetry,

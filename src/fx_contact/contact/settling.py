@@ -179,8 +179,9 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
     if not np.isfinite(least).all():
         raise SolveError(
-            "the force on a rigid obstacle pulls it away from the surface or along it, or has pressed it through the "
-            "body: reverse the force, or check its unit"
+            "along the force on it a rigid obstacle does not meet the surface: the force pulls it away, moves it past "
+            "the surface, or has pressed it through the body; reverse the force, or check the place of the obstacle "
+            "and the unit of the force"
         )
     soft = rows.area * (1 / rows.modulus).sum(axis=1)
 

@@ -86,7 +86,7 @@ class Estimator:
     ) -> None:
         self._elasticity, self._comm, self._stages = elasticity, elasticity.prolongation.comm, stages
         self._recovery = StressRecovery(elasticity, shear_free, stages)
-        self._arguments = elasticity.argument, fem.Function(elasticity.nodal_space(6))
+        self._arguments = elasticity.argument, fem.Function(elasticity.stresses.space(6))
         sigma, off = elasticity.stress(elasticity.argument), self._off(*self._arguments)
         self._energies = self._compiled([self._work(off, off), self._work(sigma, sigma)], self._arguments)
         self._product: Integral | None = None
@@ -137,7 +137,7 @@ class Estimator:
         degree 2 that with the larger product of norms.  (e_u, e_u)_T = xi_T^2, |(e_u, e_z)_T| <= xi_T(u) xi_T(z).
         """
         if self._product is None:
-            more = self._elasticity.blank(), fem.Function(self._elasticity.nodal_space(6))
+            more = self._elasticity.blank(), fem.Function(self._elasticity.stresses.space(6))
             work = self._work(self._off(*self._arguments), self._off(*more))
             self._product = self._compiled([work], [*self._arguments, *more])
         result = self._product.vector(one.field, one.stress, other.field, other.stress)

@@ -14,7 +14,7 @@ from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_name, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_direction, check_name, check_tolerance, check_vector, shown
 from fx_contact.problem.boundary_conditions import Dirichlet
 from fx_contact.problem.point_location import root_cells_at
 from fx_contact.problem.root_mesh import RootMesh
@@ -35,13 +35,13 @@ class Quantity(ABC):
     """A quantity of interest; each kind is a frozen dataclass, hashable, with a relative `tolerance` [-].
 
     Raises:
-        SceneError: the tolerance is no positive number.
+        SceneError: the tolerance is no number from `LEAST_TOLERANCE` to below 1.
     """
 
     tolerance: float
 
     def __post_init__(self) -> None:
-        check_number(f"the tolerance of {self!r}", self.tolerance, positive=True)
+        check_tolerance(f"the tolerance of {self!r}", self.tolerance)
 
     @property
     @abstractmethod
@@ -113,7 +113,7 @@ class Gap(OfPair):
         tolerance: allowed error relative to the gap [-].
 
     Raises:
-        SceneError: the tolerance is no positive number, or the point not three numbers.
+        SceneError: a tolerance as of `Quantity`, or a point that is not three numbers.
     """
 
     pair: str
@@ -128,6 +128,19 @@ class Gap(OfPair):
     def name(self) -> str:
         """Name in records."""
         return f"gap of {self.pair} at {_listed(self.point)}"
+
+    def check(self, scene: Scene) -> None:
+        """As `Quantity.check`.  Raises SceneError also for a point farther from all corners than a facet is large."""
+        super().check(scene)
+        pair = next(pair for pair in scene.contact if pair.name == self.pair)
+        corners = scene.mesh.facet_points(scene.mesh.surface(pair.surfaces[0]), order=1)
+        nearest = np.linalg.norm(corners - np.array(self.point), axis=2).min()
+        largest = np.linalg.norm(np.ptp(corners, axis=1), axis=1).max()
+        if nearest > largest:
+            raise SceneError(
+                f"the point of {self!r} is {nearest:.3g} away from the nodes of {pair.surfaces[0]!r}, whose facets are "
+                f"up to {largest:.3g} large: take an undeformed point on this surface, and check its units"
+            )
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`."""
@@ -185,7 +198,7 @@ class Displacement(Quantity):
         body: name, if several bodies have the point.
 
     Raises:
-        SceneError: the tolerance is no positive number, point or direction not three numbers, or the direction zero.
+        SceneError: a tolerance as of `Quantity`, point or direction not three numbers, or the direction zero.
     """
 
     point: tuple[float, float, float]
@@ -246,7 +259,7 @@ class Reaction(Quantity):
         direction: (3,), of any length; None: that of the only prescribed component.
 
     Raises:
-        SceneError: the tolerance is no positive number, or the direction not three numbers or zero.
+        SceneError: a tolerance as of `Quantity`, or the direction not three numbers or zero.
     """
 
     where: str

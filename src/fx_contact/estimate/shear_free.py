@@ -35,13 +35,13 @@ class ShearFree:
     oblique: tuple[IntArray, FloatArray] | None = None
 
     def remove_shear(self, stress: FloatArray) -> None:
-        """Remove the shear of stresses (owned, 6 or more) in place, the first six as `VOIGT`."""
+        """Remove the shear of stresses (owned, ..., 6 or more) in place, the first six as `VOIGT`."""
         for component, (i, j) in enumerate(VOIGT):
             if i != j:
-                stress[self.across[:, i] | self.across[:, j], component] = 0
+                stress[self.across[:, i] | self.across[:, j], ..., component] = 0
         if self.oblique is not None:
             nodes, kept = self.oblique
-            stress[nodes, :6] = np.einsum("nij,nj->ni", kept, stress[nodes, :6])
+            stress[nodes, ..., :6] = np.einsum("nij,n...j->n...i", kept, stress[nodes, ..., :6])
 
 
 def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:

@@ -1,4 +1,4 @@
-"""Continuous stress for results: the L2 projection of sigma_h on the nodes of each body.
+"""Continuous stress for results: the L2 projection of sigma_h on the nodes of each material of a body.
 
 It is nearer to the true stress than the recovered one.  Errors in the energy norm (`studies.effectivity.stress`) of the
 stress of cells, the recovered stress, and the projection:
@@ -32,39 +32,39 @@ _TOLERANCE, _MOST = 1e-8, 200
 def projected_stress(
     elasticity: Elasticity, field: DisplacementField, shear_free: ShearFree, stages: Stages
 ) -> fem.Function:
-    """L2 projection of sigma_h on continuous functions of the displacement's degree, six components (`VOIGT`) [Pa].
+    """L2 projection of sigma_h on nodal functions (`NodalStress`), six components (`VOIGT`) [Pa].
 
     Collective.  Raises CompilationError as `compiled`, SolveError if the iteration does not converge, as for a
     displacement that is not finite.
     """
-    prolongation, space = elasticity.prolongation, elasticity.nodal_space(6)
+    comm, stresses = elasticity.prolongation.comm, elasticity.stresses
+    space = stresses.space(6)
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
     stress = ufl.as_vector(six(elasticity.stress(field)))
     with stages("compile"):
         moments, products = (
-            compiled(prolongation.comm, ufl.inner(function, test) * elasticity.measure())
-            for function in (stress, result)
+            compiled(comm, ufl.inner(function, test) * elasticity.measure()) for function in (stress, result)
         )
 
     def mass(nodal: FloatArray) -> FloatArray:
-        """Moments of conforming values (owned, 6)."""
-        result.x.array[:] = elasticity.at_blocks(prolongation.prolong(nodal))
-        return prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(products).array))
+        """Moments of conforming values (owned, layers, 6)."""
+        result.x.array[:] = stresses.array(nodal)
+        return stresses.restrict(fem.assemble_vector(products).array)
 
-    load = prolongation.restrict(elasticity.at_nodes(fem.assemble_vector(moments).array))
-    conforming = _solved(prolongation.comm, mass, load)
+    conforming = _solved(comm, mass, stresses.restrict(fem.assemble_vector(moments).array))
     shear_free.remove_shear(conforming)
-    result.x.array[:] = elasticity.at_blocks(prolongation.prolong(conforming))
+    result.x.array[:] = stresses.array(conforming)
     return result
 
 
 def _solved(comm: MPI.Intracomm, mass: Callable[[FloatArray], FloatArray], load: FloatArray) -> FloatArray:
-    """Values (owned, 6) by their moments: conjugate gradients scaled by row sums."""
-    scale = 1 / mass(np.ones_like(load))
+    """Values (owned, layers, 6) by their moments: conjugate gradients scaled by row sums."""
+    sums = mass(np.ones_like(load))
+    scale = np.divide(1, sums, out=np.zeros_like(sums), where=sums != 0)  # 0: no cell of the layer has the node
 
     def dot(one: FloatArray, other: FloatArray) -> FloatArray:
         """Scalar products of the columns on all ranks."""
-        return np.asarray(comm.allreduce((one * other).sum(axis=0), op=MPI.SUM))
+        return np.asarray(comm.allreduce((one * other).sum(axis=(0, 1)), op=MPI.SUM))
 
     x, residual = np.zeros_like(load), load.copy()
     direction = scale * residual

@@ -1,4 +1,5 @@
-"""Stress recovery of O. C. Zienkiewicz, J. Z. Zhu (1987): a continuous stress sigma* from the sigma_h of the cells."""
+"""Stress recovery of O. C. Zienkiewicz, J. Z. Zhu (1987): a stress sigma* from the sigma_h of the cells, continuous in
+each material of a body."""
 
 import numpy as np
 import ufl
@@ -31,14 +32,16 @@ class StressRecovery:
     """The recovered stress sigma* of displacements on a mesh.
 
     Collective.  sigma* is the lumped L2 projection of sigma_h on the conforming nodes with 2 x 2 x 2 Gauss points: at
-    degree 2 the mean, weighted by volume, of stresses extrapolated from superconvergent points.  Bodies share no node.
+    degree 2 the mean, weighted by volume, of stresses extrapolated from superconvergent points.  At a node
+    on an interface of two materials each has a sigma* of its own, of its cells alone (`NodalStress`).
+
     Raises CompilationError as `compiled`.
     """
 
     def __init__(self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages) -> None:
         self._elasticity, self._shear_free = elasticity, shear_free
-        self._space = elasticity.nodal_space(6)
-        test, u = ufl.TestFunction(elasticity.nodal_space(7)), elasticity.argument
+        self._space = elasticity.stresses.space(6)
+        test, u = ufl.TestFunction(elasticity.stresses.space(7)), elasticity.argument
         gauss = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": _SUPERCONVERGENT})
         integrand = ufl.inner(ufl.as_vector([*six(elasticity.stress(u)), 1]), test)
         with stages("compile"):
@@ -46,9 +49,9 @@ class StressRecovery:
 
     def stress(self, field: DisplacementField) -> fem.Function:
         """sigma* of a displacement, six components a node (`VOIGT`) [Pa].  Collective."""
-        elasticity, result = self._elasticity, fem.Function(self._space, name="stress")
-        sums = elasticity.prolongation.restrict(elasticity.at_nodes(self._moments.vector(field)))
+        stresses, result = self._elasticity.stresses, fem.Function(self._space, name="stress")
+        sums = stresses.restrict(self._moments.vector(field))
         self._shear_free.remove_shear(sums)
-        nodal = elasticity.prolongation.prolong(sums[:, :6] / sums[:, 6:])
-        result.x.array[:] = elasticity.at_blocks(nodal)
+        volume = sums[..., 6:]
+        result.x.array[:] = stresses.array(np.divide(sums[..., :6], volume, out=0 * sums[..., :6], where=volume != 0))
         return result

@@ -17,6 +17,7 @@ from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matri
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
+from fx_contact.fem.nodal_stress import NodalStress
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_projection import VolumeProjection
@@ -42,13 +43,15 @@ class Rows(Protocol):
 
 
 class Elasticity:
-    """Displacements of degree p on a leaf mesh with one material a body.
+    """Displacements of degree p on a leaf mesh whose cells have one of several materials.
 
     Collective on mesh.comm.
 
     Args:
-        materials: (nbodies, 2), rows (E [Pa], nu [-]), in the order of the bodies.
-        body: (ncells,), body of each local cell.
+        materials: (n, 2), rows (E [Pa], nu [-]), the same on all ranks.
+        material: (ncells,), row of each local cell.
+        layer: (ncells,), number of the material among those of its body, and the number of layers on all ranks: as in
+            `NodalStress`; None: bodies have one material each.
 
     Attributes:
         function_space: of displacements, a block of 3 a node.
@@ -58,6 +61,8 @@ class Elasticity:
         lame: the two Lame coefficients, constant on cells [Pa].
         argument: coefficient in the place of a displacement in an `Integral`; its values are scratch, those of the
             displacement that was integrated last.
+        order: ((p+1)^3,), node in `cells` of each node of a cell of `function_space`.
+        stresses: fields of stresses by nodal values.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
 
     Raises:
@@ -65,9 +70,15 @@ class Elasticity:
     """
 
     def __init__(
-        self, leaf_mesh: LeafMesh, materials: FloatArray, body: IntArray, prolongation: Prolongation, stages: Stages
+        self,
+        leaf_mesh: LeafMesh,
+        materials: FloatArray,
+        material: IntArray,
+        prolongation: Prolongation,
+        stages: Stages,
+        layer: tuple[IntArray, int] | None = None,
     ) -> None:
-        self._bodies = materials, body
+        self._materials, self._layer = (materials, material), layer
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
         self.quadrature_degree = 2 * prolongation.space.degree + 1
@@ -77,12 +88,12 @@ class Elasticity:
         imap = self.function_space.dofmap.index_map
         self.cells: Int32Array = prolongation.space.cells[leaf_mesh.leaf]
         self.node_of_block: Int64Array = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
-        self._order = basix_order(CellType.hexahedron, prolongation.space.degree)
-        self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self._order]
+        self.order = basix_order(CellType.hexahedron, prolongation.space.degree)
+        self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self.order]
         count = len(self.node_of_block)
         entries = np.ones(count), (self.node_of_block, np.arange(count))
         self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
-        young, poisson = materials[body].T
+        young, poisson = materials[material].T
         self.lame = fem.Function(constant), fem.Function(constant)
         cells = constant.dofmap.list[:, 0]
         self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
@@ -93,6 +104,7 @@ class Elasticity:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
             self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
+        self.stresses = NodalStress(self, *(layer or (np.zeros(len(self.cells), dtype=np.int64), 1)))
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
@@ -116,7 +128,7 @@ class Elasticity:
 
     def on(self, prolongation: Prolongation) -> Elasticity:
         """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""
-        return Elasticity(self.leaf_mesh, *self._bodies, prolongation, self._stages)
+        return Elasticity(self.leaf_mesh, *self._materials, prolongation, self._stages, self._layer)
 
     def nodal_space(self, components: int) -> fem.FunctionSpace:
         """Continuous functions of the displacement's degree with some components.  Collective."""
@@ -131,10 +143,11 @@ class Elasticity:
         return self._gather @ blocks.reshape(len(self.node_of_block), -1)
 
     def at_leaves(self, function: fem.Function) -> FloatArray:
-        """Values of a Function of a nodal space at the nodes of this rank's leaves: (n, (p+1)^3, k).  Local."""
-        values = function.x.array.reshape(len(self.node_of_block), -1)[function.function_space.dofmap.list]
+        """Nodal values of a Function of a nodal space or of `stresses` by leaves: (n, (p+1)^3, k).  Local."""
+        space = function.function_space
+        values = function.x.array.reshape(-1, space.dofmap.bs)[space.dofmap.list]
         result = np.empty_like(values)
-        result[self.leaf_mesh.leaf[:, None], self._order] = values
+        result[self.leaf_mesh.leaf[:, None], self.order] = values
         return result
 
     def stress(self, field: DisplacementField) -> ufl.core.expr.Expr:
@@ -201,7 +214,7 @@ class Elasticity:
         number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
         supports = supports.ghosted(self.prolongation) if supports is not None and supports.oblique else None
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
-        space = self._discontinuous()
+        space = self.discontinuous()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
             for part in self._chunks(some):
                 unknowns = space.dofmap.list[part]
@@ -209,9 +222,9 @@ class Elasticity:
                 part = part[order]
                 if self.projects:
                     self._add_projected(matrices, part, space, mixed)
-                nodes: IntArray = self.prolongation.conforming[self.cells[part][:, self._order]]
+                nodes: IntArray = self.prolongation.conforming[self.cells[part][:, self.order]]
                 if hangs[part].any():
-                    nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self._order])
+                    nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self.order])
                     matrices = constrained(matrices, weights)
                 if supports is not None:
                     matrices = supports.in_cells(matrices, nodes)
@@ -219,8 +232,8 @@ class Elasticity:
         give_back()
         return matrix
 
-    def _discontinuous(self) -> fem.FunctionSpace:
-        """Displacements of cells that share no node."""
+    def discontinuous(self) -> fem.FunctionSpace:
+        """Vectors of the displacement's degree in cells that share no node.  Collective."""
         degree = self.prolongation.space.degree
         element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
         return fem.functionspace(self.mesh, element)
@@ -250,12 +263,12 @@ class Elasticity:
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
         """The term of the mixed form beside its matrix.  Collective on mesh.comm."""
-        space, cells = self._discontinuous(), []
+        space, cells = self.discontinuous(), []
         parts: list[tuple[IntArray, FloatArray]] = []
         for some in self._chunks(np.flatnonzero(self._soft)):
             part, d = self._projection.moments(some, space)
             orthonormal = np.linalg.cholesky(self._projection.inverse_mass[part]).transpose(0, 2, 1)
-            parts.append((self.cells[part][:, self._order], orthonormal @ d))
+            parts.append((self.cells[part][:, self.order], orthonormal @ d))
             cells.append(np.repeat(part, d.shape[1]))
         first, second = (np.concatenate([self._of_cells(lame, part) for part in cells]) for lame in self.lame)
         in_matrix = _first_lame(second)

@@ -86,21 +86,22 @@ def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
 
 
 def body_force(scene: Scene, elasticity: Elasticity) -> fem.Function | None:
-    """Density of the body forces of a scene [N/m^3], interpolated at the nodes; None: there are none.
+    """Density of the body forces of a scene [N/m^3], interpolated at the nodes of each cell; None: there are none.
 
     Collective on the mesh's communicator.  Raises errors as `load`.
     """
     if not scene.body_forces:
         return None
-    space = elasticity.prolongation.space
-    mesh, density = space.forest.mesh, np.zeros((len(space), 3))
-    body = mesh.body[space.forest.cell[space.example[:, 0]]]
+    space, nodes = elasticity.prolongation.space, elasticity.cells[:, elasticity.order]
+    root, density = space.forest.cell[elasticity.leaf_mesh.leaf], np.zeros((*nodes.shape, 3))
     with together(space.forest.comm):
         for force in scene.body_forces:
-            on = body == mesh.bodies.index(force.body)
-            density[on] += force.at(space.positions(on))
-    function = fem.Function(elasticity.nodal_space(3))
-    function.x.array[:] = elasticity.at_blocks(density)
+            cells, nodal = np.isin(root, scene.mesh.cells_of(force.body)), np.zeros((len(space), 3))
+            on = np.isin(np.arange(len(space)), nodes[cells])
+            nodal[on] = force.at(space.positions(on))
+            density[cells] += nodal[nodes[cells]]
+    function = fem.Function(elasticity.discontinuous())
+    function.x.array.reshape(-1, 3)[function.function_space.dofmap.list] = density
     return function
 
 
@@ -111,7 +112,7 @@ def _loads(scene: Scene) -> tuple[_Load, ...]:
 def _places(forest: Forest, force: _Load) -> Iterator[tuple[IntArray, int | None]]:
     """Leaves (n,) of this rank under a load, with each local face; None for the volume."""
     if isinstance(force, BodyForce):
-        yield np.flatnonzero(forest.mesh.body[forest.cell] == forest.mesh.bodies.index(force.body)), None
+        yield np.flatnonzero(np.isin(forest.cell, forest.mesh.cells_of(force.body))), None
         return
     leaf, face = forest.boundary_faces(forest.mesh.surface(force.surface))
     for which in np.unique(face):

@@ -14,14 +14,12 @@ from fx_contact.parallel.mpi import Directory
 from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.nonmatching import NonmatchingSurfaces
+from fx_contact.problem.nonmatching import SAMPLES, NonmatchingSurfaces
 from fx_contact.problem.root_facets import SurfacePoints
 
 if TYPE_CHECKING:
     from fx_contact.forest.forest import Forest
 
-#: Samples along each side of a leaf facet, of what it faces.
-_SAMPLES = 4
 #: Part of their extent by which the box around its samples is enlarged: 1/6 to the edges, and as much for curvature.
 _MARGIN = 1 / 3
 #: Facets of the first surface are refined while they are this much larger than those they face; refinement halves.
@@ -138,10 +136,8 @@ def _leaf_facets(forest: Forest, leaf: Int64Array, face: Int64Array) -> LeafFace
 
 
 def _points(facets: LeafFacets) -> SurfacePoints:
-    """Samples (n, _SAMPLES^2) of facets."""
-    line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    uv = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    return facets.at(np.broadcast_to(uv, (len(facets), *uv.shape)))
+    """Samples (n, 16) of facets."""
+    return facets.at(np.broadcast_to(SAMPLES, (len(facets), *SAMPLES.shape)))
 
 
 def _around(points: FloatArray) -> Boxes:

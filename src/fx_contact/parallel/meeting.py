@@ -23,6 +23,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.parallel.errors import CallError
+from fx_contact.parallel.validation import check_arguments
 
 #: Waiting time after which late ranks are named, and time for the waiting ranks to notify each other after that [s].
 _PATIENCE, _PROMPT = 30.0, 1.0
@@ -42,7 +43,9 @@ R = TypeVar("R")
 
 
 def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator of a collective function: CallError on all ranks unless all of them call it.
+    """Decorator of a collective function.  Raises CallError on all ranks unless all of them call it.
+
+    Raises SceneError for an argument by name that the function does not have (`check_arguments`).
 
     Calls differ if their names or the numbers of their Steps do.  Nested calls and calls on one rank have no meeting.
 
@@ -54,7 +57,8 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         name = what or function.__qualname__.removesuffix(".__init__")
-        parameters = inspect.signature(function).parameters
+        signature = inspect.signature(function)
+        parameters = signature.parameters
         place, default = list(parameters).index(argument), parameters[argument].default
 
         @wraps(function)
@@ -64,6 +68,7 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
             for attribute in attributes:
                 found = getattr(found, attribute, None)
             with calling(found, name if step is None else f"{name} of step {step}"):
+                check_arguments(name, signature, args, kwargs)
                 return function(*args, **kwargs)
 
         return call

@@ -3,9 +3,12 @@
 All are local: the value is the same on all ranks, or the caller raises on all of them.
 """
 
+import inspect
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import is_dataclass
 from difflib import get_close_matches
+from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,9 @@ from mpi4py import MPI
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import FxContactError, SceneError
+
+#: Smallest tolerance and error: below it rounding is most of the error.
+LEAST_TOLERANCE = 1e-9
 
 
 def check_number(what: str, value: object, positive: bool = False) -> float:
@@ -26,6 +32,19 @@ def check_number(what: str, value: object, positive: bool = False) -> float:
     if not np.isfinite(number) or (positive and number <= 0):
         raise SceneError(f"{what} must be a {'positive' if positive else 'finite'} number, got {shown(value)}")
     return number
+
+
+def check_tolerance(what: str, value: object) -> float:
+    """A prescribed relative error.  Raises SceneError unless it is a number from `LEAST_TOLERANCE` to below 1."""
+    tolerance = check_number(what, value, positive=True)
+    if tolerance < LEAST_TOLERANCE:
+        raise SceneError(
+            f"{what} must be at least {LEAST_TOLERANCE:g}, got {tolerance:g}: below that rounding is most of the "
+            "error, so that no mesh reaches it"
+        )
+    if tolerance >= 1:
+        raise SceneError(f"{what} is relative and must be below 1, got {tolerance}: 4 % are 0.04")
+    return tolerance
 
 
 def check_count(what: str, value: object, least: int = 1) -> None:
@@ -65,6 +84,32 @@ def nearest(name: object, names: Collection[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
+def check_arguments(called: str, signature: inspect.Signature, args: Sequence[Any], named: Mapping[str, Any]) -> None:
+    """Raises SceneError if a call cannot be made for an argument by name that it does not have."""
+    names = [one.name for one in signature.parameters.values() if one.kind != one.VAR_KEYWORD and one.name != "self"]
+    if named.keys() <= {*names}:
+        return
+    try:
+        signature.bind(*args, **named)
+    except TypeError:
+        for name in named:
+            check_name(f"argument of {called}", name, names, "it has")
+
+
+def named_arguments(cls: type) -> None:
+    """Let a dataclass check its arguments by name; other classes stay as they are.  Raises SceneError then."""
+    if is_dataclass(cls):
+        make = vars(cls)["__init__"]
+        signature = inspect.signature(make)
+
+        @wraps(make)
+        def init(self: Any, *args: Any, **named: Any) -> None:
+            check_arguments(cls.__name__, signature, (self, *args), named)
+            make(self, *args, **named)
+
+        setattr(cls, "__init__", init)
+
+
 def check_label(what: str, value: object) -> None:
     """Raises SceneError unless a value is a non-empty string."""
     if not isinstance(value, str) or not value:
@@ -75,6 +120,15 @@ def check_kind(what: str, value: object, *kinds: type) -> None:
     """Raises SceneError unless a value is an object of one of some classes."""
     if not isinstance(value, kinds):
         raise SceneError(f"{what} must be a {' or '.join(kind.__name__ for kind in kinds)}, got {shown(value)}")
+
+
+def as_tuple(what: str, value: object, *kinds: type) -> tuple[Any, ...]:
+    """Objects of some classes as a tuple, of a tuple or list or of one object.  Raises SceneError for others."""
+    items = (value,) if isinstance(value, kinds) else value
+    if not isinstance(items, (tuple, list)) or not all(isinstance(item, kinds) for item in items):
+        wanted = " and ".join(kind.__name__ for kind in kinds)
+        raise SceneError(f"{what} must be a tuple of {wanted}, got {shown(value)}")
+    return tuple(items)
 
 
 def check_kinds(what: str, values: object, *kinds: type) -> None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.adaptive_loop import Run
 from fx_contact.adaptive.contact_state import ContactTable
-from fx_contact.adaptive.load_path import SweepPoint
+from fx_contact.adaptive.load_path import Sweep, SweepPoint
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.sweep_record import SweepRecord
@@ -93,13 +94,13 @@ def _add_strip(axes: "Axes") -> "Axes":
 
 @collective("comm")
 def draw_convergence(
-    records: Sequence[StepRecord],
+    records: Run | Sequence[StepRecord],
     path: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
     ax: "Axes | None" = None,
 ) -> "Path | Axes | None":
-    """Estimated errors of the steps of a run over their unknowns, and true errors where they were computed.
+    """Estimated errors of a run, or of its records, over the unknowns, and true errors where they were computed.
 
     Collective on comm; rank 0 draws, into the PNG of the path or on `ax`, which is returned.  The records are the same
     on all ranks.
@@ -109,6 +110,7 @@ def draw_convergence(
         OutputError: there is no record, or the picture cannot be written.
     """
     check_comm(comm)
+    records = records.records if isinstance(records, Run) else records
     check_kinds("the records", records, StepRecord)
     if not records:
         raise OutputError("no convergence to draw: there is no record of a step")
@@ -136,7 +138,7 @@ def _draw_convergence(axes: "Axes", records: Sequence[StepRecord]) -> None:
 
 @collective("comm")
 def draw_sweep(
-    points: Sequence[SweepRecord | SweepPoint],
+    points: Sweep | Sequence[SweepRecord | SweepPoint],
     path: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
@@ -145,7 +147,7 @@ def draw_sweep(
     logarithmic: bool = False,
     ax: "Axes | None" = None,
 ) -> "Path | Axes | None":
-    """A quantity over the parameter of a load path; with the force, a force-approach curve.
+    """A quantity over the parameter of a load path, or of its points; with the force, a force-approach curve.
 
     Collective on comm; rank 0 draws, into the PNG of the path or on `ax`, which is returned.  The points are the same
     on all ranks.
@@ -160,9 +162,10 @@ def draw_sweep(
         OutputError: there is no point, or the picture cannot be written.
     """
     check_comm(comm)
+    points = points.records if isinstance(points, Sweep) else points
     check_kinds("the points", points, SweepRecord, SweepPoint)
     if not points:
-        raise OutputError("no curve to draw: there is no point of a sweep")
+        raise OutputError("no curve to draw: there is no point of a sweep, which is solved as it is iterated")
     known = [point.record if isinstance(point, SweepPoint) else point for point in points]
     numbers = [name for name, value in vars(known[0].record).items() if isinstance(value, (int, float))]
     check_name("entry of a record", quantity, numbers)

@@ -75,7 +75,7 @@ def draw_stress(
         reach = zoom * contact_size(step)
         cut &= (np.abs(points - centre).min(axis=1) <= 2 * reach).all(axis=1)
     stress = von_mises(step.nodal_stress[cut])
-    shown = on_first(comm, points[cut], stress, forest.mesh.body[forest.cell[cut]])
+    shown = on_first(comm, points[cut], stress, forest.mesh.region[forest.cell[cut]])
 
     def draw(plotter: "Plotter") -> None:
         _draw_cut(plotter, *shown, centre=centre, reach=reach, y=y)
@@ -85,16 +85,16 @@ def draw_stress(
     return draw_on_first(comm, path, draw, partial(plotter_for, width=1500, height=1000), plotter)
 
 
-def cut_by_body(points: FloatArray, values: FloatArray, body: IntArray, y: float) -> "list[PolyData]":
-    """Sections of the bodies in a plane across y [m], one for each body in it, with the point data "stress".
+def cut_by_region(points: FloatArray, values: FloatArray, region: IntArray, y: float) -> "list[PolyData]":
+    """Sections in a plane across y [m], one for each body or part in it, with the point data "stress".
 
-    Local.  VTK merges coincident points of a section, which would mix the stresses of bodies in contact.  Values (n,
-    (p+1)^3) [Pa] at nodes (n, (p+1)^3, 3) [m] are shown in p^3 trilinear cells for each of n leaves.
+    Local.  VTK merges coincident points of a section, which would mix stresses that jump.  Values (n, (p+1)^3) [Pa] at
+    nodes (n, (p+1)^3, 3) [m] are shown in p^3 trilinear cells for each of n leaves.
     """
     pyvista = import_pyvista()
     sections, parts = [], hexahedron.subcells(hexahedron.order_of(points.shape[1]))[:, [0, 1, 3, 2, 4, 5, 7, 6]]
-    for number in np.unique(body):
-        ours = body == number
+    for number in np.unique(region):
+        ours = region == number
         cells = (points.shape[1] * np.arange(ours.sum())[:, None, None] + parts).reshape(-1, 8)
         grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, points[ours].reshape(-1, 3))
         grid["stress"] = values[ours].ravel()
@@ -106,13 +106,13 @@ def _draw_cut(
     plotter: "Plotter",
     points: FloatArray,
     values: FloatArray,
-    body: IntArray,
+    region: IntArray,
     *,
     centre: FloatArray,
     reach: float | None,
     y: float,
 ) -> None:
-    section = import_pyvista().merge(cut_by_body(points, values, body, y), merge_points=False)
+    section = import_pyvista().merge(cut_by_region(points, values, region, y), merge_points=False)
     focus, half = _window(points, centre, reach)
     width, height = picture_size(plotter)
     shown = np.abs(section.cell_centers().points - focus) <= half * np.array([width / height, np.inf, 1])

@@ -224,6 +224,8 @@ class Pressure:
 class BodyForce:
     """A force per undeformed volume in x, y, z [N/m^3], such as weight, constant or a function of the position.
 
+    It acts on a body with all its parts, or on the part that is named.
+
     Raises SceneError if the value is neither three finite numbers nor a function.
     """
 

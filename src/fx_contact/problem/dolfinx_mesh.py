@@ -19,13 +19,15 @@ from fx_contact.problem.root_mesh_checks import MAX_ORDER
 
 
 class _Rows(NamedTuple):
-    """Of cells: number, body, (p+1)^3 nodes and positions [m]; of tagged facets: tag, number of the cell, local face.
+    """Of cells: number, position of the tag in `bodies`, (p+1)^3 nodes and positions [m].
+
+    Of tagged facets: tag, number of the cell, local face.
 
     Numbers are those of the input of the mesh.
     """
 
     number: Int64Array
-    body: Int32Array
+    of: Int32Array
     nodes: Int64Array
     x: FloatArray
     tag: Int32Array
@@ -33,13 +35,14 @@ class _Rows(NamedTuple):
     face: Int64Array
 
 
-def gathered_parts(
+def gathered_arrays(
     comm: MPI.Intracomm,
     mesh: Mesh,
     cell_tags: MeshTags | None,
     facet_tags: MeshTags,
     bodies: Mapping[int, str],
     surfaces: Mapping[int, str],
+    parts: Mapping[int, str],
 ) -> dict[str, Any]:
     """Arguments of RootMesh, alike on all ranks.  Collective on comm.  Arguments and errors of `RootMesh.from_dolfinx`.
 
@@ -47,9 +50,11 @@ def gathered_parts(
     """
     with together(comm):
         _check_mesh(mesh, comm)
-        for name, names in (("bodies", bodies), ("surfaces", surfaces)):
+        for name, names in (("bodies", bodies), ("surfaces", surfaces), ("parts", parts)):
             if not isinstance(names, dict) or not all(isinstance(tag, Integral) for tag in names):
                 raise SceneError(f"{name} must be a dict of tag -> name, such as {{7: 'block'}}, got {shown(names)}")
+        if {*parts} - {*bodies}:
+            raise SceneError(f"parts must have tags of bodies, {shown(list(bodies))}, got {shown(list(parts))}")
         for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
             if tags is None and name == "cell_tags" and len(bodies) == 1:
                 continue
@@ -71,14 +76,24 @@ def gathered_parts(
     points = np.empty((len(used), 3))
     points[cells.ravel()] = x.reshape(-1, 3)
     rows = np.stack([np.searchsorted(every.number[order], every.cell), every.face], axis=1).astype(np.int32)
-    tags_of = {name: [tag for tag, other in surfaces.items() if other == name] for name in surfaces.values()}
+    of, of_bodies = every.of[order], list(dict.fromkeys(bodies.values()))
     return {
         "points": points,
         "cells": cells.reshape(nodes.shape),
-        "bodies": tuple(bodies.values()),
-        "body": every.body[order],
-        "surfaces": {name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in tags_of.items()},
+        "bodies": tuple(of_bodies),
+        "body": np.array([of_bodies.index(name) for name in bodies.values()], dtype=np.int32)[of],
+        "surfaces": {
+            name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in _tags_of(surfaces).items()
+        },
+        "parts": {
+            name: np.flatnonzero(np.isin(np.array(list(bodies))[of], own)) for name, own in _tags_of(parts).items()
+        },
     }
+
+
+def _tags_of(names: Mapping[int, str]) -> dict[str, list[int]]:
+    """Tags of each name."""
+    return {name: [tag for tag, other in names.items() if other == name] for name in names.values()}
 
 
 def _check_mesh(mesh: Mesh, comm: MPI.Intracomm) -> None:
@@ -103,14 +118,14 @@ def _rows(
 ) -> _Rows:
     """Rows of this rank's cells and tagged facets."""
     owned, numbers = mesh.topology.index_map(3).size_local, mesh.topology.original_cell_index
-    body: Int32Array = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
+    of: Int32Array = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
     if cell_tags is not None:
         for index, tag in enumerate(bodies):
-            body[cell_tags.indices[cell_tags.values == tag]] = index
-    body = body[:owned]
-    if (body < 0).any():
+            of[cell_tags.indices[cell_tags.values == tag]] = index
+    of = of[:owned]
+    if (of < 0).any():
         raise SceneError(
-            f"cell {numbers[np.argmin(body)]} of the mesh is in no body: give every cell one of the tags "
+            f"cell {numbers[np.argmin(of)]} of the mesh is in no body: give every cell one of the tags "
             f"{shown(list(bodies))}"
         )
     order, to_equispaced = _tensor_order(compat.coordinate_element(mesh))
@@ -123,7 +138,7 @@ def _rows(
     cell, face = np.nonzero(np.isin(facets_of_cells, facets))
     place = np.searchsorted(facets, facets_of_cells[cell, face])  # MeshTags are sorted
     return _Rows(
-        numbers[:owned], body, nodes, x, tag=tags[place] if len(cell) else tags[:0], cell=numbers[cell], face=face
+        numbers[:owned], of, nodes, x, tag=tags[place] if len(cell) else tags[:0], cell=numbers[cell], face=face
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PairingError
 from fx_contact.problem import hexahedron
 from fx_contact.problem.contact import Contact, ContactPair
@@ -61,7 +61,7 @@ class Pairing:
                 self.nonmatching[index] = str(error)
                 continue
             if isinstance(pair, ContactPair):
-                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second)
+                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second[match])
             second = second[match]
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
@@ -175,9 +175,9 @@ def _match(
     limit = (_OFFSET if direction is None and isinstance(pair, ContactPair) else _MATCH) * size
     unmatched = (back[match] != np.arange(len(match))) | (distance > limit)
     if unmatched.any():
-        place = mesh.facet_points(first[unmatched][:1]).mean(axis=(0, 1))
         raise _NoMatch(
-            f"{unmatched.sum()} of {len(first)} facets have no partner, the first near {place}; nodes are up to "
+            f"{unmatched.sum()} of {len(first)} facets have no partner, the first near "
+            f"{_middle(mesh, first[unmatched])}; nodes are up to "
             f"{distance.max():.3g} apart"
         )
     _check_one_to_one(mesh, first, second[match], symmetry)
@@ -185,9 +185,16 @@ def _match(
 
 
 def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Array, second: Int32Array) -> None:
-    """Raises PairingError unless a given direction points out of the first body and into the second."""
+    """Raises PairingError unless facets (n, 2) face each other, along a given direction or by their normals."""
     direction = pair.unit_direction
     if pair.direction is None or direction is None:
+        normals = mesh.outward_normals(first), mesh.outward_normals(second)
+        same = np.einsum("ni,ni->n", *normals) >= 0
+        if same.any():
+            raise PairingError(
+                f"{label}: {pair.first!r} and {pair.second!r} look the same way, at {_middle(mesh, first[same])}; name "
+                "the sides that face each other"
+            )
         return
     for name, facets, sign in zip(pair.surfaces, (first, second), (1, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
@@ -198,6 +205,11 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
                 f"direction {tuple(pair.direction)} must lead from the first surface to the second: exchange them, or "
                 "turn it round"
             )
+
+
+def _middle(mesh: RootMesh, facets: Int32Array) -> FloatArray:
+    """Middle (3,) of the first of some facets (n, 2) [m]."""
+    return np.asarray(mesh.facet_points(facets[:1]).mean(axis=(0, 1)))
 
 
 def _face_orders(order: int) -> Int64Array:

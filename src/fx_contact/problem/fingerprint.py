@@ -45,7 +45,7 @@ def mesh_digest(mesh: RootMesh) -> str:
     digest = hashlib.sha256(repr([mesh.bodies, float(f"{size:.9g}")]).encode())
     for array in (np.rint(mesh.points / size * 1e9), mesh.cells, mesh.body):
         digest.update(np.ascontiguousarray(array, np.int64))
-    for kind in (mesh.surfaces, mesh.vertices, mesh.curves):
+    for kind in (mesh.surfaces, mesh.vertices, mesh.curves, mesh.parts):
         for name in sorted(kind):
             digest.update(repr([name, np.shape(kind[name])]).encode())
             digest.update(np.ascontiguousarray(kind[name], np.int64))

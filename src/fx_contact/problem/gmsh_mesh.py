@@ -1,7 +1,8 @@
 """Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
 
-Physical groups give the names: volumes are bodies; surfaces, curves and points are surfaces, curves and vertices.  The
-order of Gmsh's nodes is computed from the local coordinates that Gmsh reports.
+Physical groups give the names: volumes are bodies, or parts of a body if they are in another, larger group, that of
+the body; surfaces, curves and points are surfaces, curves and vertices.  The order of Gmsh's nodes is computed from
+the local coordinates that Gmsh reports.
 """
 
 import traceback
@@ -96,12 +97,11 @@ def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
 def _read_model(model: Any) -> dict[str, Any]:
     """Arguments of RootMesh from the current Gmsh model."""
     element_type, order, tensor_order = _hexahedron(model)
-    bodies = _bodies(model)
-    groups = [
-        np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
-        for entities in bodies.values()
-    ]
-    body = np.repeat(np.arange(len(groups)), [len(group) // len(tensor_order) for group in groups])
+    bodies, parts = _bodies_and_parts(model)
+    volumes, of_body = np.concatenate(list(bodies.values())), [len(own) for own in bodies.values()]
+    groups = [model.mesh.getElementsByType(element_type, volume)[1] for volume in volumes]
+    count = [len(group) // len(tensor_order) for group in groups]
+    volume, body = (np.repeat(of, count) for of in (volumes, np.repeat(np.arange(len(bodies)), of_body)))
     used, cells = np.unique(np.concatenate(groups).astype(np.int64), return_inverse=True)
     cells = cells.reshape(-1, len(tensor_order))[:, tensor_order]
     corners = used[cells[:, hexahedron.corner_nodes(order)]]
@@ -116,19 +116,28 @@ def _read_model(model: Any) -> dict[str, Any]:
         "surfaces": _facing(model, 2, ("Quadrangle", order), corners, hexahedron.FACE_CORNERS),
         "curves": _facing(model, 1, ("Line", order), corners, hexahedron.EDGE_CORNERS),
         "vertices": _vertices(model, used),
+        "parts": {name: np.flatnonzero(np.isin(volume, own)) for name, own in parts.items()},
     }
 
 
-def _bodies(model: Any) -> dict[str, IntArray]:
-    """Name -> volumes of each body; SceneError unless every volume is in one."""
-    bodies = _groups(model, 3)
-    nameless = {tag for _, tag in model.getEntities(3)}.difference(*bodies.values())
+def _bodies_and_parts(model: Any) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Name -> volumes of each body, and of each part: a group whose volumes, with others, are another group.
+
+    Raises SceneError unless every volume is in a group.
+    """
+    groups = _groups(model, 3)
+    nameless = {tag for _, tag in model.getEntities(3)}.difference(*groups.values())
     if nameless:
         raise SceneError(
             f"volumes {sorted(nameless)} of the Gmsh model are in no physical group; give each body a physical group "
             "with a name, or remove the volumes"
         )
-    return bodies
+    sets = {name: set(map(int, volumes)) for name, volumes in groups.items()}
+    parts = {name for name, own in sets.items() if any(own < other for other in sets.values())}
+    return (
+        {name: volumes for name, volumes in groups.items() if name not in parts},
+        {name: volumes for name, volumes in groups.items() if name in parts},
+    )
 
 
 def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
@@ -136,6 +145,12 @@ def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
     types = model.mesh.getElementTypes(3)
     properties = [model.mesh.getElementProperties(kind) for kind in types]
     complete = ["hexahedron" in name.lower() and n == (order + 1) ** 3 for name, _, order, n, *_ in properties]
+    if not properties:
+        flat = [model.mesh.getElementProperties(kind)[0] for kind in model.mesh.getElementTypes(2)]
+        raise GeometryError(
+            f"the mesh has no volumes, and surfaces of {flat or 'no elements'}: bodies have hexahedra; extrude "
+            "the surfaces with recombine=True, give each volume a physical group, and mesh in 3D, generate(3)"
+        )
     if complete != [True]:
         raise GeometryError(
             f"the volume mesh has elements of type {[p[0] for p in properties]}; only hexahedra can be refined, "

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import PLANE, ObliquePlane, SymmetryPlane
+from fx_contact.problem.boundary_conditions import PLANE, Dirichlet, ObliquePlane, SymmetryPlane
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -60,11 +60,41 @@ class Mirrors:
 def mirrors_of(scene: Scene) -> Mirrors:
     """Mirrors of a scene, one image only if the planes make fewer than `scene.symmetry`: the whole is not known.
 
-    Local.  Two parallel planes of symmetry bound a slice, as in plane strain, which is not mirrored.  Raises SceneError
-    unless `scene.symmetry` is a multiple of the number of copies that the planes make.
+    Local.  Two parallel planes of symmetry bound a slice, as in plane strain, which is not mirrored.
+
+    Raises:
+        SceneError: `scene.symmetry` is not a multiple of the number of copies that the planes make, other planes
+            without normal displacement (`_other_normals`) do not make the rest, or a plane cuts a body.
     """
     mesh = scene.mesh
-    found: list[tuple[FloatArray, list[float]]] = []  # different normals, and the places of their planes
+    found = _planes(scene)
+    size = np.ptp(mesh.points, axis=0).max()
+    single = [(normal, np.mean(places)) for normal, places in found if np.ptp(places) <= PLANE * size]
+    normals, at_normal = np.array([n for n, _ in single]).reshape(-1, 3), np.array([at for _, at in single])
+    mirrors = Mirrors(normals, at_normal, mirror_group(normals, scene.symmetry))
+    if scene.symmetry > 1 and scene.symmetry % mirrors.parts:
+        copies = mirrors.parts if mirrors.parts < scene.symmetry else f"more than {scene.symmetry}"
+        raise SceneError(
+            f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
+            "part: take their number, or a multiple of it"
+        )
+    possible = mirror_group(np.array([*(n for n, _ in found), *_other_normals(scene)]).reshape(-1, 3), scene.symmetry)
+    if len(possible) < scene.symmetry or scene.symmetry > 1 and scene.symmetry % 2:
+        raise SceneError(
+            f"symmetry={scene.symmetry}, but planes without normal displacement make {len(possible)} copies of a part "
+            "by reflection: hold each plane of symmetry by a SymmetryPlane, or take the number of copies"
+        )
+    off = np.abs(normals @ mirrors.centre(np.zeros(3)) - at_normal).max(initial=0.0)
+    if mirrors.parts == scene.symmetry and off <= PLANE * size:
+        _check_sides(scene, mirrors, PLANE * size)
+        return mirrors
+    return Mirrors(np.zeros((0, 3)), np.zeros(0), np.eye(3)[None])
+
+
+def _planes(scene: Scene) -> list[tuple[FloatArray, list[float]]]:
+    """Different normals (3,) of the symmetry planes of a scene, and the places of their planes along them [m]."""
+    mesh = scene.mesh
+    found: list[tuple[FloatArray, list[float]]] = []
     for condition in scene.dirichlet:
         if isinstance(condition, SymmetryPlane):
             plane = condition.on(mesh)
@@ -76,20 +106,32 @@ def mirrors_of(scene: Scene) -> Mirrors:
                     break
             else:
                 found.append((normal, [at]))
-    size = np.ptp(mesh.points, axis=0).max()
-    single = [(normal, np.mean(places)) for normal, places in found if np.ptp(places) <= PLANE * size]
-    normals, at_normal = np.array([n for n, _ in single]).reshape(-1, 3), np.array([at for _, at in single])
-    mirrors = Mirrors(normals, at_normal, mirror_group(normals, scene.symmetry))
-    if scene.symmetry > 1 and scene.symmetry % mirrors.parts:
-        copies = mirrors.parts if mirrors.parts < scene.symmetry else f"more than {scene.symmetry}"
+    return found
+
+
+def _other_normals(scene: Scene) -> list[FloatArray]:
+    """Normals (3,) of plane surfaces whose normal displacement alone is prescribed as 0: symmetry planes as well."""
+    mesh, normals = scene.mesh, []
+    for condition in scene.dirichlet:
+        if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces and condition.held.sum() == 1:
+            axis, (value,) = int(condition.held.argmax()), [
+                v for v in (condition.x, condition.y, condition.z) if v is not None
+            ]
+            extent = np.ptp(mesh.facet_points(mesh.surface(condition.where)).reshape(-1, 3), axis=0)
+            if not callable(value) and value == 0 and extent[axis] <= PLANE * extent.max():
+                normals.append(np.eye(3)[axis])
+    return normals
+
+
+def _check_sides(scene: Scene, mirrors: Mirrors, rounding: float) -> None:
+    """Raises SceneError for bodies on both sides of a symmetry plane, which their images would penetrate."""
+    heights = scene.mesh.points @ mirrors.normals.T - mirrors.at
+    low, high = heights.min(axis=0, initial=0.0), heights.max(axis=0, initial=0.0)
+    for normal in mirrors.normals[np.minimum(-low, high) > rounding]:
         raise SceneError(
-            f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
-            "part: take their number, or a multiple of it"
+            f"symmetry={scene.symmetry}, but bodies are on both sides of the symmetry plane with the normal "
+            f"{normal.round(6)}: model the part on one side of it, or leave `symmetry` away"
         )
-    off = np.abs(normals @ mirrors.centre(np.zeros(3)) - at_normal).max(initial=0.0)
-    if mirrors.parts == scene.symmetry and off <= PLANE * size:
-        return mirrors
-    return Mirrors(np.zeros((0, 3)), np.zeros(0), np.eye(3)[None])
 
 
 def mirror_group(normals: FloatArray, most: int) -> FloatArray:

@@ -15,8 +15,8 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.surface_projection import Projected, SurfaceProjection
 from fx_contact.problem.ties import Tie
 
-#: Samples of a facet: of what it faces.
-_UV = np.stack(np.meshgrid(*2 * [(np.arange(4) + 0.5) / 4]), axis=-1).reshape(-1, 2)
+#: Samples of a facet, of what it faces: the middles of 4 x 4 parts.
+SAMPLES = np.stack(np.meshgrid(*2 * [(np.arange(4) + 0.5) / 4]), axis=-1).reshape(-1, 2)
 #: Middles of the edges of a facet, as `hexahedron.FACE_EDGES`.
 _EDGE_MIDDLES = np.array([[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]])
 #: Differences of sizes up to this are rounding [-].
@@ -85,9 +85,9 @@ class NonmatchingSurfaces:
     @cached_property
     def faced_samples(self) -> Int64Array:
         """(n, 16), facets of the second surface that samples of the first one's root facets face, -1: none."""
-        at = self.first.at(np.arange(len(self.first)), np.broadcast_to(_UV, (len(self.first), *_UV.shape)))
+        at = self.first.at(np.arange(len(self.first)), np.broadcast_to(SAMPLES, (len(self.first), *SAMPLES.shape)))
         found = self.faced(at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3))
-        return found.facet.reshape(-1, len(_UV))
+        return found.facet.reshape(-1, len(SAMPLES))
 
     @cached_property
     def uncovered(self) -> tuple[float, str]:
@@ -122,25 +122,25 @@ class NonmatchingSurfaces:
     def cut_off(self, facets: LeafFacets) -> FloatArray:
         """Parts (k,) of facets of the first surface that face nothing, but what goes on beyond the second one's rim."""
         assert self._continuation is not None, "as of `goes_on`"
-        at = facets.at(np.broadcast_to(_UV, (len(facets), *_UV.shape)))
+        at = facets.at(np.broadcast_to(SAMPLES, (len(facets), *SAMPLES.shape)))
         position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
         missed = ~self.faced(position, direction).found
         missed[missed] = self._continuation(position[missed], direction[missed], self.depth).found
-        return np.asarray(missed.reshape(len(facets), len(_UV)).mean(axis=1))
+        return np.asarray(missed.reshape(len(facets), len(SAMPLES)).mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
-        """Sizes of root facets, and moduli of their bodies, of the first surface over those that they face.
+        """Sizes of root facets, and moduli of their materials, of the first surface over those that they face.
 
         Geometric means by area, None if facets of the first surface face none.
 
         Args:
-            moduli: (nbodies,) [Pa].
+            moduli: (nregions,) [Pa].
         """
         faced = self.faced_samples
         weight = np.where(faced >= 0, self.first.size[:, None] ** 2, 0.0)
         if not weight.any():
             return None
-        one, two = (moduli[self.mesh.body[facets.facets[:, 0]]] for facets in self._both)
+        one, two = (moduli[self.mesh.region[facets.facets[:, 0]]] for facets in self._both)
         ratios = self.first.size[:, None] / self.second.size[faced], one[:, None] / two[faced]
         size, modulus = (float(np.exp((weight * np.log(ratio)).sum() / weight.sum())) for ratio in ratios)
         return size, modulus
@@ -177,7 +177,7 @@ def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> 
     Raises PairingError if the surfaces do not face each other.
 
     Args:
-        moduli: of the bodies (nbodies,) [Pa].
+        moduli: of the mesh's regions (nregions,) [Pa].
     """
     surfaces = NonmatchingSurfaces.of(mesh, contact)
     ratios = surfaces.mean_ratios(moduli)
@@ -192,5 +192,6 @@ def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> 
     if contact.direction is not None:
         along, turn = f"along the direction {tuple(contact.direction)}", ", or turn the direction round"
     raise PairingError(
-        f"{contact.label}: the surfaces do not face each other anywhere {along}: check their names and places{turn}"
+        f"{contact.label}: the surfaces do not face each other {along}, or on less than a sixteenth of a facet, or are "
+        f"farther inside each other than the largest facet is wide: check their names and places{turn}"
     )

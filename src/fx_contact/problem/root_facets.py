@@ -123,5 +123,6 @@ class RootFacets:
 
 def face_functions(order: int, uv: FloatArray) -> FloatArray:
     """Lagrange functions (..., (p+1)^2) of the nodes of a face, u fastest, at coordinates (..., 2).  Local."""
-    u, v = (hexahedron.lagrange(order, uv[..., axis]) for axis in (0, 1))
+    functions = hexahedron.lagrange(order, uv)
+    u, v = functions[..., 0, :], functions[..., 1, :]
     return np.asarray(v[..., :, None] * u[..., None, :]).reshape(*uv.shape[:-1], -1)

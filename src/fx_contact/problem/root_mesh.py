@@ -19,7 +19,7 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_name
 from fx_contact.problem import hexahedron
-from fx_contact.problem.dolfinx_mesh import gathered_parts
+from fx_contact.problem.dolfinx_mesh import gathered_arrays
 from fx_contact.problem.root_mesh_checks import check_mesh, take_arrays
 
 #: Lattices evaluated at once, so that they fit into the processor's cache.
@@ -41,10 +41,12 @@ class RootMesh:
         surfaces: name -> (n, 2), exterior facets as (root cell, local face).
         vertices: name -> (n,), nodes at cell corners.
         curves: name -> (n, 2), edges as (root cell, local edge).
+        parts: name -> (n,), cells of a part of a body, which may have a material of its own.
 
     Raises:
         GeometryError: an inverted or degenerate cell, an order above 6, two cells that do not meet face to face.
-        SceneError: a cell without body, two bodies with common nodes, a surface facet that is not on the boundary.
+        SceneError: a cell without body, two bodies with common nodes, a surface facet that is not on the boundary, a
+            cell in two parts, a part of two bodies.
     """
 
     points: FloatArray
@@ -54,6 +56,7 @@ class RootMesh:
     surfaces: Mapping[str, Int32Array] = field(default_factory=dict)
     vertices: Mapping[str, Int64Array] = field(default_factory=dict)
     curves: Mapping[str, Int32Array] = field(default_factory=dict)
+    parts: Mapping[str, Int64Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         take_arrays(self)
@@ -66,6 +69,7 @@ class RootMesh:
         lists = {"bodies (cells)": [f"{name!r} ({count:,})" for name, count in zip(self.bodies, cells)]}
         groups: dict[str, Mapping[str, IntArray]]
         groups = {
+            "parts (cells)": self.parts,
             "surfaces (facets)": self.surfaces,
             "curves (edges)": self.curves,
             "vertices (nodes)": self.vertices,
@@ -84,6 +88,7 @@ class RootMesh:
         bodies: Mapping[int, str],
         surfaces: Mapping[int, str],
         comm: MPI.Intracomm = MPI.COMM_WORLD,
+        parts: Mapping[int, str] | None = None,
     ) -> Self:
         """Root mesh from a dolfinx mesh of hexahedra, with cells and nodes in the order of the mesh's input.
 
@@ -93,8 +98,9 @@ class RootMesh:
             mesh: hexahedra of order 1 to 6; bodies in contact share no nodes.
             cell_tags: body of each cell; None if there is one body.
             facet_tags: surface of each facet; those with tags that are not in `surfaces` belong to none.
-            bodies: tag -> name of a body.
+            bodies: tag -> name of a body; several tags may have the same name.
             surfaces: tag -> name of a surface; several tags may have the same name.
+            parts: tag, among those of `bodies`, -> name of a part of the body; None: bodies have no parts.
 
         Raises:
             GeometryError: cells that are not complete hexahedra in 3D, or as `RootMesh`.
@@ -102,9 +108,33 @@ class RootMesh:
                 a cell without body, another communicator, or as `RootMesh`.
         """
         check_comm(comm)
-        parts = gathered_parts(comm, mesh, cell_tags, facet_tags, bodies, surfaces)
+        arrays = gathered_arrays(comm, mesh, cell_tags, facet_tags, bodies, surfaces, {} if parts is None else parts)
         with together(comm):
-            return cls(**parts)
+            return cls(**arrays)
+
+    @cached_property
+    def regions(self) -> tuple[str, ...]:
+        """Names of what has a material: bodies, except for those that consist of parts alone, then parts."""
+        return (*(self.bodies[body] for body in np.unique(self.body[self._part < 0])), *self.parts)
+
+    @cached_property
+    def region(self) -> Int32Array:
+        """(ncells,), index into `regions`: the part of each cell, else its body."""
+        rest, part = np.unique(self.body[self._part < 0]), self._part
+        return np.where(part < 0, np.searchsorted(rest, self.body), len(rest) + part).astype(np.int32)
+
+    @cached_property
+    def body_of_region(self) -> Int32Array:
+        """(nregions,), index into `bodies`."""
+        return self.body[np.unique(self.region, return_index=True)[1]]
+
+    @cached_property
+    def _part(self) -> Int64Array:
+        """(ncells,), index into `parts`, -1: in none."""
+        part = np.full(len(self.cells), -1)
+        for index, cells in enumerate(self.parts.values()):
+            part[cells] = index
+        return part
 
     @cached_property
     def order(self) -> int:
@@ -132,6 +162,11 @@ class RootMesh:
     def face_neighbours(self) -> Int64Array:
         """(ncells, 6), number of cells that share each local face (1: exterior)."""
         return np.bincount(self.faces.ravel())[self.faces]
+
+    def cells_of(self, name: str) -> Int64Array:
+        """Cells (n,) of a body with its parts, or of a part.  Raises SceneError if there is no such body or part."""
+        check_name("body or part", name, [*self.bodies, *self.parts], "the root mesh has")
+        return self.parts[name] if name in self.parts else np.flatnonzero(self.body == self.bodies.index(name))
 
     def surface(self, name: str) -> Int32Array:
         """Facets (n, 2) of a surface as (root cell, local face).  Raises SceneError if there is no such surface."""

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_label
+from fx_contact.parallel.validation import check_label, shown
 from fx_contact.problem import hexahedron
 
 if TYPE_CHECKING:
@@ -46,11 +46,12 @@ def take_arrays(mesh: RootMesh) -> None:
             "surfaces": _named(mesh.surfaces, np.int32),
             "vertices": _named(mesh.vertices, np.int64),
             "curves": _named(mesh.curves, np.int32),
+            "parts": _named(mesh.parts, np.int64),
         }
     except (TypeError, ValueError) as error:
         raise GeometryError(
             "points must be an array of numbers, cells and body of whole numbers, bodies a tuple of names, and "
-            f"surfaces, vertices and curves dicts of names and arrays of whole numbers: {error}"
+            f"surfaces, vertices, curves and parts dicts of names and arrays of whole numbers: {error}"
         ) from error
     for name, value in taken.items():
         object.__setattr__(mesh, name, value)
@@ -158,8 +159,9 @@ def _check_no_crack(mesh: RootMesh, name: str, facets: npt.NDArray[np.int64]) ->
 def _check_tags(mesh: RootMesh) -> None:
     _check_bodies(mesh)
     names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
-    for name in (*mesh.bodies, *names):
-        check_label("a body, surface, curve or vertex", name)
+    for name in (*mesh.bodies, *mesh.parts, *names):
+        check_label("a body, part, surface, curve or vertex", name)
+    _check_parts(mesh)
     if len(set(names)) < len(names):
         raise SceneError(f"two surfaces, curves or vertices have one name, among {names}")
     for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
@@ -194,8 +196,8 @@ def _check_bodies(mesh: RootMesh) -> None:
         node = mesh.cells[cell, node]
         raise SceneError(
             f"bodies {mesh.bodies[mesh.body[cell]]!r} and {mesh.bodies[owner[node]]!r} share the node at "
-            f"{mesh.points[node]}: give each body nodes of its own (bodies meet by contact only), or make them one "
-            "body"
+            f"{mesh.points[node]}: give each body nodes of its own (bodies meet by contact only), or make them "
+            "parts of one body"
         )
     rows, points = np.repeat(np.arange(len(mesh.cells)), 8), len(mesh.cells) + mesh.corners.ravel()
     size = len(mesh.cells) + len(mesh.points)
@@ -205,3 +207,26 @@ def _check_bodies(mesh: RootMesh) -> None:
     body = np.bincount(parts[0]).argmax()
     if len(parts[0]) > len(mesh.bodies):
         raise SceneError(f"body {mesh.bodies[body]!r} falls into separate parts: give each part a name of its own")
+
+
+def _check_parts(mesh: RootMesh) -> None:
+    seen = np.zeros(len(mesh.cells), dtype=bool)
+    for name, cells in mesh.parts.items():
+        good = cells.ndim == 1 and len(np.unique(cells)) == len(cells) > 0
+        if not good or cells.min() < 0 or cells.max() >= len(mesh.cells):
+            raise SceneError(
+                f"part {name!r} must be at least one of {len(mesh.cells)} root cells, none twice, got {shown(cells)}"
+            )
+        if name in mesh.bodies:
+            raise SceneError(
+                f"a part and a body have the name {name!r}: cells in no part are known by that of the body"
+            )
+        if seen[cells].any():
+            raise SceneError(f"root cell {cells[seen[cells]][0]} is in part {name!r} and in another one")
+        of = np.unique(mesh.body[cells])
+        if len(of) > 1:
+            raise SceneError(
+                f"part {name!r} has cells of bodies {mesh.bodies[of[0]]!r} and {mesh.bodies[of[1]]!r}: give each body "
+                "parts of its own"
+            )
+        seen[cells] = True

@@ -11,7 +11,15 @@ import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_count, check_label, check_name, check_vector, shown
+from fx_contact.parallel.validation import (
+    as_tuple,
+    check_count,
+    check_label,
+    check_name,
+    check_vector,
+    nearest,
+    shown,
+)
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import (
     BodyForce,
@@ -30,7 +38,14 @@ from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.nonmatching import NonmatchingSurfaces, oriented
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
-from fx_contact.problem.scene_validation import check_constrained, check_obstacles, check_ties, check_units
+from fx_contact.problem.scene_validation import (
+    check_constrained,
+    check_loads,
+    check_obstacles,
+    check_ties,
+    check_units,
+    held_share,
+)
 from fx_contact.problem.ties import Tie
 
 
@@ -40,23 +55,27 @@ class Scene:
 
     Attributes:
         name: for records and file names.
-        materials: by body name.
+        materials: by the names of the mesh's `regions`: bodies, and parts of bodies.
         dirichlet: prescribed displacements and symmetry planes.
         contact: a facet is in at most one of them.
         tractions: those on one surface add up.
-        symmetry: number of symmetric parts, one of which is modelled (4 for a quarter model).  Total forces in the
+        symmetry: number of symmetric parts that planes without normal displacement make by reflection, one of which
+            is modelled (4 for a quarter model).  Total forces in the
             records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
         contact_centre: point on the axis of `contact_radius`, reference point of moments [m], moved onto the symmetry
             planes; None: the centroid of the contact forces.
-        body_forces: those on one body add up.
+        body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
 
+    One item may be given for a tuple.
+
     Raises:
-        SceneError: an unknown body or place; a body without material, or unconstrained; a prescribed displacement
-            that is not finite, across a symmetry plane, or different from another one at a node; a symmetry plane
-            that is not plane; a number of parts that does not follow from the symmetry planes; two contacts of one
-            name; an obstacle with most of a body inside it, behind the surface, or farther away than all bodies are
-            large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
+        SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
+            displacement that is not finite, across a symmetry plane, or different from another one at a node; a load
+            that is not finite, or acts on prescribed displacements alone; a symmetry plane that is not plane, or cuts a
+            body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle with most
+            of a body inside it, behind the surface, or farther away than all bodies are large; a force that pulls an
+            obstacle away, or across a symmetry plane; tied surfaces that lie apart.
     """
 
     name: str
@@ -76,23 +95,23 @@ class Scene:
         if not isinstance(mesh, RootMesh):
             raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
         for name, kinds in _ITEMS.items():
-            items = getattr(self, name)
-            if not isinstance(items, (tuple, list)) or not all(isinstance(item, kinds) for item in items):
-                wanted = " and ".join(kind.__name__ for kind in kinds)
-                raise SceneError(f"{name} must be a tuple of {wanted}, got {shown(items)}")
+            object.__setattr__(self, name, as_tuple(name, getattr(self, name), *kinds))
         check_count("symmetry, the number of copies,", self.symmetry)
         if self.contact_centre is not None:
             check_vector("contact_centre", self.contact_centre)
         materials = self.materials if isinstance(self.materials, Mapping) else {}
-        if {*materials} != {*mesh.bodies} or not all(isinstance(m, Material) for m in materials.values()):
+        if {*materials} != {*mesh.regions} or not all(isinstance(m, Material) for m in materials.values()):
+            meant = "".join(nearest(name, mesh.regions) for name in materials if name not in mesh.regions)
             raise SceneError(
-                f"materials must be a dict with a Material for each of {mesh.bodies}, got {shown(self.materials)}"
+                f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
+                f"{meant}"
             )
         for traction in self.tractions:
             mesh.surface(traction.surface)
         for force in self.body_forces:
-            check_name("body", force.body, mesh.bodies, "the root mesh has")
+            mesh.cells_of(force.body)
         check_units(self)
+        check_loads(self)
         check_obstacles(self)
         check_ties(self)
         check_constrained(self)
@@ -104,9 +123,9 @@ class Scene:
 
     def __repr__(self) -> str:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
-        materials = ((body, self.materials[body]) for body in self.mesh.bodies)
+        materials = ((region, self.materials[region]) for region in self.mesh.regions)
         lists = {
-            "materials": [f"{body!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for body, m in materials],
+            "materials": [f"{region!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for region, m in materials],
             "contact": [self._described(index) for index in range(len(self.contact))],
             "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
@@ -133,6 +152,18 @@ class Scene:
         return tuple(c for c in self.conditions if isinstance(c, ObliquePlane))
 
     @cached_property
+    def layers(self) -> Int64Array:
+        """(ncells,), number of each root cell's material among the materials of its body."""
+        mesh, known = self.mesh, [dict[Material, int]() for _ in self.mesh.bodies]
+        pairs = ((known[body], self.materials[name]) for body, name in zip(mesh.body_of_region, mesh.regions))
+        return np.array([of_body.setdefault(material, len(of_body)) for of_body, material in pairs])[mesh.region]
+
+    @cached_property
+    def held_shares(self) -> tuple[float, ...]:
+        """Share of each surface force that acts on displacements which conditions on its surface prescribe [-]."""
+        return tuple(held_share(self, load) for load in self.tractions)
+
+    @cached_property
     def mirrors(self) -> Mirrors:
         """Symmetry group of the scene."""
         return mirrors_of(self)
@@ -145,7 +176,7 @@ class Scene:
     @cached_property
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
         """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
-        moduli = np.array([self.materials[body].plane_strain_modulus for body in self.mesh.bodies])
+        moduli = np.array([self.materials[region].plane_strain_modulus for region in self.mesh.regions])
         pairs = {index: self.interfaces[index] for index in self.pairing.nonmatching}
         return {
             i: oriented(self.mesh, pair, moduli) for i, pair in pairs.items() if isinstance(pair, (ContactPair, Tie))
@@ -208,8 +239,8 @@ class Scene:
         if name in mesh.curves:
             cells, edges = mesh.curves[name].T
             nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
-        elif name in mesh.bodies:
-            cells = np.flatnonzero(mesh.body == mesh.bodies.index(name))
+        elif name in (*mesh.bodies, *mesh.parts):
+            cells = mesh.cells_of(name)
             nodes = np.arange((_SAMPLES + 1) ** 3)[None]
         else:
             return mesh.points[self.place(name)]

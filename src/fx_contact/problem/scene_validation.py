@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, SymmetryPlane
+from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
@@ -35,13 +35,13 @@ _ROUNDING = 1e-9
 
 
 def check_units(scene: Scene) -> None:
-    """Raises SceneError for moduli, sizes or displacements that cannot be in one system of units."""
+    """Raises SceneError for moduli, sizes, clearances or displacements that cannot be in one system of units."""
     mesh = scene.mesh
-    young = {name: scene.materials[name].young for name in mesh.bodies}
+    young = {name: scene.materials[name].young for name in mesh.regions}
     soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
     if young[hard] > _STIFFEST * young[soft]:
         raise SceneError(
-            f"body {hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
+            f"{hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
             "precision holds: check the units of the moduli, or make it 1e6 times as stiff, which is as good as rigid"
         )
     size = np.ptp(mesh.points, axis=0).max()
@@ -52,6 +52,12 @@ def check_units(scene: Scene) -> None:
                 f"body {name!r} is {own:.3g} large, all bodies together {size:.3g}: check the units "
                 "and the place of each body"
             )
+    for contact in scene.contact:
+        if abs(contact.clearance) > _LARGEST_STRAIN * size:
+            raise SceneError(
+                f"the clearance {contact.clearance:.3g} of {contact.name!r} is more than the size of all bodies, "
+                f"{size:.3g}: check its units"
+            )
     prescribed = scene.prescribed(mesh.points)
     for component, name in enumerate(COMPONENTS):
         known = prescribed[~np.isnan(prescribed[:, component]), component]
@@ -60,6 +66,36 @@ def check_units(scene: Scene) -> None:
                 f"prescribed displacements along {name} differ by {np.ptp(known):.3g}, and all bodies together "
                 f"are {size:.3g} large: strains must be small, check the units"
             )
+
+
+def check_loads(scene: Scene) -> None:
+    """Raises SceneError for a surface force that conditions hold entirely; tries functions of position."""
+    for load, share in zip(scene.tractions, scene.held_shares):
+        if share > 1 - _ROUNDING:
+            raise SceneError(
+                f"{load.what} moves nothing: conditions prescribe the displacement of this surface along the whole of "
+                "it; name another surface, or leave one of them out"
+            )
+    for force in scene.body_forces:
+        force.at(scene.samples(force.body))
+
+
+def held_share(scene: Scene, load: Traction | Pressure) -> float:
+    """Share of a surface force that acts on displacements prescribed on facets of its surface; 0 without force [-]."""
+    mesh = scene.mesh
+    held = np.zeros((*mesh.faces.shape, 3), dtype=bool)
+    for condition in scene.conditions:
+        if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces:
+            held[tuple(mesh.surfaces[condition.where].T)] |= condition.held
+    facets = mesh.surface(load.surface)
+    points, corners = scene.samples(load.surface), mesh.facet_points(facets, order=1)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
+    each = len(points) // len(facets)
+    force = load.at(points, np.repeat(mesh.outward_normals(facets), each, axis=0)).reshape(len(facets), each, 3)
+    sizes = [
+        np.linalg.norm(part, axis=2).mean(axis=1) @ area for part in (force, force * held[tuple(facets.T)][:, None])
+    ]
+    return float(sizes[1] / sizes[0]) if sizes[0] else 0.0
 
 
 def check_obstacles(scene: Scene) -> None:

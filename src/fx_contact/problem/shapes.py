@@ -19,7 +19,15 @@ from scipy.spatial import cKDTree
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_kinds, check_label, check_name, check_number, check_vector, shown
+from fx_contact.parallel.validation import (
+    as_tuple,
+    check_kinds,
+    check_label,
+    check_name,
+    check_number,
+    check_vector,
+    shown,
+)
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 
@@ -43,11 +51,13 @@ class Shape:
         points: (npoints, 3), node positions, in the unit of the mesh.
         cells: (ncells, (p+1)^3), nodes of each cell in tensor order, x fastest, equispaced in the reference cell.
         sides: name -> (n, 2), facets (cell, local face) on the boundary.
+        parts: name -> (n,), cells of a part, which may have a material of its own.
     """
 
     points: FloatArray
     cells: Int64Array
     sides: dict[str, Int32Array] = field(default_factory=dict)
+    parts: dict[str, Int64Array] = field(default_factory=dict)
 
     @cached_property
     def order(self) -> int:
@@ -86,6 +96,20 @@ class Shape:
             raise GeometryError(f"side {name!r} has no facet: none has all its nodes in the place that is asked for")
         return replace(self, sides={**self.sides, name: rows})
 
+    def as_part(self, name: str, where: Predicate | None = None) -> Shape:
+        """The shape, or those of its cells whose nodes all satisfy a predicate, as a part with a name.
+
+        A cell is in one part, that which is named last.  Raises SceneError for a name that is none, GeometryError if no
+        cell is there, or `where` is no function that gives truth values.
+        """
+        check_label("a part", name)
+        inside = np.ones(len(self.points), dtype=bool) if where is None else _holds(name, where, self.points)
+        cells = np.flatnonzero(inside[self.cells].all(axis=1))
+        if not len(cells):
+            raise GeometryError(f"part {name!r} has no cell: none has all its nodes in the place that is asked for")
+        others = {other: np.setdiff1d(rows, cells) for other, rows in self.parts.items()}
+        return replace(self, parts={other: rows for other, rows in others.items() if len(rows)} | {name: cells})
+
     def placed(self, place: Placement) -> Shape:
         """The shape with its nodes moved by a function.  Raises GeometryError unless it gives positions."""
         return replace(self, points=images("the place of a shape", place, self.points))
@@ -119,28 +143,39 @@ class Shape:
         return self.cells[rows[:, :1], hexahedron.face_nodes(self.order)[rows[:, 1]]]
 
 
-def join(*shapes: Shape) -> Shape:
-    """One shape made of several of one order that touch, or of one whose ends meet.
+def join(*shapes: Shape | Sequence[Shape]) -> Shape:
+    """One shape made of several of one order that touch, or of a list of them, or of one whose ends meet.
 
-    Coincident nodes are merged, sides of one name are united, and facets shared by two cells belong to no side.
-    Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
+    Coincident nodes are merged, sides and parts of one name are united, and facets shared by two cells belong to no
+    side.  Raises SceneError for something else than shapes, GeometryError for different orders, or no shape at all.
     """
-    check_kinds("what is joined", shapes, Shape)
-    if len({shape.order for shape in shapes}) != 1:
-        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in shapes]}")
-    points, cells, first = _concatenated(shapes)
+    pieces = as_tuple("what is joined", shapes[0] if len(shapes) == 1 else shapes, Shape)
+    if len({shape.order for shape in pieces}) != 1:
+        raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in pieces]}")
+    points, cells, first = _concatenated(pieces)
     near = cKDTree(points).query_pairs(_SAME * np.ptp(points, axis=0).max(), output_type="ndarray")
     graph = coo_matrix((np.ones(len(near)), near.T), shape=(len(points),) * 2)
     _, place = connected_components(graph, directed=False)
     _, kept = np.unique(place, return_index=True)
     whole = Shape(points[kept], place[cells].astype(np.int64))
-    names = dict.fromkeys(name for shape in shapes for name in shape.sides)
+    names = dict.fromkeys(name for shape in pieces for name in shape.sides)
     outside, sides = whole.boundary @ [6, 1], {}
     for name in names:
-        parts = [shape.sides[name] + [start, 0] for shape, start in zip(shapes, first) if name in shape.sides]
-        rows = np.concatenate(parts).astype(np.int32)
+        every = [shape.sides[name] + [start, 0] for shape, start in zip(pieces, first) if name in shape.sides]
+        rows = np.concatenate(every).astype(np.int32)
         sides[name] = rows[np.isin(rows @ [6, 1], outside)]
-    return replace(whole, sides={name: rows for name, rows in sides.items() if len(rows)})
+    return replace(
+        whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(pieces, first)
+    )
+
+
+def _parts(shapes: Sequence[Shape], first: Int64Array) -> dict[str, Int64Array]:
+    """Cells of the parts of shapes with the numbers of their first cells; those of one name are united."""
+    cells: dict[str, list[Int64Array]] = {}
+    for shape, start in zip(shapes, first):
+        for name, rows in shape.parts.items():
+            cells.setdefault(name, []).append(rows + start)
+    return {name: np.concatenate(rows) for name, rows in cells.items()}
 
 
 def root_mesh_from_shapes(
@@ -149,10 +184,10 @@ def root_mesh_from_shapes(
     curves: Mapping[str, tuple[str, Predicate]] | None = None,
     vertices: Mapping[str, tuple[str, Predicate]] | None = None,
 ) -> RootMesh:
-    """Root mesh of bodies given by shapes.
+    """Root mesh of bodies given by shapes, whose parts are called "BODY PART".
 
     Args:
-        surfaces: name -> "BODY SIDE", or a list of several; None: each side of each body, named so.
+        surfaces: name -> "BODY SIDE", or a list of several: surfaces beside each side of each body, named so.
         curves, vertices: name -> (body, predicate): the cell edges whose nodes all satisfy the predicate, or the cell
             corners that do.
 
@@ -175,13 +210,8 @@ def root_mesh_from_shapes(
         raise GeometryError(f"bodies must be of one order, got {orders}")
     points, cells, first = _concatenated(bodies.values())
     body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in bodies.values()])
-    known = {
-        f"{name} {side}": rows + np.array([start, 0], np.int32)
-        for (name, shape), start in zip(bodies.items(), first)
-        for side, rows in shape.sides.items()
-    }
-    if surfaces is not None:
-        known = _united(known, surfaces)
+    known = _sides_of_bodies(bodies, first)
+    known |= _united(known, surfaces or {})
     order = hexahedron.order_of(cells.shape[1])
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
@@ -214,7 +244,26 @@ def root_mesh_from_shapes(
         known,
         {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
         found(curves, hexahedron.edge_nodes(order)),
+        _parts_of_bodies(bodies, first),
     )
+
+
+def _sides_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int32Array]:
+    """Facets of "BODY SIDE", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {side}": rows + np.array([start, 0], np.int32)
+        for (name, shape), start in zip(bodies.items(), first)
+        for side, rows in shape.sides.items()
+    }
+
+
+def _parts_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int64Array]:
+    """Cells of "BODY PART", for bodies with the numbers of their first cells."""
+    return {
+        f"{name} {part}": rows + start
+        for (name, shape), start in zip(bodies.items(), first)
+        for part, rows in shape.parts.items()
+    }
 
 
 def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:

@@ -10,7 +10,6 @@ from ufl.core.expr import Expr
 
 from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.settings import check_tolerance
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import TrueError
 from fx_contact.adaptive.validity import REFUSED
@@ -23,7 +22,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_kind
+from fx_contact.parallel.validation import check_kind, check_tolerance
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.reference_values import ContactReference
@@ -126,7 +125,7 @@ def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> True
         scene: with the same root cells and a better geometry; None: the step's own.
 
     Raises:
-        SceneError: no step, a tolerance that is no positive number or below `LEAST_TOLERANCE`, no scene or one with
+        SceneError: no step, a tolerance that is not between `LEAST_TOLERANCE` and 1, no scene or one with
             other root cells.
     """
     check_step(step)

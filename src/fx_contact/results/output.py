@@ -138,8 +138,11 @@ def point_fields(step: Step) -> list[fem.Function]:
     Collective on the step's communicator.  The order is the higher one of geometry and displacement.
     """
     order, variant, fields = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced, []
+    jumps = step.stress.function_space.element.basix_element.discontinuous  # VTX takes functions of one element
     for name, given in (("displacement", step.displacement), ("stress", step.stress)):
-        element = basix.ufl.element("Lagrange", "hexahedron", order, lagrange_variant=variant, shape=given.ufl_shape)
+        element = basix.ufl.element(
+            *("Lagrange", "hexahedron", order, variant), shape=given.ufl_shape, discontinuous=jumps
+        )
         fields.append(fem.Function(fem.functionspace(step.mesh, element), name=name))
         fields[-1].interpolate(given)
     return fields
