@@ -56,6 +56,7 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
     argument, *attributes = comm.split(".")
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        """The function, which checks its calls."""
         name = what or function.__qualname__.removesuffix(".__init__")
         signature = inspect.signature(function)
         parameters = signature.parameters
@@ -63,6 +64,7 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
 
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            """A checked call."""
             found: Any = args[place] if place < len(args) else kwargs.get(argument, default)
             step = getattr(getattr(found, "record", None), "step", None)
             for attribute in attributes:

@@ -104,6 +104,7 @@ def named_arguments(cls: type) -> None:
 
         @wraps(make)
         def init(self: Any, *args: Any, **named: Any) -> None:
+            """The constructor, after the check."""
             check_arguments(cls.__name__, signature, (self, *args), named)
             make(self, *args, **named)
 

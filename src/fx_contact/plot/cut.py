@@ -78,6 +78,7 @@ def draw_stress(
     shown = on_first(comm, points[cut], stress, forest.mesh.region[forest.cell[cut]])
 
     def draw(plotter: "Plotter") -> None:
+        """The sections with their legend."""
         _draw_cut(plotter, *shown, centre=centre, reach=reach, y=y)
         plane = f"at {across} = {centre[1]:.3g}, undeformed"
         add_note(plotter, f"von Mises stress\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")

@@ -56,6 +56,7 @@ def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
     source = shared_path(comm, "a mesh file", path)
 
     def read() -> None:
+        """Read the file into the current model."""
         import gmsh
 
         try:
