@@ -98,9 +98,6 @@ def test_record(scene):
     assert isinstance(record.krylov_iterations, list) and record.scene == "hertz"
     assert record.ratio == record.estimate / record.tolerance
     assert set(record.memory_bytes) == set(STAGES) and set(record.cpu_seconds) == {*STAGES, "total"}
-    # The least of three: what else the machine does must not count.
-    costs = [record.cpu_seconds] + [next(iter(adapt(scene, 0.16, max_steps=1))).record.cpu_seconds for _ in "12"]
-    assert min(cost["other"] / cost["total"] for cost in costs) < 0.05, "time that no stage explains"
     assert max(record.memory_bytes.values()) <= record.peak_memory_bytes
     everywhere(record == WORLD.bcast(record), "the ranks have different records")
 

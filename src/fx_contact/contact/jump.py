@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
@@ -67,10 +66,9 @@ class Products:
         if self._local:
             y.reshape(-1)[self._dofs] += values
             return
-        result = vector(self._prolongation.index_map, 3)
-        result.array[self._dofs] = values
-        result.scatter_reverse(InsertMode.add)
-        y += result.array[: y.size].reshape(-1, 3)
+        result = self._prolongation.zeros(3)
+        result.reshape(-1)[self._dofs] = values
+        y += self._prolongation.summed(result)
 
 
 class Jump:

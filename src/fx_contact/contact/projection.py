@@ -1,7 +1,6 @@
 """The constraint projector: B P = 0 for closed rows."""
 
 import numpy as np
-from dolfinx.la import InsertMode, vector
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -44,11 +43,10 @@ class Projection:
         weighted = jump.values / (_followed(rows) * rows.modulus[entries.row, entries.side])[:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
-        count = vector(rows.prolongation.index_map, 3)
+        count = rows.prolongation.zeros(3)
         touched = ~rows.equality[entries.row, None] | (jump.values != 0)
-        np.add.at(count.array.reshape(-1, 3), entries.node, touched.astype(float))
-        count.scatter_reverse(InsertMode.add)
-        most = float(count.array[: 3 * rows.prolongation.owned].max(initial=0.0))
+        np.add.at(count, entries.node, touched.astype(float))
+        most = float(rows.prolongation.summed(count).max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
         self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
         self.close(np.zeros(len(rows), dtype=bool))

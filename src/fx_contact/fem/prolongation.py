@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx.la import InsertMode, vector
+from dolfinx.la import InsertMode, Vector, vector
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, vstack
 
@@ -73,6 +73,7 @@ class Prolongation:
         shape = len(space) + len(self._needed), owned + len(ghosts)
         matrix = csr_matrix((entries, places), shape=shape)
         self.matrix, self._of_needed = matrix[: len(space)], matrix[len(space) :]
+        self._vectors: dict[int, Vector] = {}
         _, holder = space.directory.number(self.hanging)
         self.hanging_global = self.comm.allreduce(int((self.hanging & (holder == self.comm.rank)).sum()))
 
@@ -133,11 +134,10 @@ class Prolongation:
 
     def ghosted(self, values: FloatArray) -> FloatArray:
         """Owned conforming values (owned, k), with those of the ghosts: (owned + ghosts, k).  Collective on comm."""
-        k = values.shape[1]
-        spread = vector(self.index_map, k)
+        spread = self._vector(values.shape[1])
         spread.array[: values.size] = values.ravel()
         spread.scatter_forward()
-        return spread.array.reshape(-1, k)
+        return spread.array.reshape(-1, values.shape[1]).copy()
 
     def restrict(self, values: FloatArray) -> FloatArray:
         """P^T: (owned, k), of contributions (m, k) of each rank's cells to their nodes.  Collective on comm."""
@@ -156,11 +156,16 @@ class Prolongation:
 
     def summed(self, values: FloatArray) -> FloatArray:
         """Sums (owned, k) over the ranks of values (owned + ghosts, k) at conforming nodes.  Collective on comm."""
-        k = values.shape[1]
-        gathered = vector(self.index_map, k)
+        gathered = self._vector(values.shape[1])
         gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)
-        return gathered.array[: self.owned * k].reshape(self.owned, k).copy()
+        return gathered.array[: self.owned * values.shape[1]].reshape(-1, values.shape[1]).copy()
+
+    def _vector(self, k: int) -> Vector:
+        """A vector of k components a node, made once: its two communicators cost more than its messages."""
+        if k not in self._vectors:
+            self._vectors[k] = vector(self.index_map, k)
+        return self._vectors[k]
 
 
 def _masters(space: Space) -> tuple[Int64Array, FloatArray]:
