@@ -38,6 +38,7 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
+from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
 from fx_contact.problem.ties import Tie
 
@@ -63,6 +64,7 @@ __all__ = [
     "GeometryError",
     "GoalRecord",
     "Material",
+    "InitialStrain",
     "MaxPressure",
     "OutputError",
     "PairingError",
@@ -88,6 +90,7 @@ __all__ = [
     "SweepPoint",
     "SweepRecord",
     "SymmetryPlane",
+    "ThermalStrain",
     "Tie",
     "Traction",
     "TrueError",

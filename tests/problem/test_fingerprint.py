@@ -5,7 +5,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
+from fx_contact import (
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    InitialStrain,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    ThermalStrain,
+    Traction,
+)
 from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.root_mesh import RootMesh
@@ -40,6 +51,7 @@ def complete(mesh):
         symmetry=2,
         contact_centre=(0.5, 0.5, 1.0),
         body_forces=(BodyForce("upper", (0.0, 0.0, 0.01)),),
+        strains=(ThermalStrain("upper", 1e-5, 20.0), InitialStrain("upper", 1e-3 * np.eye(3))),
     )
 
 
@@ -66,6 +78,7 @@ OF_SCENE = {
     "symmetry": 1,
     "contact_centre": (0.5, 0.5, 2.0),
     "body_forces": (),
+    "strains": (),
 }
 #: and of each thing that a scene holds: where it is, and its fields.
 OF_PARTS = {
@@ -75,6 +88,8 @@ OF_PARTS = {
     Traction: ("tractions", {"surface": "upper left", "value": (0.01, 0.0, 0.01)}),
     Pressure: ("tractions", {"surface": "upper left", "value": 0.02}),
     BodyForce: ("body_forces", {"body": "lower", "value": (0.0, 0.01, 0.01)}),
+    ThermalStrain: ("strains", {"part": "lower", "expansion": 2e-5, "change": 30.0}),
+    InitialStrain: ("strains", {"part": "lower", "value": 2e-3 * np.eye(3)}),
     Material: ("materials", {"young": 3.0, "poisson": 0.25}),
 }
 
@@ -95,7 +110,7 @@ def test_nothing_is_forgotten():
     for kind, table in tables.items():
         elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
         assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
-    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.materials.values()]
+    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.strains, *SCENE.materials.values()]
     assert {type(one) for one in held} == OF_PARTS.keys()
 
 

@@ -33,6 +33,7 @@ from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
+from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
@@ -75,10 +76,11 @@ class StepStart:
 
 
 class _Discrete(NamedTuple):
-    """The discrete problem, with the totals of its loads as from `load_and_totals`."""
+    """The discrete problem, its external forces (owned, 3) [N] and their totals as from `load_and_totals`."""
 
     elasticity: Elasticity
     problem: ContactProblem
+    external: FloatArray
     load_totals: FloatArray
 
 
@@ -147,7 +149,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         volume = elasticity.volume_term(supports) if mixed else None
     problem = ContactProblem(
         matrix=matrix,
-        load=forces,
+        load=forces + elasticity.stress_free_forces() if scene.strains else forces,
         supports=supports,
         energy_norm=elasticity.energy_norm,
         rows=rows,
@@ -156,7 +158,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         volume=volume,
         rows_at=rows_at,
     )
-    return _Discrete(elasticity, problem, totals)
+    return _Discrete(elasticity, problem, forces, totals)
 
 
 def elasticity_of(
@@ -165,7 +167,8 @@ def elasticity_of(
     """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
     materials = np.array([[m.young, m.poisson] for m in (scene.materials[name] for name in scene.mesh.regions)])
     layer = scene.layers[cells], int(scene.layers.max()) + 1
-    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer)
+    strain = stress_free_strain(scene, prolongation.space, mesh)
+    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, strain)
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
@@ -201,7 +204,7 @@ def _assess(
     tolerance, control, comm = settings.tolerance, settings.control, start.forest.comm
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
-    residual = _checked_residual(state, discrete.problem)
+    residual = _checked_residual(state, discrete)
     warnings = [*model_warnings(state, discrete.load_totals), *warnings_of(state.scene)]
     check_model_warnings(warnings, settings.allow)
     history = start.history
@@ -229,8 +232,10 @@ def _estimate(
     shear_free = find_shear_free(scene, forest, elasticity.prolongation)
     estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
     touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
-    field = elasticity.field(solution.displacement)
-    error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding)
+    field = elasticity.field(solution.displacement, loaded=True)
+    # Stresses below the tolerance of those of full restraint count as 0: bodies that expand freely have none.
+    least = settings.tolerance * elasticity.restraint_norm()
+    error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding, least=least)
     every = solution.rows
     rows = None if every is None or not scene.contact else every.part(ties=False)
     ties = None if every is None or not scene.ties else every.part(ties=True)
@@ -249,11 +254,11 @@ def _check_solver(state: SolvedState, tolerance: float) -> None:
         )
 
 
-def _checked_residual(state: SolvedState, problem: ContactProblem) -> FloatArray:
+def _checked_residual(state: SolvedState, discrete: _Discrete) -> FloatArray:
     """`nodal_residual`, in balance.  Collective.  Raises SolveError."""
-    residual = nodal_residual(state, problem.load)
+    residual = nodal_residual(state, discrete.external)
     if state.estimate.energy_norm:
-        check_balance(state, residual, problem.load, problem.supports)
+        check_balance(state, residual, discrete.problem.load, discrete.problem.supports)
     return residual
 
 

@@ -21,7 +21,7 @@ WHERE_ROUNDING_IS_LARGE = (
 
 
 def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
-    """K u - L + B^T f, (owned, 3) [N], with external forces L: reactions, elsewhere the error of the solver.
+    """int sigma : grad v - L + B^T f, (owned, 3) [N], external forces L: reactions, else the error of the solver.
 
     Collective on state.forest.comm.
     """
@@ -40,7 +40,7 @@ def unbalanced(state: SolvedState, residual: FloatArray, load: FloatArray, suppo
 
     Args:
         residual: (owned, 3), `nodal_residual` of the state [N].
-        load: (owned, 3), external forces [N].
+        load: (owned, 3), external forces and those of stress-free strains [N].
     """
     forest, prolongation, free = state.forest, state.elasticity.prolongation, supports.free_part(residual)
     body = prolongation.injected(forest.mesh.body[forest.cell[prolongation.space.example[:, 0]]])

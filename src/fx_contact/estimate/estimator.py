@@ -31,7 +31,7 @@ class Estimate:
         error: (ncells,), xi_T (3) [J^(1/2)].
         energy: (ncells,), twice the strain energy [J]; None: not kept.
         error_global: xi of all cells (6) [J^(1/2)].
-        energy_norm: omega (4) [J^(1/2)].
+        energy_norm: omega (4) of the stress, or the least one that counts [J^(1/2)].
         cells: number of cells on all ranks.
         child_error: `fem.space.child_error`, xi_T^2 of a child over that of its parent if the solution is smooth [-].
     """
@@ -94,7 +94,9 @@ class Estimator:
         if elasticity.prolongation.space.degree % 2 == 0:
             self._residual = ElementResidual(elasticity, body_force, stages)
 
-    def error(self, field: DisplacementField, noise: float = 0.0, loaded: bool = True) -> DisplacementError:
+    def error(
+        self, field: DisplacementField, noise: float = 0.0, loaded: bool = True, least: float = 0.0
+    ) -> DisplacementError:
         """The estimated error of a displacement.
 
         Collective.
@@ -102,6 +104,7 @@ class Estimator:
         Args:
             noise: energy norm up to which the displacement is a rigid motion, without error [J^(1/2)].
             loaded: the body force acts; not on an adjoint solution.
+            least: energy norm of the stress that counts [J^(1/2)].
 
         Raises:
             SolveError: the energy is not a finite number.
@@ -117,7 +120,7 @@ class Estimator:
         total = self._comm.allreduce(np.array([error2.sum(), energy.sum(), len(error2)]), op=MPI.SUM)
         if not np.isfinite(total).all():
             raise SolveError("the strain energy is not a finite number: check the units of moduli and lengths")
-        xi, omega = float(np.sqrt(total[0])), float(np.sqrt(total[0] + total[1]))
+        xi, omega = float(np.sqrt(total[0])), max(float(np.sqrt(total[0] + total[1])), least)
         if omega <= noise:
             squares, error2, energy, xi, omega = 0 * squares, 0 * error2, 0 * energy, 0.0, 0.0
         estimate = Estimate(

@@ -13,14 +13,20 @@ from fx_contact.parallel.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """A displacement [m], continuous across hanging facets, and its volume strain [-], from `Elasticity.field`.
+    """A displacement [m], continuous across hanging facets, and its elastic strain [-], from `Elasticity.field`.
 
-    Of nearly incompressible bodies the volume strain is `projected`; None: there are none.
+    Attributes:
+        strain: sym grad u less the stress-free strain.
+        volume_strain: its trace.
+        projected: the volume strain of nearly incompressible bodies; None: there are none.
+        stress_free: the stress-free strain, a 3 x 3 tensor; None: the scene has none.
     """
 
     function: fem.Function
+    strain: ufl.core.expr.Expr
     volume_strain: ufl.core.expr.Expr
     projected: fem.Function | None = None
+    stress_free: fem.Function | None = None
 
 
 class Integral:
@@ -53,4 +59,4 @@ class Integral:
 def _functions(field: DisplacementField | fem.Function) -> tuple[fem.Function, ...]:
     if not isinstance(field, DisplacementField):
         return (field,)
-    return (field.function,) if field.projected is None else (field.function, field.projected)
+    return tuple(one for one in (field.function, field.projected, field.stress_free) if one is not None)

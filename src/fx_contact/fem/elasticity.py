@@ -52,6 +52,7 @@ class Elasticity:
         material: (ncells,), row of each local cell.
         layer: (ncells,), number of the material among those of its body, and the number of layers on all ranks: as in
             `NodalStress`; None: bodies have one material each.
+        stress_free: (ncells, (p+1)^3, 3, 3), stress-free strain at the nodes `cells` [-]; None: 0 on all ranks.
 
     Attributes:
         function_space: of displacements, a block of 3 a node.
@@ -77,6 +78,7 @@ class Elasticity:
         prolongation: Prolongation,
         stages: Stages,
         layer: tuple[IntArray, int] | None = None,
+        stress_free: FloatArray | None = None,
     ) -> None:
         self._materials, self._layer = (materials, material), layer
         self.mesh = mesh = leaf_mesh.mesh
@@ -105,26 +107,46 @@ class Elasticity:
             self._pointwise.x.array[cells] = ~self._soft
             self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
         self.stresses = NodalStress(self, *(layer or (np.zeros(len(self.cells), dtype=np.int64), 1)))
+        self._stress_free = None if stress_free is None else self._of_nodes(stress_free)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
     def blank(self) -> DisplacementField:
-        """A displacement of zero.  Collective."""
-        u = fem.Function(self.function_space, name="displacement")
-        if not self.projects:
-            return DisplacementField(u, ufl.div(u))
-        projected = fem.Function(self._projection.space)
-        return DisplacementField(u, self._pointwise * ufl.div(u) + (1 - self._pointwise) * projected, projected)
+        """A displacement of zero, without stress-free strain.  Collective."""
+        u, stress_free, projected = fem.Function(self.function_space, name="displacement"), None, None
+        strain, volume_strain = ufl.sym(ufl.grad(u)), ufl.div(u)
+        if self._stress_free is not None:
+            stress_free = fem.Function(self._stress_free.function_space)
+            strain, volume_strain = strain - stress_free, volume_strain - ufl.tr(stress_free)
+        if self.projects:
+            projected = fem.Function(self._projection.space)
+            volume_strain = self._pointwise * volume_strain + (1 - self._pointwise) * projected
+        return DisplacementField(u, strain, volume_strain, projected, stress_free)
 
-    def field(self, conforming: FloatArray) -> DisplacementField:
-        """The displacement at all nodes from the owned conforming values (owned, 3) [m].  Collective."""
-        field = self.blank()
+    def field(self, conforming: FloatArray, loaded: bool = False) -> DisplacementField:
+        """The displacement at all nodes from the owned conforming values (owned, 3) [m].
+
+        Collective.  A displacement of the `loaded` bodies has their stress-free strain, an adjoint solution has none.
+        """
+        field, argument = self.blank(), self.argument
         field.function.x.array[:] = self.at_blocks(self.prolongation.prolong(conforming))
+        if loaded and field.stress_free is not None and self._stress_free is not None:
+            field.stress_free.x.array[:] = self._stress_free.x.array
         if field.projected is not None:
-            q = ufl.TestFunction(self._projection.space)
-            moments = self._integral("moments", ufl.inner(q, ufl.div(self.argument.function))).vector(field)
+            of = ufl.div(argument.function)
+            if argument.stress_free is not None:
+                of -= ufl.tr(argument.stress_free)
+            moments = self._integral("moments", ufl.inner(ufl.TestFunction(self._projection.space), of)).vector(field)
             field.projected.x.array[:] = self._projection.projected(moments)
         return field
+
+    def _of_nodes(self, tensors: FloatArray) -> fem.Function:
+        """The tensor field, discontinuous, of values (ncells, (p+1)^3, 3, 3) at the nodes of `cells`."""
+        degree = self.prolongation.space.degree
+        element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3, 3), discontinuous=True)
+        function = fem.Function(fem.functionspace(self.mesh, element))
+        function.x.array.reshape(-1, 3, 3)[function.function_space.dofmap.list] = tensors[:, self.order]
+        return function
 
     def on(self, prolongation: Prolongation) -> Elasticity:
         """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""
@@ -152,12 +174,14 @@ class Elasticity:
 
     def stress(self, field: DisplacementField) -> ufl.core.expr.Expr:
         """Cauchy stress [Pa] of a field, a UFL expression.  Local."""
-        return self.hooke(field.function, field.volume_strain)
+        return self._law(field.strain, field.volume_strain)
 
     def hooke(self, u: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr | None = None) -> ufl.core.expr.Expr:
         """Hooke's law: the Cauchy stress [Pa] of a displacement, by default with the volume strain div u.  Local."""
-        volume_strain = ufl.div(u) if volume_strain is None else volume_strain
-        return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * ufl.sym(ufl.grad(u))
+        return self._law(ufl.sym(ufl.grad(u)), ufl.div(u) if volume_strain is None else volume_strain)
+
+    def _law(self, strain: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * strain
 
     def energy_norm(self, conforming: FloatArray) -> float:
         """omega (4) of a displacement (owned, 3) [m]: [J^(1/2)].  Collective."""
@@ -179,14 +203,27 @@ class Elasticity:
         strain = ufl.sym(ufl.grad(u))
         return 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
 
-    def _root(self, energy: Integral, conforming: FloatArray) -> float:
-        return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming))), 0.0)))
+    def _root(self, energy: Integral, conforming: FloatArray, loaded: bool = False) -> float:
+        return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming, loaded))), 0.0)))
 
     def internal_forces(self, field: DisplacementField) -> FloatArray:
         """P^T K u, integrated from the stress of u without a matrix: (owned, 3) [N].  Collective."""
         strain = ufl.sym(ufl.grad(ufl.TestFunction(self.function_space)))
         forces = self._integral("forces", ufl.inner(self.stress(self.argument), strain)).vector(field)
         return self.prolongation.restrict(self.at_nodes(forces))
+
+    def stress_free_forces(self) -> FloatArray:
+        """The load (owned, 3) [N] of the stress-free strain, int C eps_0 : grad v.  Collective."""
+        at_rest = np.zeros((self.prolongation.owned, 3))
+        return at_rest if self._stress_free is None else -self.internal_forces(self.field(at_rest, loaded=True))
+
+    def restraint_norm(self) -> float:
+        """Energy norm [J^(1/2)] of the stress 2 mu eps_0: that of restraint, but for Poisson's ratio.  Collective."""
+        if self._stress_free is None:
+            return 0.0
+        strain = self.argument.strain
+        energy = self._integral("restraint", 2 * self.lame[1] * ufl.inner(strain, strain))
+        return self._root(energy, np.zeros((self.prolongation.owned, 3)), loaded=True)
 
     @property
     def mixed(self) -> bool:

@@ -9,6 +9,7 @@ from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
+from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
 from fx_contact.problem.ties import Tie
 
@@ -17,6 +18,7 @@ __all__ = [
     "Contact",
     "ContactPair",
     "Dirichlet",
+    "InitialStrain",
     "Material",
     "Obstacle",
     "Pressure",
@@ -29,6 +31,7 @@ __all__ = [
     "Scene",
     "Shape",
     "SymmetryPlane",
+    "ThermalStrain",
     "Tie",
     "Traction",
     "ball",

@@ -11,6 +11,7 @@ from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 
 
 def scene_parts(scene: Scene) -> dict[str, Any]:
@@ -32,6 +33,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
         ],
         "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
+        **({"stress-free strains": [_of_strain(scene, strain) for strain in scene.strains]} if scene.strains else {}),
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
@@ -66,6 +68,11 @@ def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
         *_given(scene, contact.first, 1, lambda x: contact.distances(x.T)[0]),
         *_given(scene, contact.first, 3, lambda x: contact.distances(x.T)[1].T),
     ]
+
+
+def _of_strain(scene: Scene, strain: ThermalStrain | InitialStrain) -> list[Any]:
+    """A strain for JSON, with a digest of its values at samples of the part."""
+    return _given(scene, strain.part, 9, lambda x: strain.at(x.T).reshape(-1, 9).T)
 
 
 def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:

@@ -42,10 +42,12 @@ from fx_contact.problem.scene_validation import (
     check_constrained,
     check_loads,
     check_obstacles,
+    check_strains,
     check_ties,
     check_units,
     held_share,
 )
+from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.ties import Tie
 
 
@@ -66,6 +68,7 @@ class Scene:
             planes; None: the centroid of the contact forces.
         body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
+        strains: stress-free strains; those on one body, or part of it, add up.
 
     One item may be given for a tuple.
 
@@ -88,6 +91,7 @@ class Scene:
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
     ties: tuple[Tie, ...] = ()
+    strains: tuple[ThermalStrain | InitialStrain, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -110,8 +114,11 @@ class Scene:
             mesh.surface(traction.surface)
         for force in self.body_forces:
             mesh.cells_of(force.body)
+        for strain in self.strains:
+            mesh.cells_of(strain.part)
         check_units(self)
         check_loads(self)
+        check_strains(self)
         check_obstacles(self)
         check_ties(self)
         check_constrained(self)
@@ -131,6 +138,7 @@ class Scene:
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
+            "stress-free strains": [repr(strain.part) for strain in self.strains],
         }
         return summary(f"scene {self.name!r}{parts}\n{indent(repr(self.mesh), '  ')}", lists)
 
@@ -153,10 +161,15 @@ class Scene:
 
     @cached_property
     def layers(self) -> Int64Array:
-        """(ncells,), number of each root cell's material among the materials of its body."""
-        mesh, known = self.mesh, [dict[Material, int]() for _ in self.mesh.bodies]
-        pairs = ((known[body], self.materials[name]) for body, name in zip(mesh.body_of_region, mesh.regions))
-        return np.array([of_body.setdefault(material, len(of_body)) for of_body, material in pairs])[mesh.region]
+        """(ncells,), number of each root cell's layer, one material with one stress-free strain, in its body."""
+        mesh, known = self.mesh, [dict[Any, int]() for _ in self.mesh.bodies]
+        strained = [np.isin(np.arange(len(mesh.cells)), mesh.cells_of(strain.part)) for strain in self.strains]
+        acts = np.array(strained, dtype=bool).reshape(-1, len(mesh.cells))
+        layers = np.empty(len(mesh.regions), dtype=np.int64)
+        for index, (body, name) in enumerate(zip(mesh.body_of_region, mesh.regions)):
+            one = self.materials[name], acts[:, mesh.region == index][:, :1].tobytes()
+            layers[index] = known[body].setdefault(one, len(known[body]))
+        return layers[mesh.region]
 
     @cached_property
     def held_shares(self) -> tuple[float, ...]:
@@ -219,7 +232,7 @@ class Scene:
     def data(self) -> tuple[Any, ...]:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
-        loads = (load.value for load in (*self.tractions, *self.body_forces))
+        loads = (load.value for load in (*self.tractions, *self.body_forces, *self.strains))
         forces = (contact.force for contact in self.contact)
         return tuple(value for value in (*conditions, *loads, *forces) if value is not None)
 
@@ -281,6 +294,7 @@ _ITEMS = {
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
     "ties": (Tie,),
+    "strains": (ThermalStrain, InitialStrain),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5

@@ -80,6 +80,17 @@ def check_loads(scene: Scene) -> None:
         force.at(scene.samples(force.body))
 
 
+def check_strains(scene: Scene) -> None:
+    """Raises SceneError for a stress-free strain that is not small; tries functions of position."""
+    for strain in scene.strains:
+        largest = np.linalg.norm(strain.at(scene.samples(strain.part)), axis=(1, 2)).max()
+        if largest > _LARGEST_STRAIN:
+            raise SceneError(
+                f"{strain.what} gives a strain of {largest:.3g}: strains must be small, check the units (an expansion "
+                "is about 1e-5 / K)"
+            )
+
+
 def held_share(scene: Scene, load: Traction | Pressure) -> float:
     """Share of a surface force that acts on displacements prescribed on facets of its surface; 0 without force [-]."""
     mesh = scene.mesh

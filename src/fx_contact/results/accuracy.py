@@ -57,14 +57,15 @@ def fine_quadrature(elasticity: Elasticity) -> int:
 
 
 def energy_distance(step: Step, values: FloatArray) -> float:
-    """Relative distance ||v - u|| / ||u|| [-] of a displacement v from that of a step, in the energy norm.
+    """Distance ||v - u|| [-] of a displacement v from that of a step, over the energy norm of the step's stress.
 
     Collective on the step's communicator.  The values (n, (p+1)^3, 3) of v [m] are at the nodes of this rank's leaves.
     """
-    elasticity, u = step.elasticity, step.solution.displacement
+    elasticity, u, energy = step.elasticity, step.solution.displacement, step.estimate.energy
+    assert energy is not None, "kept in a step"
     leaf, node = elasticity.prolongation.space.example.T
     v = elasticity.prolongation.injected(values[leaf, node])
-    return elasticity.change_norm(v - u) / elasticity.energy_norm(u)
+    return float(elasticity.change_norm(v - u) / np.sqrt(step.forest.comm.allreduce(energy.sum())))
 
 
 @collective("step.forest.comm")
