@@ -94,13 +94,13 @@ OF_PARTS = {
 }
 
 
-def with_part(part, name, **entries):
+def with_part(kind, place, /, **entries):
     """The scene with entries of the first of its parts of a kind changed."""
-    parts = getattr(SCENE, name)
-    if name == "materials":
+    parts = getattr(SCENE, place)
+    if place == "materials":
         return replace(SCENE, materials=parts | {"upper": replace(parts["upper"], **entries)})
-    one = next(index for index, value in enumerate(parts) if isinstance(value, part))
-    return replace(SCENE, **{name: (*parts[:one], replace(parts[one], **entries), *parts[one + 1 :])})
+    one = next(index for index, value in enumerate(parts) if isinstance(value, kind))
+    return replace(SCENE, **{place: (*parts[:one], replace(parts[one], **entries), *parts[one + 1 :])})
 
 
 def test_nothing_is_forgotten():
@@ -110,7 +110,14 @@ def test_nothing_is_forgotten():
     for kind, table in tables.items():
         elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
         assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
-    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.strains, *SCENE.materials.values()]
+    held = [
+        *SCENE.dirichlet,
+        *SCENE.contact,
+        *SCENE.tractions,
+        *SCENE.body_forces,
+        *SCENE.strains,
+        *SCENE.materials.values(),
+    ]
     assert {type(one) for one in held} == OF_PARTS.keys()
 
 
