@@ -32,7 +32,7 @@ from fx_contact.parallel.validation import named_arguments
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
-from fx_contact.problem.materials import Material
+from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
@@ -66,6 +66,7 @@ __all__ = [
     "Material",
     "InitialStrain",
     "MaxPressure",
+    "Orthotropic",
     "OutputError",
     "PairingError",
     "PartitionError",

@@ -98,7 +98,7 @@ def low_order_refined(step, elasticity, supports):
     forest, _ = step.forest.refined(np.ones(len(step.forest), dtype=bool))
     refined, leaf_mesh = Prolongation(Space(forest, 1)), create_leaf_mesh(forest, step.record.geometry_order)
     body = step.scene.mesh.body[forest.cell[leaf_mesh.leaf]]
-    materials = np.array([[m.young, m.poisson] for m in map(step.scene.materials.get, step.scene.mesh.bodies)])
+    materials = [step.scene.materials[body] for body in step.scene.mesh.bodies]
     matrix = Elasticity(leaf_mesh, materials, body, refined, stages).stiffness().mat
     matrix.assemble()
     place = refined.injected(fine.find(refined.space.keys))

@@ -23,7 +23,7 @@ from model_problems import (
 
 from fx_contact import Dirichlet, Scene, adapt
 from fx_contact.estimate.estimator import Estimator
-from fx_contact.estimate.shear_free import VOIGT, ShearFree, find_shear_free
+from fx_contact.estimate.shear_free import ShearFree, find_shear_free
 from fx_contact.estimate.stress_projection import projected_stress
 from fx_contact.estimate.stress_recovery import StressRecovery, six
 from fx_contact.fem.external_forces import body_force
@@ -31,7 +31,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.boundary_conditions import BodyForce, Traction
-from fx_contact.problem.materials import Material
+from fx_contact.problem.materials import VOIGT, Material
 from fx_contact.problem.shapes import root_mesh_from_shapes
 from fx_contact.problem.solids import block
 

@@ -90,7 +90,7 @@ class Settings:
 
     def begin(self) -> RefinementHistory:
         """The RefinementHistory of a run that begins.  Local."""
-        poisson = max(material.poisson for material in self.scene.materials.values())
+        poisson = max(material.isotropic.poisson for material in self.scene.materials.values())
         return self.control.begin(self.degree, poisson, any(map(callable, self.scene.data)))
 
     @cached_property

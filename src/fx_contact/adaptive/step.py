@@ -20,13 +20,13 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_projection import projected_stress
-from fx_contact.estimate.stress_recovery import TENSOR
 from fx_contact.fem.leaf_mesh import LeafMesh
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import percent, shown
+from fx_contact.problem.materials import TENSOR
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -165,7 +165,7 @@ def elasticity_of(
     scene: Scene, mesh: LeafMesh, cells: IntArray, prolongation: Prolongation, stages: Stages
 ) -> Elasticity:
     """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
-    materials = np.array([[m.young, m.poisson] for m in (scene.materials[name] for name in scene.mesh.regions)])
+    materials = [scene.materials[name] for name in scene.mesh.regions]
     layer = scene.layers[cells], int(scene.layers.max()) + 1
     strain = stress_free_strain(scene, prolongation.space, mesh)
     return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, strain)

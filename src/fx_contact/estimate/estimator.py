@@ -14,13 +14,14 @@ from mpi4py import MPI
 
 from fx_contact.estimate.element_residual import ElementResidual
 from fx_contact.estimate.shear_free import ShearFree
-from fx_contact.estimate.stress_recovery import TENSOR, StressRecovery
+from fx_contact.estimate.stress_recovery import StressRecovery
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.space import child_error
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem.materials import TENSOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Estimator:
         self._recovery = StressRecovery(elasticity, shear_free, stages)
         self._arguments = elasticity.argument, fem.Function(elasticity.stresses.space(6))
         sigma, off = elasticity.stress(elasticity.argument), self._off(*self._arguments)
-        self._energies = self._compiled([self._work(off, off), self._work(sigma, sigma)], self._arguments)
+        self._energies = self._compiled([elasticity.work(off, off), elasticity.work(sigma, sigma)], self._arguments)
         self._product: Integral | None = None
         self._residual = None
         if elasticity.prolongation.space.degree % 2 == 0:
@@ -141,7 +142,7 @@ class Estimator:
         """
         if self._product is None:
             more = self._elasticity.blank(), fem.Function(self._elasticity.stresses.space(6))
-            work = self._work(self._off(*self._arguments), self._off(*more))
+            work = self._elasticity.work(self._off(*self._arguments), self._off(*more))
             self._product = self._compiled([work], [*self._arguments, *more])
         result = self._product.vector(one.field, one.stress, other.field, other.stress)
         if one.residual is not None and other.bubbles is not None:
@@ -153,12 +154,6 @@ class Estimator:
         """sigma* - sigma_h."""
         recovered = ufl.as_matrix([[stress[component] for component in row] for row in TENSOR])
         return recovered - self._elasticity.stress(field)
-
-    def _work(self, one: ufl.core.expr.Expr, other: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """One stress : C^-1 the other; of one with itself twice the energy density."""
-        first, second = self._elasticity.lame
-        traces = ufl.tr(one) * ufl.tr(other)
-        return (ufl.inner(one, other) - first / (3 * first + 2 * second) * traces) / (2 * second)
 
     def _compiled(
         self, densities: list[ufl.core.expr.Expr], arguments: Sequence[DisplacementField | fem.Function]

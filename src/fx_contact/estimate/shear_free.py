@@ -10,10 +10,9 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 from fx_contact.problem.boundary_conditions import ObliquePlane
+from fx_contact.problem.materials import VOIGT
 from fx_contact.problem.scene import Scene
 
-#: Rows and columns of the six components of a symmetric stress.
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 #: Weights that make the scalar product of two stresses that of their six components.
 _WEIGHT = np.sqrt([1, 1, 1, 2, 2, 2])
 #: A facet is plane across an axis up to this part of its size.

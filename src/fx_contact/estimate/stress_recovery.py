@@ -5,14 +5,13 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fx_contact.estimate.shear_free import VOIGT, ShearFree
+from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem.materials import VOIGT
 
-#: Position in `VOIGT` of each component of a symmetric tensor.
-TENSOR = ((0, 5, 4), (5, 1, 3), (4, 3, 2))
 #: Degree of the Gauss rule with 2 x 2 x 2 points, at which stresses of degree 2 are superconvergent.
 _SUPERCONVERGENT = 3
 

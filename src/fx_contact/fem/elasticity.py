@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import basix.ufl
@@ -13,6 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from fx_contact.fem.anisotropy import Anisotropy
 from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained, node_couplings
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
@@ -26,9 +27,8 @@ from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
+from fx_contact.problem.materials import LOCKING_POISSON, Material, Orthotropic
 
-#: Poisson's ratio from which on the volume strain of a body is projected.
-LOCKING_POISSON = 0.4
 #: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3
 #: Entries of the cell matrices that are assembled at once: 32 MB, four times as much on hanging nodes.
@@ -48,8 +48,8 @@ class Elasticity:
     Collective on mesh.comm.
 
     Args:
-        materials: (n, 2), rows (E [Pa], nu [-]), the same on all ranks.
-        material: (ncells,), row of each local cell.
+        materials: those of all bodies, the same on all ranks.
+        material: (ncells,), index of that of each local cell.
         layer: (ncells,), number of the material among those of its body, and the number of layers on all ranks: as in
             `NodalStress`; None: bodies have one material each.
         stress_free: (ncells, (p+1)^3, 3, 3), stress-free strain at the nodes `cells` [-]; None: 0 on all ranks.
@@ -59,7 +59,7 @@ class Elasticity:
         quadrature_degree: of the Gauss rule on curved cells, 2p + 1: (p+1)^3 points.
         cells: (ncells, (p+1)^3), nodes in the Space of each local cell.
         node_of_block: (nblocks,), the node of each local block of `function_space`; several blocks may have one.
-        lame: the two Lame coefficients, constant on cells [Pa].
+        lame: the two Lame coefficients, constant on cells, of the nearest isotropic material [Pa].
         argument: coefficient in the place of a displacement in an `Integral`; its values are scratch, those of the
             displacement that was integrated last.
         order: ((p+1)^3,), node in `cells` of each node of a cell of `function_space`.
@@ -73,7 +73,7 @@ class Elasticity:
     def __init__(
         self,
         leaf_mesh: LeafMesh,
-        materials: FloatArray,
+        materials: Sequence[Material | Orthotropic],
         material: IntArray,
         prolongation: Prolongation,
         stages: Stages,
@@ -95,13 +95,15 @@ class Elasticity:
         count = len(self.node_of_block)
         entries = np.ones(count), (self.node_of_block, np.arange(count))
         self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
-        young, poisson = materials[material].T
+        near = [one.isotropic for one in materials]
         self.lame = fem.Function(constant), fem.Function(constant)
-        cells = constant.dofmap.list[:, 0]
-        self.lame[0].x.array[cells] = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-        self.lame[1].x.array[cells] = young / (2 * (1 + poisson))
-        self._soft = poisson >= LOCKING_POISSON
-        self.projects = bool((materials[:, 1] >= LOCKING_POISSON).any())
+        cells, soft = constant.dofmap.list[:, 0], np.array([one.poisson >= LOCKING_POISSON for one in near])
+        for lame, values in zip(self.lame, np.array([one.lame for one in near]).T):
+            lame.x.array[cells] = values[material]
+        self._more = None
+        if any(isinstance(one, Orthotropic) for one in materials):
+            self._more = Anisotropy(mesh, materials, material)
+        self._soft, self.projects = soft[material], bool(soft.any())
         if self.projects:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
@@ -181,7 +183,16 @@ class Elasticity:
         return self._law(ufl.sym(ufl.grad(u)), ufl.div(u) if volume_strain is None else volume_strain)
 
     def _law(self, strain: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        return self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * strain
+        stress = self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * strain
+        return stress if self._more is None else stress + self._more.stress(strain)
+
+    def work(self, one: ufl.core.expr.Expr, other: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """One stress : C^-1 the other; of one with itself twice the energy density [Pa].  Local."""
+        if self._more is not None:
+            return self._more.work(one, other)
+        first, second = self.lame
+        traces = ufl.tr(one) * ufl.tr(other)
+        return (ufl.inner(one, other) - first / (3 * first + 2 * second) * traces) / (2 * second)
 
     def energy_norm(self, conforming: FloatArray) -> float:
         """omega (4) of a displacement (owned, 3) [m]: [J^(1/2)].  Collective."""
@@ -201,7 +212,8 @@ class Elasticity:
     def _energy(self, u: fem.Function, volume_strain2: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """Twice the energy density of a displacement, given the square of its volume strain."""
         strain = ufl.sym(ufl.grad(u))
-        return 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
+        energy = 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
+        return energy if self._more is None else energy + ufl.inner(self._more.stress(strain), strain)
 
     def _root(self, energy: Integral, conforming: FloatArray, loaded: bool = False) -> float:
         return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming, loaded))), 0.0)))

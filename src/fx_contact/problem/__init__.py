@@ -3,7 +3,7 @@
 from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
-from fx_contact.problem.materials import Material
+from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.obstacles import Obstacle, RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
@@ -21,6 +21,7 @@ __all__ = [
     "InitialStrain",
     "Material",
     "Obstacle",
+    "Orthotropic",
     "Pressure",
     "RigidCone",
     "RigidCylinder",

@@ -18,7 +18,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
     """Parts of a scene for JSON, with digests of the root mesh and of the values of functions of position.  Local."""
     return {
         "root mesh": mesh_digest(scene.mesh),
-        "materials": {name: [float(m.young), float(m.poisson)] for name, m in scene.materials.items()},
+        "materials": {name: material.data for name, material in scene.materials.items()},
         "displacement conditions": [
             (
                 [c.surface, "symmetry plane"]

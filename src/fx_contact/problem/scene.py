@@ -33,7 +33,7 @@ from fx_contact.problem.boundary_conditions import (
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing
-from fx_contact.problem.materials import Material
+from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.nonmatching import NonmatchingSurfaces, oriented
 from fx_contact.problem.rigid_motions import RigidMotions
@@ -41,6 +41,7 @@ from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import (
     check_constrained,
     check_loads,
+    check_mirrored,
     check_obstacles,
     check_strains,
     check_ties,
@@ -83,7 +84,7 @@ class Scene:
 
     name: str
     mesh: RootMesh
-    materials: Mapping[str, Material]
+    materials: Mapping[str, Material | Orthotropic]
     dirichlet: tuple[Dirichlet | SymmetryPlane, ...] = ()
     contact: tuple[Contact, ...] = ()
     tractions: tuple[Traction | Pressure, ...] = ()
@@ -104,7 +105,9 @@ class Scene:
         if self.contact_centre is not None:
             check_vector("contact_centre", self.contact_centre)
         materials = self.materials if isinstance(self.materials, Mapping) else {}
-        if {*materials} != {*mesh.regions} or not all(isinstance(m, Material) for m in materials.values()):
+        if {*materials} != {*mesh.regions} or not all(
+            isinstance(m, (Material, Orthotropic)) for m in materials.values()
+        ):
             meant = "".join(nearest(name, mesh.regions) for name in materials if name not in mesh.regions)
             raise SceneError(
                 f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
@@ -122,7 +125,7 @@ class Scene:
         check_obstacles(self)
         check_ties(self)
         check_constrained(self)
-        _ = self.mirrors  # raises an error for an impossible number of parts
+        check_mirrored(self)
         names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:
@@ -132,7 +135,7 @@ class Scene:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
         materials = ((region, self.materials[region]) for region in self.mesh.regions)
         lists = {
-            "materials": [f"{region!r} E = {m.young:.5g}, nu = {m.poisson:.5g}" for region, m in materials],
+            "materials": [f"{region!r} {material.text}" for region, material in materials],
             "contact": [self._described(index) for index in range(len(self.contact))],
             "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],

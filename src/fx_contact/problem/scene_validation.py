@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, Dirichlet,
 from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
+from fx_contact.problem.materials import Orthotropic
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Tie
 
@@ -32,12 +34,14 @@ _NOTHING = -2
 _INSIDE = 0.5
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
+#: Relative differences of stiffness and strain that are rounding [-].
+_SAME = 1e-6
 
 
 def check_units(scene: Scene) -> None:
     """Raises SceneError for moduli, sizes, clearances or displacements that cannot be in one system of units."""
     mesh = scene.mesh
-    young = {name: scene.materials[name].young for name in mesh.regions}
+    young = {name: scene.materials[name].isotropic.young for name in mesh.regions}
     soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
     if young[hard] > _STIFFEST * young[soft]:
         raise SceneError(
@@ -78,6 +82,30 @@ def check_loads(scene: Scene) -> None:
             )
     for force in scene.body_forces:
         force.at(scene.samples(force.body))
+
+
+def check_mirrored(scene: Scene) -> None:
+    """Raises SceneError for an orthotropic material or a constant strain that the mirrors of a scene change."""
+    for normal in scene.mirrors.normals if scene.mirrors.parts > 1 else ():
+        turn, message = (
+            np.eye(3) - 2 * np.outer(normal, normal),
+            "changes in the mirror of the symmetry plane across {}",
+        )
+        for name, material in scene.materials.items():
+            if not isinstance(material, Orthotropic):
+                continue
+            one, other = np.array(material.axes) @ turn
+            mirrored = replace(material, axes=(tuple(one), tuple(other))).stiffness
+            if np.abs(mirrored - material.stiffness).max() > _SAME * np.abs(mirrored).max():
+                raise SceneError(
+                    f"the material of {name!r} {message.format(normal.round(6))}: let one of its axes lie along this "
+                    "normal, or model the whole"
+                )
+        for strain in scene.strains:
+            if not callable(strain.value):
+                (tensor,) = strain.at(np.zeros((1, 3)))
+                if np.abs(turn @ tensor @ turn - tensor).max() > _SAME * np.abs(tensor).max():
+                    raise SceneError(f"{strain.what} {message.format(normal.round(6))}: model the whole")
 
 
 def check_strains(scene: Scene) -> None:

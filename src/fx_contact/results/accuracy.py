@@ -15,7 +15,6 @@ from fx_contact.adaptive.step_record import TrueError
 from fx_contact.adaptive.validity import REFUSED
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
-from fx_contact.estimate.shear_free import VOIGT
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
@@ -24,6 +23,7 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_kind, check_tolerance
 from fx_contact.problem.lattice import Lattice
+from fx_contact.problem.materials import VOIGT
 from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.reference_values import ContactReference
 
