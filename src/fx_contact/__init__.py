@@ -40,7 +40,7 @@ from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
 from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
-from fx_contact.problem.ties import Tie
+from fx_contact.problem.ties import Preload, Tie
 
 __version__ = "0.2.0"
 
@@ -70,6 +70,7 @@ __all__ = [
     "OutputError",
     "PairingError",
     "PartitionError",
+    "Preload",
     "Pressure",
     "Reaction",
     "Resultant",

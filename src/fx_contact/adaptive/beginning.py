@@ -142,14 +142,14 @@ class Beginning:
 
 
 def check_approaches(approaches: object, scene: Scene) -> None:
-    """Raises SceneError unless it has a number for each contact whose obstacle has a force, and None for others."""
-    if not isinstance(approaches, Sequence) or len(approaches) != len(scene.contact):
+    """Raises SceneError unless it has a number for each contact or tie with an unknown motion, and None for others."""
+    if not isinstance(approaches, Sequence) or len(approaches) != len(scene.interfaces):
         raise SceneError(
-            f"the approaches of a Beginning must be a list with an entry for each of the {len(scene.contact)} contact "
-            f"pairs, got {shown(approaches)}"
+            f"the approaches of a Beginning must be a list with an entry for each of the {len(scene.interfaces)} "
+            f"contact pairs and ties, got {shown(approaches)}"
         )
-    for contact, distance in zip(scene.contact, approaches):
-        if contact.force is not None:
+    for contact, distance in zip(scene.interfaces, approaches):
+        if contact.load is not None:
             check_number(f"the approach of {contact.name!r}", distance)
         elif distance is not None:
             raise SceneError(f"{contact.name!r} has no force, and no approach, got {shown(distance)}")

@@ -146,8 +146,8 @@ class StepRecord(SolveRecord, ContactFigures):
         effectivity: estimate over true error [-], or None.
         resultants: of contact pairs, loads, conditions, and the balance of each body.
         goals: of the run; None: it has none.
-        approaches: for each contact pair, how far its obstacle has moved from `moved` along the force on it [m], or
-            None; None: no obstacle has a force.
+        approaches: for each contact pair, then each tie, how far its obstacle has moved from `moved` along the force on
+            it, or its section has closed [m], or None; None: no obstacle has a force, and no section a tension.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
     """
 

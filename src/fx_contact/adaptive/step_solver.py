@@ -172,14 +172,14 @@ def elasticity_of(
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
-    """Rows of contact, with obstacles below forces where they begin to settle, and as `ContactProblem.rows_at`."""
+    """Rows of contact, with unknown motions where they begin, and as `ContactProblem.rows_at`."""
     scene = settings.scene
-    if all(contact.force is None for contact in scene.contact):
+    if all(interface.load is None for interface in scene.interfaces):
         return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
     known = columns_at_rest(scene, start.prolongation, settings.enforcement)
 
     def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
-        """Rows with obstacles moved along their forces.  Collective."""
+        """Rows after unknown motions.  Collective."""
         return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
 
     if start.approaches is None:
@@ -310,6 +310,6 @@ def _record(
         doubts=assessed.warnings,
         resultants=assessed.resultants,
         goals=assessed.goals,
-        approaches=approaches(settings.scene, state.rows),
+        approaches=approaches(settings.scene, state.solution.rows),
         remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
     )

@@ -318,15 +318,21 @@ class ConstraintRows:
 
     @property
     def rates(self) -> FloatArray:
-        """(k, n), w = -n . d, penetration of the rows as each obstacle moves along its force d, if any [-].  Local."""
-        along, pressed = self.force_components(np.ones(len(self))), self.pressed
-        rates = [np.where(self.contact == index, along, 0.0) for index in pressed]
-        return np.array(rates).reshape(len(pressed), len(self))
+        """(k, n), w, penetration of the rows in each unknown motion: -n . d of an obstacle along its force d [-].
+
+        Local.
+        """
+        rates, pressed = np.zeros((len(self.pressed), len(self))), self.pressed
+        for rate, kind in zip(rates, (kind for kind in self.kinds if kind.index in pressed)):
+            direction, ours = kind.contact.rate_direction, self.contact == kind.index
+            assert direction is not None, "of the force"
+            rate[ours] = self.normal[ours] @ direction
+        return rates
 
     @property
     def pressed(self) -> list[int]:
-        """(k,), indices of the contacts whose obstacle has a force.  Local."""
-        return [kind.index for kind in self.kinds if kind.contact.force is not None]
+        """(k,), indices of the contacts and ties with an unknown motion along a force.  Local."""
+        return [kind.index for kind in self.kinds if kind.contact.load is not None]
 
     def force_components(self, force: FloatArray) -> FloatArray:
         """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""

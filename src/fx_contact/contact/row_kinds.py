@@ -22,7 +22,7 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import SMOOTH, Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.ties import Tie
+from fx_contact.problem.ties import Preload, Tie
 
 #: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
@@ -53,7 +53,7 @@ def kinds_of(scene: Scene) -> tuple[RowKind, ...]:
 
 
 def columns_at_rest(scene: Scene, prolongation: Prolongation, enforcement: Enforcement) -> Columns:
-    """Rows of contacts and ties, by index, without those of obstacles that settle.
+    """Rows of contacts and ties, by index, without those of obstacles that settle; gaps of ties come later.
 
     Collective on prolongation.comm.  Raises SceneError as `create_rows`.
     """
@@ -155,9 +155,12 @@ def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | N
 
 
 def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
-    """Rows whose gaps, and vectors between the sides, have the clearance of their contacts."""
-    clearance = np.zeros(len(rows))
+    """Rows whose gaps, and vectors between the sides, have the clearance of their contacts or the closing of bolts."""
+    clearance, closing = np.zeros(len(rows)), np.zeros((len(rows), 3))
     for kind in rows.kinds:
-        clearance[rows.contact == kind.index] = float(kind.contact.clearance)
-    apart = rows.apart + clearance[:, None] * rows.normal
+        ours = rows.contact == kind.index
+        clearance[ours] = float(kind.contact.clearance)
+        if isinstance(kind.contact, Preload):
+            closing[ours] = kind.contact.closing * kind.contact.unit_axis
+    apart = rows.apart + clearance[:, None] * rows.normal + closing
     return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

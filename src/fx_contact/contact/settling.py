@@ -1,7 +1,8 @@
-"""Rigid obstacles that settle under forces, by Newton's method for their distances t along the forces.
+"""Rigid obstacles that settle under forces, and bolts that close under tensions, by Newton's method for distances t.
 
-An obstacle moves along the unit vector d of its force F.  Its rows penetrate at the rates w = -n . d.  With the contact
-forces f of the rows at t, the equilibrium of each obstacle and its derivatives are
+An obstacle moves along the unit vector d of its force F.  Its rows penetrate at the rates w = -n . d.  The sides of a
+preloaded section with the tension F are pulled together by t; w is constant.  With the forces f of the rows at t, the
+equilibrium of each obstacle and section, and its derivatives, are
 
     w_i . f(t) = F_i,    d(w_i . f)/dt_j = -w_i . m_j,    K z_j + B^T m_j = 0,    B z_j = w_j on the closed rows.
 
@@ -26,7 +27,6 @@ from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.validation import percent
-from fx_contact.problem.contact import ContactPair
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.surface_projection import LEAST_COSINE
 
@@ -67,7 +67,9 @@ def settle(
     options: Solver,
     loop: Loop,
 ) -> Settled:
-    """Move the obstacles to where contact forces balance the forces on them, up to the linear solver's error.
+    """Move obstacles to where contact forces balance the forces on them, and close sections up to their tensions.
+
+    The balance is up to the linear solver's error.
 
     Collective.
 
@@ -114,9 +116,9 @@ def settle(
         system.exchange_rows(jump)
         status.exchange_rows(rows)
     raise SolveError(
-        f"a rigid obstacle does not settle: after {_MOST} solves the contact force differs from the force on it by "
-        f"{percent(off)}; does the surface resist it there, and is the force in the "
-        "units of moduli and lengths?"
+        f"a rigid obstacle or a preloaded section does not settle: after {_MOST} solves the force of its rows differs "
+        f"from the given one by {percent(off)}; does the body resist it there, and is the force in the units of moduli "
+        "and lengths?"
     )
 
 
@@ -142,10 +144,12 @@ def sensitivities(
 def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
     """Rows with the obstacles in a displacement (owned, 3) [m] as far as their forces are expected to press them.
 
-    Collective.  Raises SolveError unless the obstacles meet the surface.
+    Collective.  Sections are as in the scene.  Raises SolveError unless the obstacles meet the surface.
     """
-    rows = rows_at([None] * len(scene.contact))
+    rows = rows_at([None] * len(scene.interfaces))
     t = np.zeros(len(rows.pressed))
+    if not any(contact.force for contact in scene.contact):
+        return rows
     for _ in range(_STEPS):
         gap, indentation = _expected(rows, u)
         t += gap
@@ -156,7 +160,7 @@ def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
 
 
 def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatArray) -> FloatArray:
-    """Newton's step (k,) [m]; obstacles without closed rows go on to the surface."""
+    """Newton's step (k,) [m]; obstacles without closed rows go on to the surface, sections always have them."""
     presses = slope.diagonal() > 0
     if presses.all():
         return np.asarray(np.linalg.solve(slope, -excess))
@@ -169,14 +173,16 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
 
-    Rows that the obstacle passes along do not count.  The indentation is that of a flat punch as large as the area A
-    that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    Both are 0 of a section.  Rows that the obstacle passes along do not count.  The indentation is that of a flat punch
+    as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
     ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rows.rates]
     ahead = [gap[some] / rows.rates[one, some] for one, some in enumerate(ours)]
+    sections = np.array([rows.kinds[index].contact.force is None for index in rows.pressed])
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+    least[sections] = 0.0
     if not np.isfinite(least).all():
         raise SolveError(
             "along the force on it a rigid obstacle does not meet the surface: the force pulls it away, moves it past "
@@ -197,39 +203,36 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
         middle = (low + high) / 2
         beyond = punches(middle) < middle
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    return least, high
+    return least, np.where(sections, 0.0, high)
 
 
 def _forces(rows: ConstraintRows) -> FloatArray:
-    """(k,), length of the force on each obstacle, of the modelled part [N]."""
-    forces = [rows.kinds[index].contact.force for index in rows.pressed]
-    return np.linalg.norm(np.array(forces, dtype=np.float64), axis=1) / rows.symmetry
+    """(k,), length of each force, of the modelled part [N]."""
+    return np.array([rows.kinds[index].contact.load for index in rows.pressed], dtype=np.float64) / rows.symmetry
 
 
 def _distances(scene: Scene, rows: ConstraintRows) -> FloatArray:
-    """(k,), distance of each obstacle along its force from its place in the scene [m]."""
+    """(k,), distance of each unknown motion from the scene [m]."""
     found = approaches(scene, rows) or []
     return np.array([found[index] for index in rows.pressed], dtype=np.float64)
 
 
 def approaches(scene: Scene, rows: ConstraintRows | None) -> list[float | None] | None:
-    """For each contact of a scene the distance of its obstacle along the force [m], or None; None: no obstacle has one.
+    """For each contact and tie of a scene its unknown motion [m], or None; None: there are none.
 
     Local.
     """
     if rows is None or not rows.pressed:
         return None
-    result: list[float | None] = [None] * len(scene.contact)
+    result: list[float | None] = [None] * len(scene.interfaces)
     for index in rows.pressed:
-        begin, now = scene.contact[index], rows.kinds[index].contact
-        assert isinstance(begin, ContactPair) and isinstance(now, ContactPair) and now.unit_direction is not None
-        result[index] = float(-now.unit_direction @ np.subtract(now.moved, begin.moved))
+        result[index] = rows.kinds[index].contact.approach_from(scene.oriented[index])
     return result
 
 
 def _listed(scene: Scene, rows: ConstraintRows, t: FloatArray) -> list[float | None]:
-    """Distances (k,) as a list with an entry for each contact of the scene."""
-    result: list[float | None] = [None] * len(scene.contact)
+    """Distances (k,) as a list with an entry for each contact and tie of the scene."""
+    result: list[float | None] = [None] * len(scene.interfaces)
     for index, distance in zip(rows.pressed, t):
         result[index] = float(distance)
     return result

@@ -120,7 +120,7 @@ class Goals:
             stages,
         )
         self._comm = state.forest.comm
-        settles = state.rows is not None and bool(state.rows.pressed)
+        settles = state.solution.rows is not None and bool(state.solution.rows.pressed)
         self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact and not settles else (_TIGHT,)
 
     @cached_property
@@ -154,7 +154,8 @@ class Goals:
         for tolerance in self._tolerances:
             with self._stages("solve"):
                 y, force = self._system.dual(load, penetration, tolerance, y)
-            if self._state.rows is not None and self._state.rows.pressed and not functional.fixed:
+            rows = self._state.solution.rows
+            if rows is not None and rows.pressed and not functional.fixed:
                 z, m, rates = self._of_obstacles
                 sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
                 share = np.linalg.solve(sums[:, 1:], -sums[:, 0])

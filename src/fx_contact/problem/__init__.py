@@ -11,7 +11,7 @@ from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, cylinder, ring
 from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
-from fx_contact.problem.ties import Tie
+from fx_contact.problem.ties import Preload, Tie
 
 __all__ = [
     "BodyForce",
@@ -22,6 +22,7 @@ __all__ = [
     "Material",
     "Obstacle",
     "Orthotropic",
+    "Preload",
     "Pressure",
     "RigidCone",
     "RigidCylinder",

@@ -22,10 +22,30 @@ class Contact(ABC):
     Attributes:
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
+        tension: in a preloaded section, whose closing it determines [N]; None: it does not.
     """
 
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
+    tension: float | None = None
+
+    @property
+    def load(self) -> float | None:
+        """Length of the given force, with an unknown motion along it [N]; None: there is none."""
+        return self.tension if self.force is None else float(np.linalg.norm(self.force))
+
+    @property
+    def rate_direction(self) -> FloatArray | None:
+        """(3,), d with the penetration n . d of a row of normal n at the rate of the unknown motion [-]."""
+        return self.unit_direction
+
+    def approached(self, distance: float) -> Self:
+        """The contact after an unknown motion by a distance [m].  Local."""
+        raise NotImplementedError
+
+    def approach_from(self, begin: "Contact") -> float:
+        """The distance of the unknown motion since a contact of the same place [m].  Local."""
+        raise NotImplementedError
 
     @property
     @abstractmethod
@@ -139,11 +159,16 @@ class ContactPair(Contact):
         force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
         return [self.first, *self.obstacle.data, *numbers, *direction, *force]
 
-    def approached(self, distance: float) -> "ContactPair":
+    def approached(self, distance: float) -> Self:
         """The pair whose obstacle has moved along its force by a distance [m].  Local."""
         assert self.unit_direction is not None, "against the force"
         x, y, z = np.array(self.moved) - distance * self.unit_direction
         return replace(self, moved=(float(x), float(y), float(z)))
+
+    def approach_from(self, begin: Contact) -> float:
+        """How far the obstacle has moved along its force [m].  Local."""
+        assert isinstance(begin, ContactPair) and self.unit_direction is not None
+        return float(-self.unit_direction @ np.subtract(self.moved, begin.moved))
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.

@@ -141,7 +141,7 @@ class Orthotropic:
     @cached_property
     def stiffness(self) -> FloatArray:
         """(6, 6), as `Material.stiffness`, along x, y, z."""
-        one, other = (check_direction("", axis) for axis in self.axes)
+        one, other = np.array(self.axes)
         axes = np.stack([one, other, np.cross(one, other)], axis=1)
         along = np.linalg.inv(self._compliance)[np.ix_(np.ravel(TENSOR), np.ravel(TENSOR))].reshape(3, 3, 3, 3)
         turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", axes, axes, axes, axes, along)

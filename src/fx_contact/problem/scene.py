@@ -49,7 +49,7 @@ from fx_contact.problem.scene_validation import (
     held_share,
 )
 from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
-from fx_contact.problem.ties import Tie
+from fx_contact.problem.ties import Preload, Tie
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +79,8 @@ class Scene:
             that is not finite, or acts on prescribed displacements alone; a symmetry plane that is not plane, or cuts a
             body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle with most
             of a body inside it, behind the surface, or farther away than all bodies are large; a force that pulls an
-            obstacle away, or across a symmetry plane; tied surfaces that lie apart.
+            obstacle away, or across a symmetry plane; tied surfaces that lie apart; a preloaded section that is not
+            plane across its axis.
     """
 
     name: str
@@ -201,8 +202,11 @@ class Scene:
     @property
     def oriented(self) -> tuple[Contact, ...]:
         """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
-        chosen = {index: surfaces.contact for index, surfaces in self.nonmatching.items()}
-        return tuple(chosen.get(index, pair) for index, pair in enumerate(self.interfaces))
+        turned = {i for i, one in self.nonmatching.items() if one.contact.surfaces != self.interfaces[i].surfaces}
+        return tuple(
+            pair.reversed() if index in turned and isinstance(pair, (ContactPair, Tie)) else pair
+            for index, pair in enumerate(self.interfaces)
+        )
 
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
@@ -236,15 +240,17 @@ class Scene:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces, *self.strains))
-        forces = (contact.force for contact in self.contact)
-        return tuple(value for value in (*conditions, *loads, *forces) if value is not None)
+        forces = (interface.load for interface in self.interfaces)
+        closings = (tie.closing for tie in self.ties if isinstance(tie, Preload))
+        return tuple(value for value in (*conditions, *loads, *forces, *closings) if value is not None)
 
     def approached(self, distances: Sequence[float | None]) -> "Scene":
-        """The scene with each contact's obstacle moved along its force by a distance [m]; None: not moved.  Local."""
-        other = copy(self)  # with what is known of surfaces and bodies, which do not move
-        pairs = zip(self.contact, distances, strict=True)
-        moved = tuple(c.approached(t) if isinstance(c, ContactPair) and t is not None else c for c, t in pairs)
-        object.__setattr__(other, "contact", moved)
+        """The scene after the unknown motion of each of `interfaces` by a distance [m]; None: not moved.  Local."""
+        other, count = copy(self), len(self.contact)  # with what is known of surfaces and bodies, which do not move
+        pairs = zip(self.interfaces, distances, strict=True)
+        moved = tuple(c if t is None else c.approached(t) for c, t in pairs)
+        object.__setattr__(other, "contact", moved[:count])
+        object.__setattr__(other, "ties", moved[count:])
         return other
 
     def samples(self, name: str) -> FloatArray:

@@ -15,7 +15,7 @@ from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.materials import Orthotropic
 from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.ties import Tie
+from fx_contact.problem.ties import Preload, Tie
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -203,6 +203,9 @@ def check_ties(scene: Scene) -> None:
         )
     if scene.ties:
         _ = scene.contact_surfaces  # raises an error for a facet in two of them
+    for tie in scene.ties:
+        if isinstance(tie, Preload):
+            _check_section(scene.mesh, tie)
     for index, tie in enumerate(scene.ties, len(scene.contact)):
         distance, size = _between(scene, index)
         part = np.nan_to_num(np.abs(distance)) / size
@@ -216,6 +219,16 @@ def check_ties(scene: Scene) -> None:
                 f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
                 "other"
             )
+
+
+def _check_section(mesh: RootMesh, section: Preload) -> None:
+    """Raises SceneError unless the first side of a preloaded section is plane, and the axis points out of it."""
+    cosines = mesh.outward_normals(mesh.surface(section.first)) @ section.unit_axis
+    if cosines.min() < 1 - PLANE:
+        raise SceneError(
+            f"{section.label}: the axis must point out of the first side, which must be plane across it; a normal "
+            f"there has a cosine of {cosines.min():.4g} with the axis"
+        )
 
 
 def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
@@ -253,7 +266,11 @@ def check_constrained(scene: Scene) -> None:
     )
     of = np.repeat(scene.contact_surfaces.contact[first[:, 0], first[:, 1]], 4)
     # Obstacles below forces give way along them: `direction` is against the force there.
-    yields = [of == index for index, contact in enumerate(scene.contact) if contact.force is not None]
+    yields = [
+        (of == index) * (np.repeat(direction, 4, axis=0) @ interface.rate_direction)
+        for index, interface in enumerate(scene.oriented)
+        if interface.load is not None and interface.rate_direction is not None
+    ]
     resisted = np.column_stack([here - there, *yields])
     loose = motions.unresisted(resisted.T @ resisted)
     if loose:

@@ -1,9 +1,11 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_direction, check_number, check_vector
 from fx_contact.problem.contact import Contact
 
 
@@ -61,3 +63,73 @@ class Tie(Contact):
     def label(self) -> str:
         """As `name`, with names of surfaces in quotes."""
         return f"{self.first!r} tied to {self.second!r}"
+
+
+@dataclass(frozen=True)
+class Preload(Tie):
+    """A cut through a bolt whose sides are pulled together: u_1 - u_2 = t n, with n the axis, by a tension or by t.
+
+    The section is plane, across the axis.  With a `tension` the closing t is an unknown; a second scene whose `closing`
+    is that of the first (`StepRecord.approaches`) and whose tension is None is the tightened bolt below other loads.
+
+    Raises SceneError as `Tie`, for an axis that is no direction, and for numbers that are not finite, or a tension that
+    is not positive.
+
+    Attributes:
+        first, second: names of both sides of the cut.
+        axis: of the bolt, from the first side to the second, of any length [-].
+        tension: in the section, of all symmetric parts as forces in the records [N]; None: the closing is given.
+        closing: t, by which the bolt is shortened, with a tension that from which it begins [m].
+    """
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    tension: float | None = None
+    closing: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_vector(f"the axis of {self.label}", self.axis)
+        check_direction(f"the axis of {self.label}", self.axis)
+        if self.tension is not None:
+            check_number(f"the tension of {self.label}", self.tension, positive=True)
+        check_number(f"the closing of {self.label}", self.closing)
+
+    @property
+    def unit_axis(self) -> FloatArray:
+        """(3,), n [-].  Raises SceneError as the class."""
+        return check_direction("the axis", self.axis)
+
+    @property
+    def rate_direction(self) -> FloatArray:
+        """-n: D = t n . e of the row along e."""
+        return -self.unit_axis
+
+    def reversed(self) -> Self:
+        """The section with the second side first."""
+        x, y, z = self.axis
+        return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
+
+    def approached(self, distance: float) -> Self:
+        """The section closed further by a distance [m].  Local."""
+        return replace(self, closing=float(self.closing + distance))
+
+    def approach_from(self, begin: Contact) -> float:
+        """How far the section has closed [m].  Local."""
+        assert isinstance(begin, Preload)
+        return self.closing - begin.closing
+
+    @property
+    def data(self) -> list[str | float]:
+        """Names of both sides, axis, closing and tension."""
+        tension: list[str | float] = [] if self.tension is None else ["tension", float(self.tension)]
+        return [*self.surfaces, *map(float, self.axis), float(self.closing), *tension]
+
+    @property
+    def name(self) -> str:
+        """Name in records."""
+        return f"{self.first} bolted to {self.second}"
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return f"{self.first!r} bolted to {self.second!r}"

@@ -1,0 +1,168 @@
+"""Preloaded sections: rods and bolts with exact stiffness."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import everywhere
+from model_problems import EXACT
+
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Preload,
+    RigidPlane,
+    Scene,
+    SceneError,
+    SymmetryPlane,
+    Tie,
+    Traction,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+    solve,
+    sweep,
+)
+
+PARALLEL = pytest.mark.ranks(1, 2, 3)
+DEGREES = pytest.mark.parametrize("degree", (1, 2))
+YOUNG, TENSION = 200.0, 0.3
+#: Stress along a line alone.
+PLAIN = Material(YOUNG, 0.0)
+CUT = Preload("upper bottom", "lower top", axis=(0, 0, -1), tension=TENSION)
+
+
+def rod(upper=(2, 2, 2), lower=(2, 2, 2), cut=CUT, symmetry=1):
+    """A rod of two cubes between walls, cut in the middle."""
+    mesh = root_mesh_from_shapes(
+        {"lower": block((0, 0, 0), (1, 1, 1), lower, 1), "upper": block((0, 0, 1), (1, 1, 2), upper, 1)}
+    )
+    sides = tuple(SymmetryPlane(f"{body} {side}") for body in ("lower", "upper") for side in ("left", "front"))
+    walls = Dirichlet("lower bottom", z=0.0), Dirichlet("upper top", z=0.0)
+    return Scene("rod", mesh, dict.fromkeys(mesh.bodies, PLAIN), (*sides, *walls), ties=cut, symmetry=symmetry)
+
+
+def forces(step):
+    """Forces of the record, by name."""
+    return {one.name: np.array(one.force) for one in step.record.resultants}
+
+
+@PARALLEL
+@DEGREES
+@pytest.mark.parametrize("upper", [(2, 2, 2), (3, 3, 2)], ids=["alike", "apart"])
+@pytest.mark.parametrize("turned", (False, True))
+def test_rod_between_walls(upper, turned, degree):
+    """The tension F closes the section by 2 F L / (E A); the walls pull with F.  Which side is first does not count."""
+    scene = rod(upper, cut=CUT.reversed() if turned else CUT)
+    step = solve(scene, 0.1, degree=degree, solver=EXACT)
+    assert step.record.approaches == [pytest.approx(2 * TENSION / YOUNG, rel=1e-8)]
+    found, down = forces(step), -1 if turned else 1
+    assert found[scene.ties[0].name] == pytest.approx((0, 0, down * TENSION), abs=1e-8 * TENSION)
+    assert found["upper top"] == pytest.approx((0, 0, TENSION), abs=1e-8 * TENSION)
+    known = np.array([0, 0, TENSION, 0, 0, 0])
+    everywhere(np.abs(step.nodal_stress - known).max(initial=0) < 1e-6 * TENSION, "stress")
+    assert step.record.reached and step.record.estimate < 1e-7
+    held = replace(scene.ties[0], tension=None, closing=step.record.approaches[0])
+    again = solve(replace(scene, ties=held), 0.1, degree=degree, solver=EXACT)
+    assert again.record.approaches is None
+    assert forces(again)["upper top"] == pytest.approx((0, 0, TENSION), abs=1e-7 * TENSION)
+
+
+def test_symmetric_parts_share_the_tension():
+    """The tension is of all symmetric parts, as the forces in the record."""
+    step = solve(rod(symmetry=4), 0.1, solver=EXACT)
+    assert step.record.approaches[0] == pytest.approx(2 * TENSION / 4 / YOUNG, rel=1e-8)
+    assert forces(step)[CUT.name][2] == pytest.approx(TENSION, rel=1e-8)
+
+
+def bolted(cut, load=0.0):
+    """A bolt (area 1) and a sleeve (area 2), of length 2, side by side below a stiff cap that cannot tilt.
+
+    The cap is glued to the bolt, rests on the sleeve, and is pulled upwards by a load.
+    """
+    bodies = {
+        "shank": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1),
+        "bolt": block((0, 0, 1), (1, 1, 2), (2, 2, 1), 1),
+        "sleeve": block((1, 0, 0), (3, 1, 2), (4, 2, 2), 1),
+        "left cap": block((0, 0, 2), (1, 1, 3), (2, 2, 1), 1),
+        "right cap": block((1, 0, 2), (3, 1, 3), (4, 2, 1), 1),
+    }
+    mesh = root_mesh_from_shapes(bodies)
+    stiff = Material(1e6 * YOUNG, 0.0)
+    materials = dict.fromkeys(("shank", "bolt", "sleeve"), PLAIN) | dict.fromkeys(("left cap", "right cap"), stiff)
+    upright = tuple(Dirichlet(f"{body} {side}", x=0.0) for body in bodies for side in ("left", "right"))
+    upright += tuple(Dirichlet(f"{body} {side}", y=0.0) for body in bodies for side in ("front", "back"))
+    ties = cut, Tie("left cap bottom", "bolt top"), Tie("left cap right", "right cap left")
+    return Scene(
+        "bolted",
+        mesh,
+        materials,
+        (*upright, Dirichlet("shank bottom", z=0.0), Dirichlet("sleeve bottom", z=0.0)),
+        ContactPair("sleeve top", "right cap bottom", direction=(0, 0, 1)),
+        (Traction("right cap top", (0.0, 0.0, load / 2)),) if load else (),
+        ties=ties,
+    )
+
+
+@PARALLEL
+def test_tightening_then_loading():
+    """A load P is shared as the stiffnesses k_b = E / 2 of the bolt and k_s = E of the sleeve say, until they part."""
+    cut = Preload("bolt bottom", "shank top", axis=(0, 0, -1), tension=TENSION)
+    first = solve(bolted(cut), 0.2, degree=1, solver=EXACT)
+    assert first.record.force == pytest.approx(TENSION, rel=1e-6)
+    closing = first.record.approaches[1]
+    assert first.record.approaches == [None, closing, None, None]
+    assert closing == pytest.approx(TENSION * (2 / YOUNG + 1 / YOUNG), rel=1e-4)
+    held = replace(cut, tension=None, closing=closing)
+    for load in (0.1, 0.3):
+        step = solve(bolted(held, load), 0.2, degree=1, solver=EXACT)
+        assert -forces(step)[cut.name][2] == pytest.approx(-TENSION - load / 3, rel=1e-4)
+        assert step.record.force == pytest.approx(TENSION - 2 * load / 3, rel=1e-4)
+    apart = solve(bolted(held, 0.6), 0.2, degree=1, solver=EXACT)
+    assert apart.record.force == 0 and forces(apart)[cut.name][2] == pytest.approx(0.6, rel=1e-4)
+
+
+@PARALLEL
+def test_together_with_a_settling_obstacle():
+    """A cut and a plane below a force are unknown together: each has its force."""
+    scene = rod()
+    held = (*scene.dirichlet[:-1],)
+    mesh = scene.mesh
+    plane = ContactPair("upper top", RigidPlane((0, 0, 2.0), (0, 0, -1)), force=(0, 0, -0.1))
+    cut = replace(CUT, tension=0.2)
+    with pytest.raises(SceneError, match="tension"):
+        Preload("a", "b", tension=-1.0)
+    # The rod hangs on springs of nothing: only a wall at its lower end and the plane hold it, so that the section
+    # cannot be in tension; a wall at the upper body does.
+    scene = Scene("both", mesh, scene.materials, (*held, Dirichlet("upper right", z=0.0)), plane, ties=cut)
+    step = solve(scene, 0.3, solver=EXACT, max_steps=2)
+    assert forces(step)[cut.name][2] == pytest.approx(0.2, rel=1e-6)
+    assert step.record.force == pytest.approx(0.1, rel=1e-6)
+    assert all(distance is not None for distance in step.record.approaches)
+
+
+def test_restart_and_path(folder):
+    """A path over tensions: closings in proportion; a restart has them."""
+    found = [
+        point.step.record.approaches[0]
+        for point in sweep(lambda f: rod(cut=replace(CUT, tension=f)), (0.1, 0.2), 0.1)
+    ]
+    assert found == pytest.approx([2 * f / YOUNG for f in (0.1, 0.2)], rel=1e-6)
+    list(adapt(rod((3, 3, 2)), 0.1, checkpoint=folder / "run"))
+    (last,) = adapt(rod((3, 3, 2)), 0.1, restart=folder / "run")
+    assert last.record.approaches[0] == pytest.approx(2 * TENSION / YOUNG, rel=1e-6)
+
+
+def test_bad_sections():
+    """Axes into the first side, oblique ones, and numbers that cannot be meant are refused."""
+    with pytest.raises(SceneError, match="out of the first side"):
+        rod(cut=replace(CUT, axis=(0, 0, 1)))
+    with pytest.raises(SceneError, match="out of the first side"):
+        rod(cut=replace(CUT, axis=(0, 0.1, -1)))
+    for changes in ({"tension": 0.0}, {"tension": np.nan}, {"closing": "a"}, {"axis": (0, 0, 0)}, {"axis": 1.0}):
+        with pytest.raises(SceneError, match="'upper bottom' bolted to"):
+            replace(CUT, **changes)
+    free = rod()
+    with pytest.raises(SceneError, match="nothing holds"):
+        replace(free, dirichlet=free.dirichlet[:-1])
