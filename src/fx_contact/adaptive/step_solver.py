@@ -34,6 +34,7 @@ from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.springs import Springs
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -162,10 +163,11 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
 def elasticity_of(
     scene: Scene, mesh: LeafMesh, cells: IntArray, prolongation: Prolongation, stages: Stages
 ) -> Elasticity:
-    """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
+    """Elasticity of a scene's materials and springs on a mesh, with the root cells (n,) of its cells.  Collective."""
     materials = np.array([[m.young, m.poisson] for m in (scene.materials[name] for name in scene.mesh.regions)])
     layer = scene.layers[cells], int(scene.layers.max()) + 1
-    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer)
+    springs = Springs(scene.springs, prolongation, mesh.order) if scene.springs else None
+    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, springs)
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fx_contact.problem.boundary_conditions import ScalarValue, SymmetryPlane, Traction, VectorValue, evaluated
 from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
@@ -32,6 +33,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
         ],
         "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
+        **({"elastic supports": [_of_support(support) for support in scene.springs]} if scene.springs else {}),
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
@@ -66,6 +68,12 @@ def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
         *_given(scene, contact.first, 1, lambda x: contact.distances(x.T)[0]),
         *_given(scene, contact.first, 3, lambda x: contact.distances(x.T)[1].T),
     ]
+
+
+def _of_support(support: Elastic) -> list[Any]:
+    """An elastic support for JSON."""
+    stiffness = (support.normal, support.x, support.y, support.z)
+    return [support.surface, *(None if value is None else float(value) for value in stiffness)]
 
 
 def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:

@@ -32,6 +32,7 @@ from fx_contact.problem.boundary_conditions import (
 )
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
@@ -45,6 +46,7 @@ from fx_contact.problem.scene_validation import (
     check_ties,
     check_units,
     held_share,
+    held_stiffness,
 )
 from fx_contact.problem.ties import Tie
 
@@ -66,16 +68,17 @@ class Scene:
             planes; None: the centroid of the contact forces.
         body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
+        springs: elastic supports; those on one surface add up.
 
     One item may be given for a tuple.
 
     Raises:
         SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
             displacement that is not finite, across a symmetry plane, or different from another one at a node; a load
-            that is not finite, or acts on prescribed displacements alone; a symmetry plane that is not plane, or cuts a
-            body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle with most
-            of a body inside it, behind the surface, or farther away than all bodies are large; a force that pulls an
-            obstacle away, or across a symmetry plane; tied surfaces that lie apart.
+            that is not finite; a load or springs on prescribed displacements alone; a symmetry plane that is not plane,
+            or cuts a body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle
+            with most of a body inside it, behind the surface, or farther away than all bodies are large; a force that
+            pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart.
     """
 
     name: str
@@ -88,6 +91,7 @@ class Scene:
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
     ties: tuple[Tie, ...] = ()
+    springs: tuple[Elastic, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -106,8 +110,8 @@ class Scene:
                 f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
                 f"{meant}"
             )
-        for traction in self.tractions:
-            mesh.surface(traction.surface)
+        for on_surface in (*self.tractions, *self.springs):
+            mesh.surface(on_surface.surface)
         for force in self.body_forces:
             mesh.cells_of(force.body)
         check_units(self)
@@ -129,6 +133,7 @@ class Scene:
             "contact": [self._described(index) for index in range(len(self.contact))],
             "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
+            "elastic supports": [repr(support.surface) for support in self.springs],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
         }
@@ -160,8 +165,9 @@ class Scene:
 
     @cached_property
     def held_shares(self) -> tuple[float, ...]:
-        """Share of each surface force that acts on displacements which conditions on its surface prescribe [-]."""
-        return tuple(held_share(self, load) for load in self.tractions)
+        """Share of each surface force, then of springs, on displacements that conditions on its surface prescribe."""
+        of_springs = (held_stiffness(self, support) for support in self.springs)
+        return *(held_share(self, load) for load in self.tractions), *of_springs
 
     @cached_property
     def mirrors(self) -> Mirrors:
@@ -202,7 +208,8 @@ class Scene:
     def rigid_motions(self) -> RigidMotions:
         """Rigid motions of the bodies, and the conditions on them."""
         planes = [(self.place(plane.where), np.array(plane.normal)) for plane in self.oblique_planes]
-        return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes)
+        springs = [support.resistance(self.mesh) for support in self.springs]
+        return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes, springs)
 
     def place(self, name: str) -> Int64Array:
         """Corner nodes (n,) of a surface, curve or vertex of the root mesh.  Raises SceneError for an unknown name."""
@@ -281,6 +288,7 @@ _ITEMS = {
     "tractions": (Traction, Pressure),
     "body_forces": (BodyForce,),
     "ties": (Tie,),
+    "springs": (Elastic,),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5
