@@ -5,7 +5,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
+from fx_contact import (
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Elastic,
+    Material,
+    Pressure,
+    RigidMotion,
+    Scene,
+    SymmetryPlane,
+    Traction,
+)
 from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.problem.fingerprint import mesh_digest, scene_parts
 from fx_contact.problem.root_mesh import RootMesh
@@ -40,6 +51,7 @@ def complete(mesh):
         symmetry=2,
         contact_centre=(0.5, 0.5, 1.0),
         body_forces=(BodyForce("upper", (0.0, 0.0, 0.01)),),
+        springs=(Elastic("upper left", 1.0, 1.0, 1.0, 1.0),),
     )
 
 
@@ -66,6 +78,7 @@ OF_SCENE = {
     "symmetry": 1,
     "contact_centre": (0.5, 0.5, 2.0),
     "body_forces": (),
+    "springs": (),
 }
 #: and of each thing that a scene holds: where it is, and its fields.
 OF_PARTS = {
@@ -74,6 +87,7 @@ OF_PARTS = {
     ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None}),
     Traction: ("tractions", {"surface": "upper left", "value": (0.01, 0.0, 0.01)}),
     Pressure: ("tractions", {"surface": "upper left", "value": 0.02}),
+    Elastic: ("springs", {"surface": "lower left", "normal": 2.0, "x": None, "y": 2.0, "z": 2.0}),
     BodyForce: ("body_forces", {"body": "lower", "value": (0.0, 0.01, 0.01)}),
     Material: ("materials", {"young": 3.0, "poisson": 0.25}),
 }
@@ -95,8 +109,8 @@ def test_nothing_is_forgotten():
     for kind, table in tables.items():
         elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
         assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
-    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.materials.values()]
-    assert {type(one) for one in held} == OF_PARTS.keys()
+    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.springs]
+    assert {type(one) for one in (*held, *SCENE.materials.values())} == OF_PARTS.keys()
 
 
 def test_every_field_counts():
@@ -119,3 +133,19 @@ def test_positions_are_rounded(amount, same):
     """What another machine rounds otherwise is the same mesh: nine digits of its size count."""
     moved = MESH.points + amount * np.cos(np.arange(MESH.points.size)).reshape(-1, 3)
     assert (mesh_digest(replace(MESH, points=moved)) == mesh_digest(MESH)) == same
+
+
+def test_rigid_motions():
+    """Each field of a motion counts, at functions of position; one made alike is the same."""
+    motion = RigidMotion("top", (0.0, 0.0, -0.01), (0.0, 0.01, 0.0), (0.5, 0.5, 2.0))
+
+    def parts(motion):
+        """Of the scene without planes, contact and surface forces."""
+        held = Dirichlet("bottom", 0.0, 0.0, 0.0)
+        return scene_parts(replace(SCENE, dirichlet=(held, motion), symmetry=1, springs=(), contact=(), tractions=()))
+
+    known = [parts(motion), parts(RigidMotion("upper back", (0.0, 0.0, -0.01), (0.0, 0.01, 0.0), (0.5, 0.5, 2.0)))]
+    others = {"translation": (0.0, 0.01, -0.01), "rotation": (0.0, 0.01, 0.01), "centre": (0.5, 0.5, 1.0)}
+    known += [parts(replace(motion, **{name: value})) for name, value in others.items()]
+    assert all(one != other for index, one in enumerate(known) for other in known[:index])
+    assert parts(replace(motion)) == known[0]

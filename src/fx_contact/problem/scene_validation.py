@@ -37,7 +37,7 @@ _ROUNDING = 1e-9
 
 
 def check_units(scene: Scene) -> None:
-    """Raises SceneError for moduli, sizes, clearances or displacements that cannot be in one system of units."""
+    """Raises SceneError for moduli, springs, sizes, clearances or displacements that are not in one system of units."""
     mesh = scene.mesh
     young = {name: scene.materials[name].young for name in mesh.regions}
     soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
@@ -54,6 +54,14 @@ def check_units(scene: Scene) -> None:
                 f"body {name!r} is {own:.3g} large, all bodies together {size:.3g}: check the units "
                 "and the place of each body"
             )
+    for support in scene.springs:
+        stiffest = support.stiffness(mesh.outward_normals(mesh.surface(support.surface))).max()
+        for ratio in (stiffest * size / young[hard], young[soft] / (stiffest * size)):
+            if ratio > _STIFFEST:
+                raise SceneError(
+                    f"{support.what} is {ratio:.2g} times as stiff as the bodies, or as soft: check the units of "
+                    "stiffness per area, or prescribe the displacement"
+                )
     for contact in scene.contact:
         if abs(contact.clearance) > _LARGEST_STRAIN * size:
             raise SceneError(
