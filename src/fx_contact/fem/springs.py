@@ -17,7 +17,7 @@ from fx_contact.fem.cell_products import add_cells, cell_constraints, constraine
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
-from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem import hexahedron
 from fx_contact.problem.elastic_support import Elastic
 
@@ -42,18 +42,20 @@ class _Faces:
     points: FloatArray
     stiffness: FloatArray
 
+    def displacement(self, u: FloatArray) -> FloatArray:
+        """At the Gauss points, (n, g, 3) [m], by values (nleaves, (p+1)^3, 3) [m] at the nodes of all leaves."""
+        return self.functions @ u[self.leaves[:, None], self.local]
+
     def forces(self, u: FloatArray) -> FloatArray:
-        """-H u times the weights, (n, g, 3) [N], of values (nleaves, (p+1)^3, 3) [m] at the nodes of all leaves."""
-        at_points = np.einsum("gk,nki->ngi", self.functions, u[self.leaves[:, None], self.local])
-        return -np.einsum("ngij,ngj->ngi", self.stiffness, at_points)
+        """-H u times the weights, (n, g, 3) [N], by values as of `displacement`."""
+        return -np.einsum("ngij,ngj->ngi", self.stiffness, self.displacement(u))
 
     def matrices(self) -> FloatArray:
         """S of each face: (n, k, k, 3, 3) [N/m]."""
         n, g = self.stiffness.shape[:2]
-        products = np.einsum("ga,gb->abg", self.functions, self.functions)
         k = len(self.local)
-        flat = products.reshape(k * k, g) @ self.stiffness.reshape(n, g, 9)
-        return flat.reshape(n, k, k, 3, 3)
+        products = np.einsum("ga,gb->abg", self.functions, self.functions).reshape(k * k, g)
+        return (products @ self.stiffness.reshape(n, g, 9)).reshape(n, k, k, 3, 3)
 
 
 class Springs:
@@ -101,11 +103,7 @@ class Springs:
 
     def energy(self, u: FloatArray) -> float:
         """u^T S u of this rank [J], of values (nleaves, (p+1)^3, 3) [m]."""
-        energy = 0.0
-        for part in self._faces:
-            at_points = np.einsum("gk,nki->ngi", part.functions, u[part.leaves[:, None], part.local])
-            energy -= float((at_points * part.forces(u)).sum())
-        return energy
+        return -sum(float((part.displacement(u) * part.forces(u)).sum()) for part in self._faces)
 
     def totals(self, u: FloatArray) -> FloatArray:
         """Forces on the bodies and their moments about the origin by values (nleaves, (p+1)^3, 3) [m].
@@ -122,7 +120,7 @@ class Springs:
             np.add.at(totals[part.support], body, np.concatenate([force.sum(axis=1), moment], axis=1))
         return totals
 
-    def add_to(self, mat: PETSc.Mat, number: IntArray, supports: Supports | None) -> None:
+    def add_to(self, mat: PETSc.Mat, number: Int32Array, supports: Supports | None) -> None:
         """Add P^T S P, projected on oblique planes, to a matrix with room for the couplings of cells.
 
         Args:

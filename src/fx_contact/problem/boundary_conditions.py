@@ -97,9 +97,9 @@ class _OfMotion:
 class RigidMotion(Dirichlet):
     """Prescribed motion of a surface, a curve or a vertex as a rigid body, in all three components.
 
-    u = t + r x (x - c) with the translation t, the rotation vector r and the centre c.  Rotations are small: those of
-    lines across r by the angle |r|, which lengthens them by |r|^2 / 2.  The force and the moment that it takes are a
-    `Resultant` of the kind "reaction".
+    u = t + r x (x - c) with the translation t, the rotation vector r and the centre c.  Rotations are
+    small: lines across r become longer by |r|^2 / 2.  The force and moment that it takes are a `Resultant` of the kind
+    "reaction".
 
     Raises SceneError as `Dirichlet`, or if a vector is not three finite numbers.
 
@@ -120,9 +120,9 @@ class RigidMotion(Dirichlet):
         for name in ("translation", "rotation", "centre"):
             check_vector(f"the {name} of the rigid motion of {shown(self.where)}", getattr(self, name))
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        slopes = np.cross(self.rotation, np.eye(3)).T
+        slopes: list[list[float]] = np.cross(self.rotation, np.eye(3)).T.tolist()
         for component, number, slope in zip(COMPONENTS, self.translation, slopes):
-            value = _OfMotion(number, tuple(slope.tolist()), self.centre) if slope.any() else number
+            value = _OfMotion(number, tuple(slope), self.centre) if any(slope) else number
             object.__setattr__(self, component, value)
         super().__post_init__()
 
