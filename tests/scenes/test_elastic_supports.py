@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import EXACT, STEEL
+from model_problems import ALONG, EXACT, PLANES, STEEL, wedge
 from mpi4py import MPI
 
 from fx_contact import (
@@ -115,6 +115,19 @@ def test_multigrid_on_springs(ratio):
     if ratio == 1e6:
         u, v = (step.displacement.x.array for step in (one, other))
         everywhere(np.abs(u - v).max(initial=0.0) < 1e-4 * WORLD.allreduce(np.abs(u).max(), MPI.MAX), "they differ")
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_rubber_on_springs(degree):
+    """A nearly incompressible wedge between oblique planes: springs are beside the volume term of its mixed form."""
+    normal, rubber = ALONG[:, 2], Material(YOUNG, 0.4999)
+    scene = wedge(rubber, PLANES[:2], springs=Elastic("bottom", 0.5), tractions=Traction("top", 0.01 * normal))
+    points = (0.0, 0.0, 0.0), tuple(normal.tolist())
+    goals = tuple(Displacement(point, points[1], 0.5) for point in points)
+    values = [
+        goal.value for goal in solve(scene, 0.9, degree=degree, max_steps=1, goals=goals, solver=EXACT).record.goals
+    ]
+    assert np.abs(np.array(values) / [0.01 / 0.5, 0.01 / 0.5 + 0.01 / YOUNG] - 1).max() < 1e-6
 
 
 def held_aside():

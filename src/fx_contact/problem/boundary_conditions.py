@@ -120,9 +120,10 @@ class RigidMotion(Dirichlet):
         for name in ("translation", "rotation", "centre"):
             check_vector(f"the {name} of the rigid motion of {shown(self.where)}", getattr(self, name))
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        slopes: list[list[float]] = np.cross(self.rotation, np.eye(3)).T.tolist()
-        for component, number, slope in zip(COMPONENTS, self.translation, slopes):
-            value = _OfMotion(number, tuple(slope), self.centre) if any(slope) else number
+        turned = np.cross(self.rotation, np.eye(3))
+        for index, (component, number) in enumerate(zip(COMPONENTS, self.translation)):
+            slope = tuple(map(float, turned[:, index]))
+            value = _OfMotion(number, slope, self.centre) if any(slope) else number
             object.__setattr__(self, component, value)
         super().__post_init__()
 
