@@ -89,7 +89,7 @@ class Springs:
         return faces
 
     def on(self, prolongation: Prolongation) -> Springs:
-        """Springs of the same supports on displacements of another degree, on the same forest."""
+        """Springs of the same supports on displacements of another degree, on the same forest.  Local."""
         return Springs(self._supports, prolongation, self._order)
 
     def internal_forces(self, u: FloatArray) -> FloatArray:

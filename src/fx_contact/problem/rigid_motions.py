@@ -103,7 +103,7 @@ class RigidMotions:
 def resisting_points(mesh: RootMesh, facets: IntArray, direction: FloatArray, along_normals: BoolArray) -> FloatArray:
     """Points (n, 4, 3) [m] at which facets (n, 2) resist motions in directions (n, 3): their corners.
 
-    Curved facets where the direction is the normal (n,) have four times the mean of them.
+    Local.  Curved facets where the direction is the normal (n,) have four times the mean of them.
     """
     corners = mesh.facet_points(facets, order=1)
     middle = corners.mean(axis=1, keepdims=True)
