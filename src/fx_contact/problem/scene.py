@@ -43,6 +43,7 @@ from fx_contact.problem.scene_validation import (
     check_constrained,
     check_loads,
     check_obstacles,
+    check_springs,
     check_ties,
     check_units,
     held_share,
@@ -115,6 +116,7 @@ class Scene:
         for force in self.body_forces:
             mesh.cells_of(force.body)
         check_units(self)
+        check_springs(self)
         check_loads(self)
         check_obstacles(self)
         check_ties(self)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 #: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
+#: Largest ratio of k L and E, and of E and k L, of springs below a body [-].  A cube on springs of k L = 1e-10 E has
+#: their force to 2e-5, on those of 1e-12 E to 1e-3, by the rounding of its rigid motion.
+_SPRINGS = 1e10
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
 #: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
@@ -37,7 +40,7 @@ _ROUNDING = 1e-9
 
 
 def check_units(scene: Scene) -> None:
-    """Raises SceneError for moduli, springs, sizes, clearances or displacements that are not in one system of units."""
+    """Raises SceneError for moduli, sizes, clearances or displacements that cannot be in one system of units."""
     mesh = scene.mesh
     young = {name: scene.materials[name].young for name in mesh.regions}
     soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
@@ -54,14 +57,6 @@ def check_units(scene: Scene) -> None:
                 f"body {name!r} is {own:.3g} large, all bodies together {size:.3g}: check the units "
                 "and the place of each body"
             )
-    for support in scene.springs:
-        stiffest = support.stiffness(mesh.outward_normals(mesh.surface(support.surface))).max()
-        for ratio in (stiffest * size / young[hard], young[soft] / (stiffest * size)):
-            if ratio > _STIFFEST:
-                raise SceneError(
-                    f"{support.what} is {ratio:.2g} times as stiff as the bodies, or as soft: check the units of "
-                    "stiffness per area, or prescribe the displacement"
-                )
     for contact in scene.contact:
         if abs(contact.clearance) > _LARGEST_STRAIN * size:
             raise SceneError(
@@ -76,6 +71,21 @@ def check_units(scene: Scene) -> None:
                 f"prescribed displacements along {name} differ by {np.ptp(known):.3g}, and all bodies together "
                 f"are {size:.3g} large: strains must be small, check the units"
             )
+
+
+def check_springs(scene: Scene) -> None:
+    """Raises SceneError for springs that double precision does not hold beside the body that they are on."""
+    mesh, size = scene.mesh, np.ptp(scene.mesh.points, axis=0).max()
+    for support in scene.springs:
+        facets = mesh.surface(support.surface)
+        stiffness = support.stiffness(mesh.outward_normals(facets)).max() * size
+        young = [scene.materials[mesh.regions[region]].young for region in np.unique(mesh.region[facets[:, 0]])]
+        for ratio, how in ((stiffness / min(young), "stiff"), (max(young) / stiffness, "soft")):
+            if ratio > _SPRINGS:
+                raise SceneError(
+                    f"{support.what} is {ratio:.2g} times as {how} as its body, k L / E with the size L of all bodies, "
+                    f"limit {_SPRINGS:g}: check the units of stiffness per area"
+                )
 
 
 def check_loads(scene: Scene) -> None:
