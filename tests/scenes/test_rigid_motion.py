@@ -21,7 +21,8 @@ def bar(*held, material=Material(2.0, 0.0), length=LENGTH, cells=(2, 2, 4), midd
     """A bar of the unit square about the z axis, moved by `middle`."""
     low = np.array([-0.5, -0.5, 0.0])
     shape = block(low + middle, low + [1.0, 1.0, length] + middle, cells, 1)
-    mesh = root_mesh_from_shapes({"bar": shape}, {side: f"bar {side}" for side in ("bottom", "top")})
+    sides, foot = {side: f"bar {side}" for side in ("bottom", "top")}, ("bar", lambda x: np.abs(x).max(axis=0) < 1e-9)
+    mesh = root_mesh_from_shapes({"bar": shape}, sides, vertices={} if any(middle) else {"foot": foot})
     return Scene("bar", mesh, {"bar": material}, held, contact_centre=tuple(map(float, middle)))
 
 
@@ -86,3 +87,12 @@ def test_torsion_of_a_square_bar():
         angles[length] = ANGLE / top.moment[2]
     constant = 1.0 / (angles[4.0] - angles[3.0]) / (2.0 / 2.6)
     assert abs(constant / SQUARE - 1) < 0.005
+
+
+def test_ends_that_warp():
+    """With the components of a rotation across the axis alone torsion is that of Saint-Venant: the exact moment."""
+    turned, steel = RigidMotion("top", rotation=(0, 0, ANGLE)), Material(2.0, 0.3)
+    held = Dirichlet("bottom", x=0.0, y=0.0), Dirichlet("foot", z=0.0), Dirichlet("top", x=turned.x, y=turned.y)
+    moment = once(bar(*held, material=steel, cells=(4, 4, 8)))["top", "reaction"].moment
+    exact = SQUARE * 2.0 / 2.6 * ANGLE / LENGTH
+    assert abs(moment[2] / exact - 1) < 0.005 and np.abs(moment[:2]).max() < 1e-9 * exact
