@@ -76,6 +76,20 @@ def test_springs_in_series(stiffness, degree):
 
 
 @pytest.mark.parametrize("degree", [1, 2])
+def test_springs_on_a_contact_surface(degree):
+    """They take their share of the pressure that comes through the contact: exact, at the same nodes."""
+    down, below, between = 0.01, 1.0, 3.0
+    scene = blocks(below, down)
+    scene = replace(scene, springs=(*scene.springs, Elastic("lower top", z=between)))
+    record = solve(scene, 0.5, degree=degree, max_steps=1, solver=EXACT).record
+    onward = 1 / (1 / YOUNG + 1 / below)
+    moved = YOUNG * down / (YOUNG + between + onward)
+    assert abs(record.force / (4 * YOUNG * (down - moved)) - 1) < 1e-7
+    forces = [one.force[2] / 4 for one in record.resultants if one.kind == "spring"]
+    assert np.allclose(forces, [onward * moved, between * moved], rtol=1e-7)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
 def test_springs_balance_an_eccentric_load(degree):
     """A cube on springs alone under a load beside its middle: forces and moments about any point balance."""
     mesh = root_mesh_from_shapes({"cube": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)})
