@@ -29,8 +29,16 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.parallel.validation import named_arguments
-from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.boundary_conditions import (
+    BodyForce,
+    Dirichlet,
+    Pressure,
+    RigidMotion,
+    SymmetryPlane,
+    Traction,
+)
 from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
@@ -57,6 +65,7 @@ __all__ = [
     "ContactTable",
     "Dirichlet",
     "Displacement",
+    "Elastic",
     "Enforcement",
     "ErrorControl",
     "FxContactError",
@@ -76,6 +85,7 @@ __all__ = [
     "Resultant",
     "RigidCone",
     "RigidCylinder",
+    "RigidMotion",
     "RigidPlane",
     "RigidSphere",
     "RigidSurface",

@@ -126,20 +126,17 @@ def test_tightening_then_loading():
 @PARALLEL
 def test_together_with_a_settling_obstacle():
     """A cut and a plane below a force are unknown together: each has its force."""
-    scene = rod()
-    held = (*scene.dirichlet[:-1],)
-    mesh = scene.mesh
-    plane = ContactPair("upper top", RigidPlane((0, 0, 2.0), (0, 0, -1)), force=(0, 0, -0.1))
-    cut = replace(CUT, tension=0.2)
-    with pytest.raises(SceneError, match="tension"):
-        Preload("a", "b", tension=-1.0)
-    # The rod hangs on springs of nothing: only a wall at its lower end and the plane hold it, so that the section
-    # cannot be in tension; a wall at the upper body does.
-    scene = Scene("both", mesh, scene.materials, (*held, Dirichlet("upper right", z=0.0)), plane, ties=cut)
-    step = solve(scene, 0.3, solver=EXACT, max_steps=2)
-    assert forces(step)[cut.name][2] == pytest.approx(0.2, rel=1e-6)
-    assert step.record.force == pytest.approx(0.1, rel=1e-6)
-    assert all(distance is not None for distance in step.record.approaches)
+    one = rod()
+    bodies = {"lower": (0, 0), "upper": (0, 1), "block": (2, 0)}
+    shapes = {name: block((x, 0, z), (x + 1, 1, z + 1), (2, 2, 2), 1) for name, (x, z) in bodies.items()}
+    mesh = root_mesh_from_shapes(shapes)
+    plane = ContactPair("block top", RigidPlane((0, 0, 1.0), (0, 0, -1)), force=(0, 0, -0.1))
+    held = SymmetryPlane("block left"), SymmetryPlane("block front"), Dirichlet("block bottom", z=0.0)
+    scene = Scene("both", mesh, dict.fromkeys(mesh.bodies, PLAIN), (*one.dirichlet, *held), plane, ties=CUT)
+    step = solve(scene, 0.3, solver=EXACT)
+    assert forces(step)[CUT.name][2] == pytest.approx(TENSION, rel=1e-8)
+    assert step.record.force == pytest.approx(0.1, rel=1e-8)
+    assert step.record.approaches == pytest.approx([0.1 / YOUNG, 2 * TENSION / YOUNG], rel=1e-7)
 
 
 def test_restart_and_path(folder):
@@ -160,7 +157,14 @@ def test_bad_sections():
         rod(cut=replace(CUT, axis=(0, 0, 1)))
     with pytest.raises(SceneError, match="out of the first side"):
         rod(cut=replace(CUT, axis=(0, 0.1, -1)))
-    for changes in ({"tension": 0.0}, {"tension": np.nan}, {"closing": "a"}, {"axis": (0, 0, 0)}, {"axis": 1.0}):
+    for changes in (
+        {"tension": 0.0},
+        {"tension": -1.0},
+        {"tension": np.nan},
+        {"closing": "a"},
+        {"axis": (0, 0, 0)},
+        {"axis": 1.0},
+    ):
         with pytest.raises(SceneError, match="'upper bottom' bolted to"):
             replace(CUT, **changes)
     free = rod()

@@ -14,12 +14,14 @@ from fx_contact import (
     ContactPair,
     Dirichlet,
     Displacement,
+    Elastic,
     Gap,
     Material,
     MaxPressure,
     PairingError,
     Pressure,
     Reaction,
+    RigidMotion,
     RigidSphere,
     Scene,
     SceneError,
@@ -27,6 +29,7 @@ from fx_contact import (
     SymmetryPlane,
     Tie,
     Traction,
+    ValidityError,
     adapt,
     block,
     join,
@@ -35,7 +38,7 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive.scene_warnings import warnings_of
-from fx_contact.adaptive.validity import growing_pressure
+from fx_contact.adaptive.validity import check_model_warnings, growing_pressure
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.plot import draw_convergence, draw_sweep
@@ -101,6 +104,33 @@ ERRORS = [
     ),
     (lambda: press(tractions=(Traction("top", (0, 0, -1.0)),)), SceneError, "the traction on 'top' moves nothing"),
     (lambda: press(tractions=(Traction("upper top", (0, 0, -1.0)),)), SceneError, "'upper top' moves nothing"),
+    # Elastic supports and rigid motions.
+    (lambda: Elastic("top"), SceneError, "the elastic support on 'top' has no stiffness: give normal, or some of x"),
+    (
+        lambda: Elastic("top", 0.0),
+        SceneError,
+        "the stiffness normal of the elastic support on 'top' must be a positive",
+    ),
+    (lambda: Elastic("top", x=1.0, z=-1.0), SceneError, "must be a positive number, got -1.0"),
+    (lambda: Elastic("top", y=np.inf), SceneError, "must be a positive number, got inf"),
+    (lambda: Elastic("top", (1.0, 1.0, 1.0)), SceneError, "must be a positive number, got (1.0, 1.0, 1.0)"),
+    (lambda: Elastic(3, 1.0), SceneError, "the surface of an elastic support must be a name, got 3"),
+    (lambda: Elastic("top", stiffness=1.0), SceneError, "unknown argument of Elastic 'stiffness'; it has 'surface'"),
+    (lambda: press(springs=Elastic("tpo", 1.0)), SceneError, "did you mean 'top'?"),
+    (lambda: press(springs=Dirichlet("top", 0.0)), SceneError, "springs must be a tuple of Elastic"),
+    (lambda: press(dirichlet=(*held(), Elastic("top", 1.0))), SceneError, "dirichlet must be a tuple of Dirichlet"),
+    (lambda: press(springs=Elastic("top", 1.0)), SceneError, "the elastic support on 'top' moves nothing"),
+    (lambda: press(springs=Elastic("under", 1e30)), SceneError, "times as stiff as its body"),
+    (lambda: press(springs=Elastic("upper left", y=1e-15)), SceneError, "times as soft as its body"),
+    (lambda: RigidMotion("top", 0.01), SceneError, "the translation of the rigid motion of 'top' must have three"),
+    (lambda: RigidMotion("top", rotation=(0, 0, np.nan)), SceneError, "must be a finite number, got nan"),
+    (lambda: RigidMotion("top", center=(0, 0, 1)), SceneError, "did you mean 'centre'?"),
+    (lambda: RigidMotion(3), SceneError, "the place of a displacement condition must be a name, got 3"),
+    (
+        lambda: press(RigidMotion("base", rotation=(0, 0, 0.1))),
+        SceneError,
+        "on 'base' is prescribed as 0.1 where another",
+    ),
     # Functions of position are tried.
     (lambda: press(tractions=(Pressure("upper left", lambda x: x),)), SceneError, "must give an array of shape"),
     (lambda: press(tractions=(Pressure("upper left", lambda x: 1 / (0 * x[0])),)), SceneError, "must be finite"),
@@ -180,6 +210,21 @@ def test_slips_that_are_doubts():
     assert warned(scene) == [("free on a plane", "upper")]
     assert "held load" in [one.kind for one in solve(press(dirichlet=sliding, tractions=aslant), 0.5).record.doubts]
     assert not warned(replace(scene, dirichlet=planes(*BOTH)))
+
+
+def test_slips_of_supports_that_are_doubts():
+    """Springs of which a part is on held displacements, rotations that are not small; those from 0.5 on are refused."""
+    (found,) = warnings_of(press(springs=Elastic("upper left", normal=1.0, y=3.0), dirichlet=planes(*BOTH)))
+    assert (found.kind, found.place) == ("held load", "upper left") and abs(found.value - 0.25) < 1e-12
+    assert not warned(press(springs=Elastic("top", x=1.0), dirichlet=planes(*BOTH)))
+
+    def turned(angle):
+        """The upper cube, turned on top."""
+        return press(dirichlet=(held()[0], RigidMotion("top", (0, 0, -0.01), (0, 0, angle), (0.5, 0.5, 2.0))))
+
+    assert not warned(turned(0.05)) and warned(turned(-0.06)) == [("large rotation", "top")]
+    with pytest.raises(ValidityError, match="rotation by 34 degrees prescribed on 'top'.* lengthens lines .* by 18%"):
+        check_model_warnings(warnings_of(turned(-0.6)), allow=())
 
 
 @pytest.mark.parametrize("count, symmetry", [(0, 2), (1, 2), (1, 4), (2, 2), (2, 4)])

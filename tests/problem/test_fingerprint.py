@@ -9,9 +9,11 @@ from fx_contact import (
     BodyForce,
     ContactPair,
     Dirichlet,
+    Elastic,
     InitialStrain,
     Material,
     Pressure,
+    RigidMotion,
     Scene,
     SymmetryPlane,
     ThermalStrain,
@@ -52,6 +54,7 @@ def complete(mesh):
         contact_centre=(0.5, 0.5, 1.0),
         body_forces=(BodyForce("upper", (0.0, 0.0, 0.01)),),
         strains=(ThermalStrain("upper", 1e-5, 20.0), InitialStrain("upper", 1e-3 * np.eye(3))),
+        springs=(Elastic("upper left", 1.0, 1.0, 1.0, 1.0),),
     )
 
 
@@ -79,6 +82,7 @@ OF_SCENE = {
     "contact_centre": (0.5, 0.5, 2.0),
     "body_forces": (),
     "strains": (),
+    "springs": (),
 }
 #: and of each thing that a scene holds: where it is, and its fields.
 OF_PARTS = {
@@ -87,6 +91,7 @@ OF_PARTS = {
     ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None}),
     Traction: ("tractions", {"surface": "upper left", "value": (0.01, 0.0, 0.01)}),
     Pressure: ("tractions", {"surface": "upper left", "value": 0.02}),
+    Elastic: ("springs", {"surface": "lower left", "normal": 2.0, "x": None, "y": 2.0, "z": 2.0}),
     BodyForce: ("body_forces", {"body": "lower", "value": (0.0, 0.01, 0.01)}),
     ThermalStrain: ("strains", {"part": "lower", "expansion": 2e-5, "change": 30.0}),
     InitialStrain: ("strains", {"part": "lower", "value": 2e-3 * np.eye(3)}),
@@ -110,15 +115,8 @@ def test_nothing_is_forgotten():
     for kind, table in tables.items():
         elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
         assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
-    held = [
-        *SCENE.dirichlet,
-        *SCENE.contact,
-        *SCENE.tractions,
-        *SCENE.body_forces,
-        *SCENE.strains,
-        *SCENE.materials.values(),
-    ]
-    assert {type(one) for one in held} == OF_PARTS.keys()
+    held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.springs, *SCENE.strains]
+    assert {type(one) for one in (*held, *SCENE.materials.values())} == OF_PARTS.keys()
 
 
 def test_every_field_counts():
@@ -141,3 +139,19 @@ def test_positions_are_rounded(amount, same):
     """What another machine rounds otherwise is the same mesh: nine digits of its size count."""
     moved = MESH.points + amount * np.cos(np.arange(MESH.points.size)).reshape(-1, 3)
     assert (mesh_digest(replace(MESH, points=moved)) == mesh_digest(MESH)) == same
+
+
+def test_rigid_motions():
+    """Each field of a motion counts, at functions of position; one made alike is the same."""
+    motion = RigidMotion("top", (0.0, 0.0, -0.01), (0.0, 0.01, 0.0), (0.5, 0.5, 2.0))
+
+    def parts(motion):
+        """Of the scene without planes, contact and surface forces."""
+        held = Dirichlet("bottom", 0.0, 0.0, 0.0)
+        return scene_parts(replace(SCENE, dirichlet=(held, motion), symmetry=1, springs=(), contact=(), tractions=()))
+
+    known = [parts(motion), parts(RigidMotion("upper back", (0.0, 0.0, -0.01), (0.0, 0.01, 0.0), (0.5, 0.5, 2.0)))]
+    others = {"translation": (0.0, 0.01, -0.01), "rotation": (0.0, 0.01, 0.01), "centre": (0.5, 0.5, 1.0)}
+    known += [parts(replace(motion, **{name: value})) for name, value in others.items()]
+    assert all(one != other for index, one in enumerate(known) for other in known[:index])
+    assert parts(replace(motion)) == known[0]

@@ -40,8 +40,8 @@ class Resultant:
             body.
         kind: "contact": of the first surface on the second, or on the obstacle; "tie": of the first surface on the
             second, section force and moment; "traction", "pressure" or "body force": a load; "reaction" of a condition
-            on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry; "balance": of
-            all forces on a body, as it is modelled, 0 but for errors.
+            on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry; "spring": of
+            an elastic support on the bodies; "balance": of all forces on a body, as it is modelled, 0 but for errors.
         force: [N].
         moment: about `point` [N m].
         point: [m].
@@ -72,7 +72,7 @@ def undirected(record: StepRecord) -> list[str]:
 
 
 def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre: FloatArray) -> tuple[Resultant, ...]:
-    """Resultants of contact pairs, ties, tractions, body forces, conditions and bodies, in the order of the scene.
+    """Resultants of contacts, ties, tractions, body forces, conditions, springs and bodies, in the order of the scene.
 
     Collective on state.forest.comm.
 
@@ -84,15 +84,17 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     scene = state.scene
     # Entries x bodies x (force, moment).
     on_first, on_second = _of_interfaces(state, centre)
-    shifted = totals.copy()
-    shifted[..., 3:] -= np.cross(centre, totals[..., :3])
-    reactions = _of_conditions(state, residual, centre)
-    sums = state.forest.comm.allreduce(np.concatenate([on_first, on_second, shifted, reactions]))
+    reactions, elasticity = _of_conditions(state, residual, centre), state.elasticity
+    parts = [on_first, on_second, _about(centre, totals), reactions]
+    if elasticity.springs is not None:
+        parts.append(_about(centre, elasticity.springs.totals(elasticity.at_leaves(state.field.function))))
+    sums = state.forest.comm.allreduce(np.concatenate(parts))
     names = [(pair.name, "contact") for pair in scene.contact]
     names += [(tie.name, "tie") for tie in scene.ties]
     names += [(force.surface, type(force).__name__.lower()) for force in scene.tractions]
     names += [(force.body, "body force") for force in scene.body_forces]
     names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
+    names += [(support.surface, "spring") for support in scene.springs]
     names += [(body, "balance") for body in scene.mesh.bodies]
     values = np.concatenate([sums[len(scene.interfaces) :].sum(axis=1), sums.sum(axis=0)])
     for index, contact in enumerate(scene.contact):
@@ -107,6 +109,13 @@ def _resultant(name: str, kind: str, row: FloatArray, centre: FloatArray, scene:
     if kind not in ("symmetry", "balance"):
         force, moment, parts = scene.mirrors.force(force), scene.mirrors.moment(moment), scene.mirrors.parts
     return Resultant(name, kind, _vector(force), _vector(moment), _vector(centre), parts)
+
+
+def _about(centre: FloatArray, totals: FloatArray) -> FloatArray:
+    """Totals (..., 6) about the origin with moments about a point."""
+    shifted = totals.copy()
+    shifted[..., 3:] -= np.cross(centre, totals[..., :3])
+    return shifted
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:

@@ -2,25 +2,41 @@
 
 import numpy as np
 
-from fx_contact.adaptive.validity import MISSED, ModelWarning
-from fx_contact.problem.boundary_conditions import PLANE, SymmetryPlane
+from fx_contact.adaptive.validity import LARGE, MISSED, ModelWarning
+from fx_contact.parallel.validation import percent
+from fx_contact.problem.boundary_conditions import PLANE, RigidMotion, SymmetryPlane
 from fx_contact.problem.scene import Scene
 
 
 def warnings_of(scene: Scene) -> list[ModelWarning]:
     """Violated assumptions of a scene.  Local."""
-    return [*_held_loads(scene), *_free_on_planes(scene)]
+    return [*_held_loads(scene), *_large_rotations(scene), *_free_on_planes(scene)]
+
+
+def _large_rotations(scene: Scene) -> list[ModelWarning]:
+    """Prescribed rotations that are not small."""
+    warnings = []
+    for condition in scene.dirichlet:
+        angle = float(np.linalg.norm(condition.rotation)) if isinstance(condition, RigidMotion) else 0.0
+        if angle > LARGE:
+            message = (
+                f"the rotation by {np.degrees(angle):.2g} degrees prescribed on {condition.where!r} is that of linear "
+                f"elasticity, which lengthens lines across its axis by {percent(angle**2 / 2)}; limit "
+                f"{np.degrees(LARGE):.2g} degrees"
+            )
+            warnings.append(ModelWarning("large rotation", angle, LARGE, condition.where, message))
+    return warnings
 
 
 def _held_loads(scene: Scene) -> list[ModelWarning]:
-    """Surface forces of which a part acts on prescribed displacements of its surface."""
+    """Surface forces and elastic supports of which a part acts on prescribed displacements of its surface."""
     message = (
         "{} acts by {:.0%} on displacements that conditions on its surface prescribe, where it moves nothing; limit "
         "{:.0%}: name surfaces apart, or leave that part out"
     )
     return [
         ModelWarning("held load", share, MISSED, load.surface, message.format(load.what, share, MISSED))
-        for load, share in zip(scene.tractions, scene.held_shares)
+        for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares)
         if share > MISSED
     ]
 

@@ -35,6 +35,7 @@ from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.springs import Springs
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -164,11 +165,12 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
 def elasticity_of(
     scene: Scene, mesh: LeafMesh, cells: IntArray, prolongation: Prolongation, stages: Stages
 ) -> Elasticity:
-    """Elasticity of the materials of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
+    """Elasticity of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
     materials = [scene.materials[name] for name in scene.mesh.regions]
     layer = scene.layers[cells], int(scene.layers.max()) + 1
     strain = stress_free_strain(scene, prolongation.space, mesh)
-    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, strain)
+    springs = Springs(scene.springs, prolongation, mesh.order) if scene.springs else None
+    return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, springs, strain)
 
 
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:

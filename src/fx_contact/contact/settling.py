@@ -45,6 +45,9 @@ _MOST = 60
 _ROUNDED, _STALLED = 2e-4, 3
 #: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
 _TOUCHING, _STEPS = 0.01, 30
+#: Stiffness of a section, relative to that of a flat punch as large, down to which nothing resists: a rod has its
+#: diameter over its length, and what moves freely has rounding, 1e-10.
+_RESISTS = 1e-6
 #: Bisections for the expected indentation, a first guess.
 _BISECTIONS = 20
 
@@ -101,12 +104,12 @@ def settle(
         else:
             z, m = sensitivities(system, rows, closed, options.loose_tolerance, z)
             slope = -_sum(rows, rows.rates @ m.T)
-            stiffness = slope.diagonal()
+            stiffness = np.maximum(slope.diagonal(), 0.0)
             # A solve changes the force by up to its energy error times the norm of z; two are compared.
             allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
             if solver is options and (np.abs(excess) <= allowed).all():
                 return Settled(jump, u, trial, error)
-            step = _step(rows, u, excess, slope)
+            step = _step(rows, u, t, excess, slope)
             before = -float(excess @ step)
             if solver is loose and ((np.abs(excess) <= _NEAR * force + allowed) | (stiffness == 0)).all():
                 solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
@@ -159,13 +162,19 @@ def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
     raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
 
 
-def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatArray) -> FloatArray:
-    """Newton's step (k,) [m]; obstacles without closed rows go on to the surface, sections always have them."""
+def _step(rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray, slope: FloatArray) -> FloatArray:
+    """Newton's step (k,) [m]; obstacles without closed rows go on to the surface, unresisted sections close doubly.
+
+    Args:
+        t: (k,), distances so far [m].
+    """
     presses = slope.diagonal() > 0
-    if presses.all():
+    sections = _sections(rows)
+    if presses.all() and not sections.any():
         return np.asarray(np.linalg.solve(slope, -excess))
     gap, indentation = _expected(rows, u)
-    step = gap + indentation
+    presses &= ~sections | (slope.diagonal() * indentation > _RESISTS * _forces(rows))
+    step = np.where(sections, indentation + np.abs(t), gap + indentation)
     step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
     return step
 
@@ -173,13 +182,14 @@ def _step(rows: ConstraintRows, u: FloatArray, excess: FloatArray, slope: FloatA
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
 
-    Both are 0 of a section.  Rows that the obstacle passes along do not count.  The indentation is that of a flat punch
-    as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    A section has no distance.  Rows that the obstacle passes along do not count.  The indentation is that of a flat
+    punch as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
     gap, comm = -rows.penetration(u), rows.prolongation.comm
-    ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rows.rates]
-    ahead = [gap[some] / rows.rates[one, some] for one, some in enumerate(ours)]
-    sections = np.array([rows.kinds[index].contact.force is None for index in rows.pressed])
+    rates, sections = rows.rates, _sections(rows)
+    rates[sections] = np.abs(rates[sections])
+    ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rates]
+    ahead = [np.where(sections[one], 0.0, gap[some] / rates[one, some]) for one, some in enumerate(ours)]
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
     least[sections] = 0.0
@@ -203,7 +213,12 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
         middle = (low + high) / 2
         beyond = punches(middle) < middle
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    return least, np.where(sections, 0.0, high)
+    return least, high
+
+
+def _sections(rows: ConstraintRows) -> BoolArray:
+    """(k,), True for preloaded sections."""
+    return np.array([rows.kinds[index].contact.force is None for index in rows.pressed], dtype=bool)
 
 
 def _forces(rows: ConstraintRows) -> FloatArray:

@@ -20,6 +20,7 @@ from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
 from fx_contact.fem.nodal_stress import NodalStress
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.springs import Springs
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
@@ -52,6 +53,7 @@ class Elasticity:
         material: (ncells,), index of that of each local cell.
         layer: (ncells,), number of the material among those of its body, and the number of layers on all ranks: as in
             `NodalStress`; None: bodies have one material each.
+        springs: of elastic supports, part of the stiffness, of internal forces and energies; None: there are none.
         stress_free: (ncells, (p+1)^3, 3, 3), stress-free strain at the nodes `cells` [-]; None: 0 on all ranks.
 
     Attributes:
@@ -78,9 +80,10 @@ class Elasticity:
         prolongation: Prolongation,
         stages: Stages,
         layer: tuple[IntArray, int] | None = None,
+        springs: Springs | None = None,
         stress_free: FloatArray | None = None,
     ) -> None:
-        self._materials, self._layer = (materials, material), layer
+        self._materials, self._layer, self.springs = (materials, material), layer, springs
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
         self.quadrature_degree = 2 * prolongation.space.degree + 1
@@ -152,7 +155,8 @@ class Elasticity:
 
     def on(self, prolongation: Prolongation) -> Elasticity:
         """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""
-        return Elasticity(self.leaf_mesh, *self._materials, prolongation, self._stages, self._layer)
+        springs = None if self.springs is None else self.springs.on(prolongation)
+        return Elasticity(self.leaf_mesh, *self._materials, prolongation, self._stages, self._layer, springs)
 
     def nodal_space(self, components: int) -> fem.FunctionSpace:
         """Continuous functions of the displacement's degree with some components.  Collective."""
@@ -195,7 +199,7 @@ class Elasticity:
         return (ufl.inner(one, other) - first / (3 * first + 2 * second) * traces) / (2 * second)
 
     def energy_norm(self, conforming: FloatArray) -> float:
-        """omega (4) of a displacement (owned, 3) [m]: [J^(1/2)].  Collective."""
+        """omega (4) of a displacement (owned, 3) [m], with the energy of springs: [J^(1/2)].  Collective."""
         u = self.argument
         return self._root(self._integral("energy", self._energy(u.function, u.volume_strain**2)), conforming)
 
@@ -216,13 +220,18 @@ class Elasticity:
         return energy if self._more is None else energy + ufl.inner(self._more.stress(strain), strain)
 
     def _root(self, energy: Integral, conforming: FloatArray, loaded: bool = False) -> float:
-        return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(self.field(conforming, loaded))), 0.0)))
+        field = self.field(conforming, loaded)
+        of_springs = 0.0 if self.springs is None else self.springs.energy(self.at_leaves(field.function))
+        return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(field) + of_springs), 0.0)))
 
     def internal_forces(self, field: DisplacementField) -> FloatArray:
         """P^T K u, integrated from the stress of u without a matrix: (owned, 3) [N].  Collective."""
         strain = ufl.sym(ufl.grad(ufl.TestFunction(self.function_space)))
         forces = self._integral("forces", ufl.inner(self.stress(self.argument), strain)).vector(field)
-        return self.prolongation.restrict(self.at_nodes(forces))
+        result = self.prolongation.restrict(self.at_nodes(forces))
+        if self.springs is not None:
+            result += self.springs.internal_forces(self.at_leaves(field.function))
+        return result
 
     def stress_free_forces(self) -> FloatArray:
         """The load (owned, 3) [N] of the stress-free strain, int C eps_0 : grad v.  Collective."""
@@ -278,6 +287,8 @@ class Elasticity:
                 if supports is not None:
                     matrices = supports.in_cells(matrices, nodes)
                 add_cells(matrix.mat, matrices, number[nodes])
+        if self.springs is not None:
+            self.springs.add_to(matrix.mat, number, supports)
         give_back()
         return matrix
 

@@ -3,28 +3,21 @@
 A user's force is a NumPy function of position, evaluated at the integration points.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from dolfinx import fem
 
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.leaf_mesh import leaf_positions
-from fx_contact.fem.space import Space
+from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce, Pressure, Traction
 from fx_contact.problem.scene import Scene
 
-#: Integration points at once: few enough for the processor's cache.
-_CHUNK = 1 << 17
-
 _Load: TypeAlias = Traction | Pressure | BodyForce
-#: Points along an axis of a leaf, in [0, 1], and their weights.
-_Rule: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def load(scene: Scene, forest: Forest, elasticity: Elasticity) -> FloatArray:
@@ -51,9 +44,9 @@ def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tup
         with together(forest.comm):
             for force, total in zip(_loads(scene), totals):
                 for leaves, face in _places(forest, force):
-                    rule = _rule(space, order, face)
-                    functions = _tensor([hexahedron.lagrange(space.degree, x) for x in _on(face, *rule)[0]])
-                    for part, x, values in _integrands(forest, leaves, order, force.at, face, rule):
+                    rule = gauss_rule(space.degree, order, face)
+                    functions = shape_functions(space.degree, face, rule)
+                    for part, x, values in integrands(forest, leaves, order, force.at, face, rule):
                         np.add.at(forces, space.cells[part], functions.T @ values)
                         moment = np.cross(x, values).sum(axis=1)
                         body = forest.mesh.body[forest.cell[part]]
@@ -78,8 +71,8 @@ def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
         with together(space.forest.comm):
             for force, total in zip(loads, totals):
                 for leaves, face in _places(space.forest, force) if callable(force.value) else ():
-                    rule = _rule(space, order, face, more=1, parts=1 if face is None else 2)
-                    for _, _, values in _integrands(space.forest, leaves, order, force.at, face, rule):
+                    rule = gauss_rule(space.degree, order, face, more=1, parts=1 if face is None else 2)
+                    for _, _, values in integrands(space.forest, leaves, order, force.at, face, rule):
                         total[:3] += values.sum(axis=(0, 1))
                         total[3] += np.linalg.norm(values, axis=2).sum()
     return totals
@@ -114,60 +107,4 @@ def _places(forest: Forest, force: _Load) -> Iterator[tuple[IntArray, int | None
     if isinstance(force, BodyForce):
         yield np.flatnonzero(np.isin(forest.cell, forest.mesh.cells_of(force.body))), None
         return
-    leaf, face = forest.boundary_faces(forest.mesh.surface(force.surface))
-    for which in np.unique(face):
-        yield leaf[face == which], int(which)
-
-
-def _rule(space: Space, order: int, face: int | None, more: int = 0, parts: int = 1) -> _Rule:
-    """The rule of loads, with so many points more, in each of so many parts."""
-    # On a face the area vector is a polynomial of twice the order: a constant pressure is integrated exactly.
-    points, weights = np.polynomial.legendre.leggauss(space.degree + (1 if face is None else order) + more)
-    halves = np.add.outer(np.arange(parts), (points + 1) / 2).ravel()
-    return halves / parts, np.tile(weights / 2, parts) / parts
-
-
-def _integrands(
-    forest: Forest, leaves: IntArray, order: int, density: Callable[..., FloatArray], face: int | None, rule: _Rule
-) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
-    """Chunks of leaves (n,), positions (n, g, 3) [m] of integration points, and forces times weights (n, g, 3) [N].
-
-    The density, force per volume or area, is a function of points, on a face of normals too.
-    """
-    axes, weights = _on(face, *rule)
-    value = [hexahedron.lagrange(order, x) for x in axes]
-    slope = [hexahedron.lagrange_derivative(order, x) for x in axes]
-    weight = _tensor([w[:, None] for w in weights])[:, 0]
-    count = max(1, _CHUNK // len(weight))
-    for start in range(0, len(leaves), count):
-        part = leaves[start : start + count]
-        nodal = leaf_positions(forest, part, order)
-        x = hexahedron.tensor_evaluate(value, nodal).reshape(-1, 3)
-        tangent = [
-            hexahedron.tensor_evaluate([slope[a] if a == axis else value[a] for a in range(3)], nodal).reshape(-1, 3)
-            for axis in (range(3) if face is None else hexahedron.FACE_TANGENTS[face])
-        ]
-        normal = np.cross(tangent[0], tangent[1])
-        if face is None:
-            measure = np.einsum("ni,ni->n", normal, tangent[2])
-            force = density(x)
-        else:
-            measure = np.linalg.norm(normal, axis=1)
-            force = density(x, hexahedron.FACE_ORIENTATION[face] * normal / measure[:, None])
-        shape = len(part), -1, 3
-        yield part, x.reshape(shape), (force * measure[:, None]).reshape(shape) * weight[:, None]
-
-
-def _on(face: int | None, points: FloatArray, weights: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Points and weights along the three axes, in the volume or on a local face."""
-    axes, rules = [points] * 3, [weights] * 3
-    if face is not None:
-        axes[hexahedron.FACE_AXIS[face]] = np.array([float(hexahedron.FACE_SIDE[face])])
-        rules[hexahedron.FACE_AXIS[face]] = np.ones(1)
-    return axes, rules
-
-
-def _tensor(functions: Sequence[FloatArray]) -> FloatArray:
-    """Products of 1D functions (m, k) along x, y, z at the tensor product of their points, x fastest: (m^3, k^3)."""
-    fx, fy, fz = functions
-    return np.kron(fz, np.kron(fy, fx))
+    yield from faces_on(forest, force.surface)

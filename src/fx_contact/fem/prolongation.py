@@ -159,7 +159,7 @@ class Prolongation:
         gathered = self._vector(values.shape[1])
         gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)
-        return gathered.array[: self.owned * values.shape[1]].reshape(-1, values.shape[1]).copy()
+        return gathered.array[: self.owned * values.shape[1]].reshape(self.owned, values.shape[1]).copy()
 
     def _vector(self, k: int) -> Vector:
         """A vector of k components a node, made once: its two communicators cost more than its messages."""

@@ -1,7 +1,15 @@
 """Problem description: root mesh, shapes, lattice keys, facet pairing, materials, conditions, contact pairs."""
 
-from fx_contact.problem.boundary_conditions import BodyForce, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.problem.boundary_conditions import (
+    BodyForce,
+    Dirichlet,
+    Pressure,
+    RigidMotion,
+    SymmetryPlane,
+    Traction,
+)
 from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.obstacles import Obstacle, RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
@@ -19,6 +27,7 @@ __all__ = [
     "ContactPair",
     "Dirichlet",
     "InitialStrain",
+    "Elastic",
     "Material",
     "Obstacle",
     "Orthotropic",
@@ -26,6 +35,7 @@ __all__ = [
     "Pressure",
     "RigidCone",
     "RigidCylinder",
+    "RigidMotion",
     "RigidPlane",
     "RigidSphere",
     "RigidSurface",

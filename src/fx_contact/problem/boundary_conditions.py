@@ -7,7 +7,7 @@ evaluated.  All is local.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -79,6 +79,53 @@ class Dirichlet:
         for component, value in self._given:
             result[:, component] = evaluated(self._what(component), value, points, 1)[:, 0]
         return result
+
+
+@dataclass(frozen=True)
+class _OfMotion:
+    """A component of a rigid motion: a function of positions, a number plus slope . (x - centre)."""
+
+    number: float
+    slope: tuple[float, ...]
+    centre: tuple[float, float, float]
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return self.number + np.array(self.slope) @ (x - np.array(self.centre)[:, None])
+
+
+@dataclass(frozen=True)
+class RigidMotion(Dirichlet):
+    """Prescribed motion of a surface, a curve or a vertex as a rigid body, in all three components.
+
+    u = t + r x (x - c) with the translation t, the rotation vector r and the centre c.  Rotations are
+    small: lines across r become longer by |r|^2 / 2.  The force and moment that it takes are a `Resultant` of the kind
+    "reaction".
+
+    Raises SceneError as `Dirichlet`, or if a vector is not three finite numbers.
+
+    Attributes:
+        translation: t [m].
+        rotation: r [rad].
+        centre: c, undeformed [m].
+    """
+
+    x: ScalarValue | None = field(init=False, repr=False, compare=False)
+    y: ScalarValue | None = field(init=False, repr=False, compare=False)
+    z: ScalarValue | None = field(init=False, repr=False, compare=False)
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("translation", "rotation", "centre"):
+            check_vector(f"the {name} of the rigid motion of {shown(self.where)}", getattr(self, name))
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        turned = np.cross(self.rotation, np.eye(3))
+        for index, (component, number) in enumerate(zip(COMPONENTS, self.translation)):
+            slope = tuple(map(float, turned[:, index]))
+            value = _OfMotion(number, slope, self.centre) if any(slope) else number
+            object.__setattr__(self, component, value)
+        super().__post_init__()
 
 
 def merged(

@@ -8,6 +8,7 @@ import numpy as np
 
 from fx_contact.problem.boundary_conditions import ScalarValue, SymmetryPlane, Traction, VectorValue, evaluated
 from fx_contact.problem.contact import Contact, ContactPair
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
@@ -34,6 +35,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
         "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
         **({"stress-free strains": [_of_strain(scene, strain) for strain in scene.strains]} if scene.strains else {}),
+        **({"elastic supports": [_of_support(support) for support in scene.springs]} if scene.springs else {}),
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
     }
 
@@ -73,6 +75,12 @@ def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
 def _of_strain(scene: Scene, strain: ThermalStrain | InitialStrain) -> list[Any]:
     """A strain for JSON, with a digest of its values at samples of the part."""
     return _given(scene, strain.part, 9, lambda x: strain.at(x.T).reshape(-1, 9).T)
+
+
+def _of_support(support: Elastic) -> list[Any]:
+    """An elastic support for JSON."""
+    stiffness = (support.normal, support.x, support.y, support.z)
+    return [support.surface, *(None if value is None else float(value) for value in stiffness)]
 
 
 def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:

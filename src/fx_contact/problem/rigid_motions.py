@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fx_contact.parallel.arrays import FloatArray, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
+from fx_contact.problem.boundary_conditions import PLANE
 from fx_contact.problem.root_mesh import RootMesh
 
 #: Eigenvalues of R^T R below this fraction of the largest are rounding errors.
@@ -21,14 +22,19 @@ class RigidMotions:
     Args:
         prescribed: (npoints, 3), prescribed displacements of the nodes [m], NaN where free.
         planes: oblique symmetry planes, (nodes, normal (3,)) of each.
+        springs: elastic supports, as from `Elastic.resistance`.
 
     Attributes:
-        free: (k, nbodies, 6), orthonormal basis of the motions that the homogeneous conditions allow [-].
-        prescribed: (nbodies, 6), the motion closest to the prescribed displacements [m] (least squares).
+        free: (k, nbodies, 6), orthonormal basis of the motions that the homogeneous conditions and springs allow [-].
+        prescribed: (nbodies, 6), the motion closest to the prescribed displacements, 0 at springs [m] (least squares).
     """
 
     def __init__(
-        self, mesh: RootMesh, prescribed: FloatArray, planes: Sequence[tuple[IntArray, FloatArray]] = ()
+        self,
+        mesh: RootMesh,
+        prescribed: FloatArray,
+        planes: Sequence[tuple[IntArray, FloatArray]] = (),
+        springs: Sequence[tuple[FloatArray, IntArray, FloatArray]] = (),
     ) -> None:
         self._mesh = mesh
         body = np.zeros(len(mesh.points), dtype=np.int64)
@@ -42,6 +48,9 @@ class RigidMotions:
         for nodes, normal in planes:
             rows.append(self.along(mesh.points[nodes], body[nodes], normal))
             values.append(np.zeros(len(nodes)))
+        for points, bodies, directions in springs:
+            rows.append(self.along(points, bodies, directions))
+            values.append(np.zeros(len(points)))
         constraints = np.concatenate(rows)
         _, strength, motions = np.linalg.svd(constraints.T @ constraints)
         free = strength <= _ROUNDING * max(strength[0], 1e-300)
@@ -89,3 +98,15 @@ class RigidMotions:
         loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12), : len(self.free)]
         moves = np.abs(np.tensordot(loose, self.free, axes=1)).max(axis=(0, 2), initial=0.0)
         return [name for name, size in zip(self._mesh.bodies, moves.tolist()) if size > 1e-6]
+
+
+def resisting_points(mesh: RootMesh, facets: IntArray, direction: FloatArray, along_normals: BoolArray) -> FloatArray:
+    """Points (n, 4, 3) [m] at which facets (n, 2) resist motions in directions (n, 3): their corners.
+
+    Local.  Curved facets where the direction is the normal (n,) have four times the mean of them.
+    """
+    corners = mesh.facet_points(facets, order=1)
+    middle = corners.mean(axis=1, keepdims=True)
+    height = np.einsum("nij,nj->ni", mesh.facet_points(facets) - middle, direction)
+    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
+    return np.where((curved & along_normals)[:, None, None], middle, corners)

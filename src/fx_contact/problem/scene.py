@@ -32,6 +32,7 @@ from fx_contact.problem.boundary_conditions import (
 )
 from fx_contact.problem.contact import Contact, ContactPair
 from fx_contact.problem.contact_surfaces import ContactSurfaces
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
@@ -43,10 +44,12 @@ from fx_contact.problem.scene_validation import (
     check_loads,
     check_mirrored,
     check_obstacles,
+    check_springs,
     check_strains,
     check_ties,
     check_units,
     held_share,
+    held_stiffness,
 )
 from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.ties import Preload, Tie
@@ -70,17 +73,18 @@ class Scene:
         body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
         strains: stress-free strains; those on one body, or part of it, add up.
+        springs: elastic supports; those on one surface add up.
 
     One item may be given for a tuple.
 
     Raises:
         SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
             displacement that is not finite, across a symmetry plane, or different from another one at a node; a load
-            that is not finite, or acts on prescribed displacements alone; a symmetry plane that is not plane, or cuts a
-            body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle with most
-            of a body inside it, behind the surface, or farther away than all bodies are large; a force that pulls an
-            obstacle away, or across a symmetry plane; tied surfaces that lie apart; a preloaded section that is not
-            plane across its axis.
+            that is not finite; a load or springs on prescribed displacements alone; a symmetry plane that is not plane,
+            or cuts a body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle
+            with most of a body inside it, behind the surface, or farther away than all bodies are large; a force that
+            pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart; a preloaded section that
+            is not plane across its axis; materials and strains that mirrors change.
     """
 
     name: str
@@ -94,6 +98,7 @@ class Scene:
     body_forces: tuple[BodyForce, ...] = ()
     ties: tuple[Tie, ...] = ()
     strains: tuple[ThermalStrain | InitialStrain, ...] = ()
+    springs: tuple[Elastic, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -114,13 +119,14 @@ class Scene:
                 f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
                 f"{meant}"
             )
-        for traction in self.tractions:
-            mesh.surface(traction.surface)
+        for on_surface in (*self.tractions, *self.springs):
+            mesh.surface(on_surface.surface)
         for force in self.body_forces:
             mesh.cells_of(force.body)
         for strain in self.strains:
             mesh.cells_of(strain.part)
         check_units(self)
+        check_springs(self)
         check_loads(self)
         check_strains(self)
         check_obstacles(self)
@@ -140,6 +146,7 @@ class Scene:
             "contact": [self._described(index) for index in range(len(self.contact))],
             "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
+            "elastic supports": [repr(support.surface) for support in self.springs],
             "surface forces": [repr(force.surface) for force in self.tractions],
             "body forces": [repr(force.body) for force in self.body_forces],
             "stress-free strains": [repr(strain.part) for strain in self.strains],
@@ -177,8 +184,9 @@ class Scene:
 
     @cached_property
     def held_shares(self) -> tuple[float, ...]:
-        """Share of each surface force that acts on displacements which conditions on its surface prescribe [-]."""
-        return tuple(held_share(self, load) for load in self.tractions)
+        """Share of each surface force, then of springs, on displacements that conditions on its surface prescribe."""
+        of_springs = (held_stiffness(self, support) for support in self.springs)
+        return *(held_share(self, load) for load in self.tractions), *of_springs
 
     @cached_property
     def mirrors(self) -> Mirrors:
@@ -222,7 +230,8 @@ class Scene:
     def rigid_motions(self) -> RigidMotions:
         """Rigid motions of the bodies, and the conditions on them."""
         planes = [(self.place(plane.where), np.array(plane.normal)) for plane in self.oblique_planes]
-        return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes)
+        springs = [support.resistance(self.mesh) for support in self.springs]
+        return RigidMotions(self.mesh, self.prescribed(self.mesh.points), planes, springs)
 
     def place(self, name: str) -> Int64Array:
         """Corner nodes (n,) of a surface, curve or vertex of the root mesh.  Raises SceneError for an unknown name."""
@@ -304,6 +313,7 @@ _ITEMS = {
     "body_forces": (BodyForce,),
     "ties": (Tie,),
     "strains": (ThermalStrain, InitialStrain),
+    "springs": (Elastic,),
 }
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5

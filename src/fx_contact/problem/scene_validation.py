@@ -11,9 +11,11 @@ from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.boundary_conditions import COMPONENTS, PLANE, Dirichlet, Pressure, SymmetryPlane, Traction
 from fx_contact.problem.contact import ContactPair
+from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.materials import Orthotropic
+from fx_contact.problem.rigid_motions import resisting_points
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Preload, Tie
 
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 #: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
+#: Largest ratio of k L and E, and of E and k L, of springs below a body [-].  A cube on springs of k L = 1e-10 E has
+#: their force to 2e-5, on those of 1e-12 E to 1e-3, by the rounding of its rigid motion.
+_SPRINGS = 1e10
 #: Largest difference of two prescribed displacements relative to the size of all bodies, for small strains [-].
 _LARGEST_STRAIN = 1.0
 #: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
@@ -72,9 +77,24 @@ def check_units(scene: Scene) -> None:
             )
 
 
+def check_springs(scene: Scene) -> None:
+    """Raises SceneError for springs that double precision does not hold beside the body that they are on."""
+    mesh, size = scene.mesh, np.ptp(scene.mesh.points, axis=0).max()
+    for support in scene.springs:
+        facets = mesh.surface(support.surface)
+        stiffness = support.stiffness(mesh.outward_normals(facets)).max() * size
+        young = [scene.materials[mesh.regions[region]].young for region in np.unique(mesh.region[facets[:, 0]])]
+        for ratio, how in ((stiffness / min(young), "stiff"), (max(young) / stiffness, "soft")):
+            if ratio > _SPRINGS:
+                raise SceneError(
+                    f"{support.what} is {ratio:.2g} times as {how} as its body, k L / E with the size L of all bodies, "
+                    f"limit {_SPRINGS:g}: check the units of stiffness per area"
+                )
+
+
 def check_loads(scene: Scene) -> None:
-    """Raises SceneError for a surface force that conditions hold entirely; tries functions of position."""
-    for load, share in zip(scene.tractions, scene.held_shares):
+    """Raises SceneError for a surface force, or springs, that conditions hold entirely; tries functions of position."""
+    for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares):
         if share > 1 - _ROUNDING:
             raise SceneError(
                 f"{load.what} moves nothing: conditions prescribe the displacement of this surface along the whole of "
@@ -127,14 +147,32 @@ def held_share(scene: Scene, load: Traction | Pressure) -> float:
         if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces:
             held[tuple(mesh.surfaces[condition.where].T)] |= condition.held
     facets = mesh.surface(load.surface)
-    points, corners = scene.samples(load.surface), mesh.facet_points(facets, order=1)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
+    points, area = scene.samples(load.surface), _areas(mesh.facet_points(facets, order=1))
     each = len(points) // len(facets)
     force = load.at(points, np.repeat(mesh.outward_normals(facets), each, axis=0)).reshape(len(facets), each, 3)
     sizes = [
         np.linalg.norm(part, axis=2).mean(axis=1) @ area for part in (force, force * held[tuple(facets.T)][:, None])
     ]
     return float(sizes[1] / sizes[0]) if sizes[0] else 0.0
+
+
+def held_stiffness(scene: Scene, springs: Elastic) -> float:
+    """Share of the trace of a stiffness on displacements that conditions prescribe on facets of its surface [-]."""
+    mesh = scene.mesh
+    facets, held = mesh.surface(springs.surface), np.zeros((*mesh.faces.shape, 3, 3))
+    area, stiffness = _areas(mesh.facet_points(facets, order=1)), springs.stiffness(mesh.outward_normals(facets))
+    for condition in scene.conditions:
+        if condition.where in mesh.surfaces:
+            held[tuple(mesh.surfaces[condition.where].T)] += condition.across
+    across = held[tuple(facets.T)]
+    span = np.linalg.pinv(across, rcond=PLANE, hermitian=True) @ across
+    of_held, total = (area @ np.einsum("nii->n", part) for part in (span @ stiffness, stiffness))
+    return float(of_held / total)
+
+
+def _areas(corners: FloatArray) -> FloatArray:
+    """Areas (n,) of facets with corners (n, 4, 3)."""
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
 
 
 def check_obstacles(scene: Scene) -> None:
@@ -259,15 +297,17 @@ def check_constrained(scene: Scene) -> None:
     first, opposite = (
         np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
     )
-    points = _resisting_points(scene, first, direction).reshape(-1, 3)
+    of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
+    normal = [contact.unit_direction is None for contact in scene.contact]
+    along_normals = np.array([*normal, *(False for _ in scene.ties)], dtype=bool)[of]
+    points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
         for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
-    of = np.repeat(scene.contact_surfaces.contact[first[:, 0], first[:, 1]], 4)
     # Obstacles below forces give way along them: `direction` is against the force there.
     yields = [
-        (of == index) * (np.repeat(direction, 4, axis=0) @ interface.rate_direction)
+        np.repeat(of == index, 4) * (np.repeat(direction, 4, axis=0) @ interface.rate_direction)
         for index, interface in enumerate(scene.oriented)
         if interface.load is not None and interface.rate_direction is not None
     ]
@@ -276,8 +316,8 @@ def check_constrained(scene: Scene) -> None:
     if loose:
         raise SceneError(
             f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions.free)} rigid motions that no "
-            "displacement condition stops, some meet no contact surface either; prescribe displacements that stop them "
-            "(a vertex is enough where no force acts)"
+            "displacement condition or spring stops, some meet no contact surface either; prescribe displacements that "
+            "stop them (a vertex is enough where no force acts)"
         )
 
 
@@ -297,18 +337,3 @@ def _facing_bodies(scene: Scene) -> tuple[Int64Array, Int64Array]:
         body[tuple(pair.first.facets.T)] = np.where(faced >= 0, there, _NOTHING)
     bodies = body[tuple(first.T)]
     return first[bodies != _NOTHING], bodies[bodies != _NOTHING]
-
-
-def _resisting_points(scene: Scene, facets: Int64Array, direction: FloatArray) -> FloatArray:
-    """Points (n, 4, 3) [m] at which contact facets (n, 2) resist motions in directions (n, 3): their corners.
-
-    Curved facets without a given direction have four times the mean of them, where `direction` is the normal, except
-    for ties.
-    """
-    corners, of = scene.mesh.facet_points(facets, order=1), scene.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
-    middle = corners.mean(axis=1, keepdims=True)
-    height = np.einsum("nij,nj->ni", scene.mesh.facet_points(facets) - middle, direction)
-    curved = np.abs(height).max(axis=1) > PLANE * np.ptp(corners, axis=1).max(axis=1)
-    pairs = [contact.unit_direction is None for contact in scene.contact]
-    along_normals = np.array([*pairs, *(False for _ in scene.ties)], dtype=bool)[of]
-    return np.where((curved & along_normals)[:, None, None], middle, corners)
