@@ -65,7 +65,6 @@ class Elasticity:
         argument: coefficient in the place of a displacement in an `Integral`; its values are scratch, those of the
             displacement that was integrated last.
         order: ((p+1)^3,), node in `cells` of each node of a cell of `function_space`.
-        stresses: fields of stresses by nodal values.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
 
     Raises:
@@ -111,10 +110,18 @@ class Elasticity:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
             self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
-        self.stresses = NodalStress(self, *(layer or (np.zeros(len(self.cells), dtype=np.int64), 1)))
         self._stress_free = None if stress_free is None else self._of_nodes(stress_free)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
+
+    @property
+    def stresses(self) -> NodalStress:
+        """Fields of stresses by nodal values.  Local.
+
+        Not kept here: a cycle of references would wait for Python's garbage collection, which differs between ranks.
+        After ranks have freed different communicators, Open MPI takes milliseconds and more to make one.
+        """
+        return NodalStress(self, *(self._layer or (np.zeros(len(self.cells), dtype=np.int64), 1)))
 
     def blank(self) -> DisplacementField:
         """A displacement of zero, without stress-free strain.  Collective."""
@@ -326,7 +333,7 @@ class Elasticity:
         space, cells = self.discontinuous(), []
         parts: list[tuple[IntArray, FloatArray]] = []
         for some in self._chunks(np.flatnonzero(self._soft)):
-            part, d = self._projection.moments(some, space)
+            part, d = self._projection.moments(some, space, self._compiled)
             orthonormal = np.linalg.cholesky(self._projection.inverse_mass[part]).transpose(0, 2, 1)
             parts.append((self.cells[part][:, self.order], orthonormal @ d))
             cells.append(np.repeat(part, d.shape[1]))
@@ -342,7 +349,7 @@ class Elasticity:
         soft = np.flatnonzero(self._soft[cells])
         place = np.full(len(self._soft), -1)
         place[cells[soft]] = soft
-        some, d = self._projection.moments(cells[soft], space)
+        some, d = self._projection.moments(cells[soft], space, self._compiled)
         first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
         if mixed:
             first = _first_lame(self._of_cells(self.lame[1], some))

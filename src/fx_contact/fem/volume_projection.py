@@ -35,7 +35,6 @@ class VolumeProjection:
     """
 
     def __init__(self, mesh: Mesh, degree: int, compiled: Compile) -> None:
-        self._compiled = compiled
         self.space = fem.functionspace(mesh, ("DPC", degree - 1))
         # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
         self._terms = fem.functionspace(mesh, ("DPC", degree - 1, (3,)))
@@ -50,13 +49,15 @@ class VolumeProjection:
         result[cells] = np.einsum("nij,nj->ni", self.inverse_mass, moments[cells])
         return result
 
-    def moments(self, cells: IntArray, displacements: fem.FunctionSpace) -> tuple[IntArray, FloatArray]:
+    def moments(
+        self, cells: IntArray, displacements: fem.FunctionSpace, compiled: Compile
+    ) -> tuple[IntArray, FloatArray]:
         """Cells (n,) in their new order and their matrices D (n, q, 3 k) with m = D u [m^2].  Collective.
 
         The displacements are discontinuous, of degree p.
         """
         trial, test = ufl.TrialFunction(displacements), ufl.TestFunction(self._terms)
-        form = self._compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells)
+        form = compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells)
         order, d = cell_matrices(form, self._terms.dofmap.list[cells], displacements.dofmap.list[cells])
         n, count, k, *_ = d.shape
         return cells[order], d.sum(axis=3).reshape(n, count, 3 * k)
