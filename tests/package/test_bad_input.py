@@ -898,7 +898,7 @@ UNLIKE = [
     ({}, {"partition_kind": "sfc"}, 'partition ("contact-sfc" on rank 0'),
     ({}, {"partition_kind": "sfx"}, "unknown partition 'sfx'"),
     ({}, {"checkpoint": "/dev/null/a"}, "checkpoint (null on rank 0"),
-    ({}, {"progress": 3}, "must be a function"),
+    ({}, {"progress": 3}, "progress must be True, or a function"),
     ({}, {"restart": "here"}, 'restart (null on rank 0, "here" on rank'),
     ({}, {"restart": 3}, "must be a Checkpoint, got 3"),
     ({}, {"scene": of(STEEL, SOFT)}, "materials ({"),

@@ -56,7 +56,7 @@ def test_pressure(axes):
     exact = SimpleNamespace(contact_radius=0.5, max_pressure=10.0, force=2.0, pressure=lambda r: 10.0 - 10 * r)
     _draw_pressure(axes, table, record, exact)
     _, below = axes.figure.axes
-    assert np.allclose(lines(axes)["node pairs"], [(0, 8), (1, 3)]), "the third is farther than 1.6 radii"
+    assert np.allclose(lines(axes)["contact nodes"], [(0, 8), (1, 3)]), "the third is farther than 1.6 radii"
     assert np.allclose(lines(axes)["Hertz, F = 2"][-1], [1.6 * 0.6 / 0.5, 10 - 9.6])
     off = below.lines[-1].get_data()
     assert np.allclose(off, [(0, 1), (-20, -20)]) and below.get_ylabel() == "difference\n[% of largest]"
@@ -71,7 +71,7 @@ def test_pressure_of_one_pair(axes, active, radius):
     shown = SimpleNamespace(points=points, normal=normal, pressure=np.zeros(2), active=np.array([active, False]))
     record = step_record(0, contact_centre=(0.0, 0.0, 0.0), contact_radius=radius, dofs=10, estimate=0.5)
     _draw_pressure(axes, shown, record, None)
-    assert np.allclose(lines(axes)["node pairs"], [(0, 0), (2, 0)])
+    assert np.allclose(lines(axes)["contact nodes"], [(0, 0), (2, 0)])
 
 
 def test_sweep(axes):

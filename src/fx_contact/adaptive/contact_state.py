@@ -1,4 +1,4 @@
-"""Contact at each node pair: on the ranks that own them, or in one table."""
+"""Contact at each contact node: on the ranks that own them, or in one table."""
 
 import csv
 from dataclasses import dataclass, fields
@@ -17,7 +17,7 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactTable:
-    """All contact node pairs, sorted by contact pair and node: the same on any number of ranks.
+    """All contact nodes, a row each, sorted by contact pair and node: the same on any number of ranks.
 
     Attributes:
         points: (n, 3), undeformed positions on the first surface [m].
@@ -25,7 +25,7 @@ class ContactTable:
         pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
         force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
         gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
-        active: (n,), closed pairs.
+        active: (n,), closed nodes.
         pair: (n,), number of the contact pair in the scene.
         names: of the scene's contact pairs, as `ContactPair.name`.
     """
@@ -46,7 +46,7 @@ class ContactTable:
         return _summary("contact", self)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write a line for each node pair, below a line of headings; numbers with all digits, closed as 1 or 0.
+        """Write a line for each contact node, below a line of headings; numbers with all digits, closed as 1 or 0.
 
         Local.  The folder is made if it is not there.  Raises OutputError unless the name ends in .csv and the file
         can be written.
@@ -71,7 +71,7 @@ class ContactTable:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactState(ContactTable):
-    """A ContactTable of the node pairs that this rank owns, in any order; each pair is on one rank.
+    """A ContactTable of the contact nodes that this rank owns, in any order; each is on one rank.
 
     Attributes:
         key: (n,), lattice key of the node on the first surface.
@@ -85,7 +85,7 @@ class ContactState(ContactTable):
 
     @collective("self.comm")
     def gathered(self) -> ContactTable | None:
-        """The node pairs of all ranks in one table on rank 0, None on the others.  Collective on comm."""
+        """The contact nodes of all ranks in one table on rank 0, None on the others.  Collective on comm."""
         names = ["key", *(one.name for one in fields(ContactTable) if one.name != "names")]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
@@ -96,8 +96,8 @@ class ContactState(ContactTable):
 
 
 def _summary(what: str, rows: ContactTable) -> str:
-    """Two lines on node pairs."""
+    """Two lines on contact nodes."""
     return (
-        f"{what}: {len(rows):,} node pairs, {int(rows.active.sum()):,} closed\n"
+        f"{what}: {len(rows):,} contact nodes, {int(rows.active.sum()):,} closed\n"
         f"  force {rows.force.sum():.6g}, largest pressure {rows.pressure.max(initial=0.0):.5g}"
     )

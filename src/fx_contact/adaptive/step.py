@@ -12,8 +12,9 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
-from fx_contact.adaptive.resultants import Resultant, undirected
+from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_report import report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -26,7 +27,7 @@ from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.validation import percent, shown
+from fx_contact.parallel.validation import shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,22 +52,7 @@ class Step(SolvedState):
     carried: FloatArray
 
     def __repr__(self) -> str:
-        r = self.record
-        lines = [
-            f"step {r.step} of {r.scene!r} on {r.ranks} rank{'s' * (r.ranks > 1)}",
-            f"  {r.cells:,} cells of order {r.geometry_order}, up to level {r.max_level}",
-            f"  {r.dofs:,} unknowns of degree {r.degree}, {r.hanging_nodes:,} hanging nodes",
-            f"  estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}"
-            f"{'' if r.reached else ' not'} reached",
-        ]
-        if self.rows is not None:
-            lines.append(
-                f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g}, largest pressure "
-                f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
-            )
-        lines += [f"  {goal}" for goal in r.goals or ()]
-        lines += [f"  {warning.kind}: {warning.message}" for warning in r.doubts]
-        return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
+        return report_text(self.record)
 
     def __getattr__(self, name: str) -> Any:
         if name in StepRecord.__dataclass_fields__:
@@ -164,7 +150,7 @@ class Step(SolvedState):
 
     @cached_property
     def contact(self) -> ContactState:
-        """Contact at this rank's node pairs, none if the scene has no contact pairs.  Local."""
+        """Contact at this rank's contact nodes, none if the scene has no contact pairs.  Local."""
         pairs, solution, comm = self.rows, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:

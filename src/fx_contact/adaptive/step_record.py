@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.contact_figures import ContactFigures
 from fx_contact.adaptive.resultants import Resultant
+from fx_contact.adaptive.step_report import costs, report_text
 from fx_contact.adaptive.validity import ModelWarning
 from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.estimate.estimator import Estimate
@@ -120,7 +121,7 @@ class TrueError:
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord(SolveRecord, ContactFigures):
-    """The figures of one adaptive step, with those of `SolveRecord` and `ContactFigures`.
+    """The figures of one adaptive step, with those of `SolveRecord` and `ContactFigures`; `print` shows a report.
 
     Units are those of the scene, here SI.
 
@@ -170,6 +171,9 @@ class StepRecord(SolveRecord, ContactFigures):
     goals: tuple[GoalRecord, ...] | None = None
     approaches: list[float | None] | None = None
     remote_rows: int = 0
+
+    def __str__(self) -> str:
+        return f"{report_text(self)}\n  {costs(self)}"
 
     @property
     def unseen_contact(self) -> int | None:

@@ -61,7 +61,9 @@ def _draw_pressure(
     reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed) or radius.max(initial=0.0)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
-    axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+    axes.plot(
+        radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="contact nodes"
+    )
     if exact:
         r, name = np.linspace(0, reach, 400, dtype=np.float64), getattr(exact, "name", "Hertz")
         axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"{name}, F = {exact.force:.4g}")
