@@ -146,7 +146,7 @@ class Step(SolvedState):
             Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
             data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
         """
-        return leaf_grid(self, self.stress)
+        return leaf_grid(self, self.displacement, self.stress)
 
     @cached_property
     def contact(self) -> ContactState:
