@@ -1,5 +1,6 @@
 """Text on a run, against figures made up."""
 
+import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,11 +10,12 @@ import pytest
 from conftest import WORLD
 from model_problems import step_record
 
-from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, adapt, results, solve
+from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve
 from fx_contact.adaptive import progress_line
 from fx_contact.adaptive.contact_state import ContactTable
 from fx_contact.parallel.timing import STAGES
 from fx_contact.parallel.validation import percent
+from fx_contact.problem.units import labelled, unit_of
 from fx_contact.results import force_warnings, table_head, table_row, total_seconds
 from fx_contact.scenes import hertz, stack
 
@@ -74,6 +76,36 @@ def test_report_of_a_step(reached, radius):
     costs = {"seconds": {"total": 1.25}, "cpu_seconds": {"total": 2.4}, "peak_memory_bytes": 3_210_000_000}
     assert str(replace(record, **costs)) == text + "\n  1.2 s of wall time, 2.4 s of CPU time, 3,210 MB of memory"
     assert "closed" not in str(replace(record, pair_forces=[], **costs)), "a scene without contact"
+
+
+def test_units_of_a_report():
+    """They stand behind forces, pressure and lengths, and are in the record; without names nothing changes."""
+    figures = {
+        "scene": "it",
+        "pair_forces": [2.5],
+        "max_pressure": 7.25,
+        "contact_radius": 0.25,
+        "pair_errors": [None],
+    }
+    figures |= {"approaches": [0.125], "force": 2.5, "resultants": (resultant("reaction", "top", 0.0, 0.0, 2.5),)}
+    plain = step_record(0, **figures)
+    named = replace(plain, units=("mm", "GPa"))
+    text = Step.__repr__(SimpleNamespace(record=named))
+    for words in ("7.25 GPa, contact radius 0.25 mm", "force 2.5 kN, obstacle moved by 0.125 mm", "(0, 0, 2.5) kN"):
+        assert words in text
+    for unit in (" GPa", " mm", " kN"):
+        text = text.replace(unit, "")
+    assert text == Step.__repr__(SimpleNamespace(record=plain))
+    assert "units" not in plain.as_json() and StepRecord.from_json(json.loads(json.dumps(named.as_json()))) == named
+
+
+@pytest.mark.parametrize(
+    "units, force", [(("m", "Pa"), "N"), (("mm", "MPa"), "N"), (("in", "ksi"), "ksi in²"), (None, "")]
+)
+def test_unit_of_force(units, force):
+    """Stress times area, by its own name where it has one; no text gets brackets without a unit."""
+    assert unit_of("force", units) == force and unit_of("number", units) == ""
+    assert labelled("force", "force", units) == (f"force [{force}]" if force else "force")
 
 
 @pytest.mark.ranks(1, 2)

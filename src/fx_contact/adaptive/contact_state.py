@@ -1,14 +1,18 @@
 """Contact at each contact node: on the ranks that own them, or in one table."""
 
 import csv
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.contact_line import ContactLine, FacetValues, check_line, cut_line
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
-from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import as_path
 
@@ -75,10 +79,12 @@ class ContactState(ContactTable):
 
     Attributes:
         key: (n,), lattice key of the node on the first surface.
+        facets: of the step, on the first surface of a contact by its index, as long as the step is there.
     """
 
     key: Int64Array
     comm: MPI.Intracomm
+    facets: "weakref.ref[Callable[[int], FacetValues]]"
 
     def __repr__(self) -> str:
         return _summary("contact on this rank alone", self)
@@ -93,6 +99,32 @@ class ContactState(ContactTable):
         columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
         order = np.lexsort((columns.pop("key"), columns["pair"]))
         return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
+
+    @collective("self.comm")
+    def along(self, start: Any, end: Any) -> ContactLine:
+        """Pressure and gap along a straight line on the first surface of the contact that is nearest to its middle.
+
+        Collective on comm.  On a curved surface the values are those in the plane through the line along the surface's
+        normal at that place; of a symmetric scene, on the modelled part.
+
+        Args:
+            start, end: (3,), on the undeformed surface or beside it [m].
+
+        Raises:
+            SceneError: they are no two points; there is no contact, or none below the line; the line is perpendicular
+                to the surface; the step is gone.
+        """
+        line = check_line(start, end)
+        of_step = self.facets()
+        if of_step is None:
+            raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for lines")
+        distance = np.linalg.norm(self.points - (line[0] + 0.5 * line[2] * line[1]), axis=1)
+        nearest = [(distance[i], self.key[i], self.pair[i], self.normal[i]) for i in np.argsort(distance)[:1]]
+        known = [one for part in self.comm.allgather(nearest) for one in part]
+        if not known:
+            raise SceneError("the scene has no contact pairs, so there is no contact along a line")
+        _, _, pair, normal = min(known, key=lambda one: one[:2])
+        return cut_line(self.comm, of_step(int(pair)), line, normal)
 
 
 def _summary(what: str, rows: ContactTable) -> str:

@@ -18,6 +18,7 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.versions import library_versions
+from fx_contact.problem.units import Units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +151,7 @@ class StepRecord(SolveRecord, ContactFigures):
         approaches: for each contact pair, how far its obstacle has moved from `moved` along the force on it [m], or
             None; None: no obstacle has a force.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
+        units: names of those of length and stress, as `Scene.units`.
     """
 
     enforcement: str
@@ -171,6 +173,7 @@ class StepRecord(SolveRecord, ContactFigures):
     goals: tuple[GoalRecord, ...] | None = None
     approaches: list[float | None] | None = None
     remote_rows: int = 0
+    units: Units = None
 
     def __str__(self) -> str:
         return f"{report_text(self)}\n  {costs(self)}"
@@ -199,6 +202,8 @@ class StepRecord(SolveRecord, ContactFigures):
             elif value is not None:
                 rows = [{n: tuple(v) if isinstance(v, list) else v for n, v in row.items()} for row in value]
                 known[name] = (list if name == "doubts" else tuple)(kind(**row) for row in rows)
+        if known.get("units") is not None:
+            known["units"] = tuple(known["units"])
         return cls(**known)
 
 

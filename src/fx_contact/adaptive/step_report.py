@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_contact.adaptive.resultants import undirected
 from fx_contact.parallel.validation import percent
+from fx_contact.problem.units import unit_of
 
 if TYPE_CHECKING:
     from fx_contact.adaptive.step_record import StepRecord
@@ -71,8 +72,9 @@ def _lines(r: StepRecord) -> Iterator[str]:
     reached = "" if r.reached else " not"
     yield f"estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}{reached} reached"
     if r.pair_forces:
-        radius = f", contact radius {r.contact_radius:.5g}" if r.contact_radius else ""
-        yield f"{r.active_pairs:,} contact nodes closed, largest pressure {r.max_pressure:.5g}{radius}"
+        largest = f"largest pressure {r.max_pressure:.5g}{_unit(r, 'stress')}"
+        radius = f", contact radius {r.contact_radius:.5g}{_unit(r, 'length')}" if r.contact_radius else ""
+        yield f"{r.active_pairs:,} contact nodes closed, {largest}{radius}"
     yield from _contacts(r)
     yield from _resultants(r)
     yield from map(str, r.goals or ())
@@ -85,9 +87,10 @@ def _contacts(r: StepRecord) -> Iterator[str]:
     names = [repr(one.name) for one in r.resultants or () if one.kind == "contact"]
     for index, force in enumerate(r.pair_forces):
         error, moved = r.pair_errors[index], r.approaches[index] if r.approaches else None
-        line = f"contact {names[index] if names else index}: " + (f"force {force:.6g}" if force else "open")
+        line = f"contact {names[index] if names else index}: "
+        line += f"force {force:.6g}{_unit(r, 'force')}" if force else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
-        yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}")
+        yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
 
 
 def _resultants(r: StepRecord) -> Iterator[str]:
@@ -98,4 +101,9 @@ def _resultants(r: StepRecord) -> Iterator[str]:
     for one in shown:
         vector = ", ".join(f"{round(value, digits) + 0.0:.{_DIGITS}g}" for value in one.force)
         part = " on the modelled part" if one.kind == "symmetry" else ""
-        yield f"{one.kind} {one.name!r}: force ({vector}){part}"
+        yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}"
+
+
+def _unit(r: StepRecord, quantity: str) -> str:
+    """Unit of a quantity behind a number, if it is known."""
+    return f" {unit_of(quantity, r.units)}".rstrip()

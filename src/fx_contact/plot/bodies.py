@@ -16,6 +16,7 @@ from fx_contact.plot.canvas import (
     bar,
     draw_on_first,
     exceeded,
+    leave_strip,
     on_first,
     picture_size,
     plotter_for,
@@ -25,6 +26,7 @@ from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, v
 from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.units import labelled
 from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
 
 if TYPE_CHECKING:
@@ -89,7 +91,11 @@ def draw_bodies(
         points, values = shown
         _draw(plotter, points, values, field, zoom, top)
         add_obstacles(plotter, obstacles, points.reshape(-1, 3))
-        add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
+        if zoom > 1:
+            leave_strip(plotter)
+        add_length(plotter, step.scene.units)
+        name = labelled(_FIELDS[field], "stress", step.scene.units).replace(" [", "\n[")
+        add_note(plotter, f"{name}\ndisplacements\nx {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)
 
@@ -150,9 +156,9 @@ def _look_at(plotter: "Plotter", points: FloatArray, zoom: float) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     size, centre = high - low, (low + high) / 2
     scale = 0.5 * max(1.2 * size[1], 1.4 * size[0] * height / width) / zoom
-    centre[0] += 0.12 * scale * width / height  # room for the colour bar
+    if zoom <= 1:
+        centre[0] += 0.12 * scale * width / height  # room for the colour bar
     eye = centre + [0, 0, 10 * max(size)]
     plotter.enable_parallel_projection()
     plotter.camera_position = [eye @ _AXES, centre @ _AXES, _AXES[1]]
     plotter.camera.parallel_scale = scale
-    add_length(plotter)

@@ -47,6 +47,7 @@ from fx_contact.problem.scene_validation import (
     held_share,
 )
 from fx_contact.problem.ties import Tie
+from fx_contact.problem.units import Units, check_names_of_units
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +67,8 @@ class Scene:
             planes; None: the centroid of the contact forces.
         body_forces: those on one body, or part of it, add up.
         ties: glued surfaces; a facet is in at most one contact or tie.
+        units: names of the units of length and stress, ("mm", "MPa"), for axes, legends and reports alone; None: none
+            are shown.
 
     One item may be given for a tuple.
 
@@ -88,10 +91,12 @@ class Scene:
     contact_centre: tuple[float, float, float] | None = None
     body_forces: tuple[BodyForce, ...] = ()
     ties: tuple[Tie, ...] = ()
+    units: Units = None
 
     def __post_init__(self) -> None:
         mesh = self.mesh
         check_label("the name of a scene", self.name)
+        check_names_of_units(self.units)
         if not isinstance(mesh, RootMesh):
             raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
         for name, kinds in _ITEMS.items():
