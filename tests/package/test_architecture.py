@@ -13,10 +13,10 @@ pytestmark = pytest.mark.ranks(1)
 FOLDER = Path(fx_contact.__file__).parent
 
 #: The rooms, from the ground up: each may import from those before it, and nothing else of ours.
-ROOMS = "parallel linalg problem forest fem contact estimate adaptive results scenes plot".split()
+ROOMS = "parallel linalg problem forest fem contact estimate adaptive results scenes plot command".split()
 
 #: Modules that print, when they are asked to.
-SPEAKING = {"adaptive.progress_line"}
+SPEAKING = {"adaptive.progress_line", "__main__"}
 OPTIONAL = {"gmsh", "matplotlib", "pyvista", "tqdm", "adios4dolfinx", "h5py"}
 MODULES = sorted(FOLDER.rglob("*.py"))
 
