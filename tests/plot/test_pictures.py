@@ -22,7 +22,7 @@ from fx_contact.plot import (
     draw_sweep,
 )
 from fx_contact.plot.bodies import _on_faces
-from fx_contact.plot.canvas import plotter_for
+from fx_contact.plot.canvas import picture_size, plotter_for, view_axes
 from fx_contact.plot.cells import _level_colour, _number_colour
 from fx_contact.plot.cut import _outlines, cut_by_region
 from fx_contact.plot.faces import visible_faces
@@ -135,6 +135,20 @@ def test_legends_are_beside_the_bodies(name, strip, tmp_path):
         below = pixels[int(0.8 * height) :]  # below the legends
         assert (below[:, edge + 3 : -1] == 1).all(), "bodies below the legend"  # the last column is smoothed by VTK
         assert (below[:, edge - 8 : edge - 3] < 1).any(), "the bodies end before it"
+
+
+def test_zoom_is_about_the_contact(tmp_path):
+    """The magnified picture is centred there, left of its legend; the other on all bodies."""
+    step, _ = a_step()
+    with plotter_for(tmp_path / "a.png") if WORLD.rank == 0 else nullcontext() as plotter:
+        draw_bodies(step, zoom=8, plotter=plotter)
+        if plotter:
+            camera = plotter.camera
+            width, height = picture_size(plotter)
+            towards = np.array(camera.position) - camera.focal_point
+            axes = view_axes(towards, np.array(camera.up))
+            right, up, _ = axes @ (np.asarray(step.record.contact_centre) - camera.focal_point)
+            assert np.allclose([right, up], [-0.22 * camera.parallel_scale * width / height, 0], atol=1e-9)
 
 
 def test_map_of_a_contact():
