@@ -242,7 +242,7 @@ class Report:
         """
         record, files = step.record, "steps.jsonl"
         if not self._given.records_only:
-            files += f", fields.bp, cells.bp and contact.pvtu (for ParaView), {pictures}"
+            files += f", bodies.{'vtu' if COMM.size == 1 else 'pvtu'}, fields.bp, cells.bp, contact.pvtu, {pictures}"
             record = replace(record, **step.stages.costs(COMM))
         if true:
             record = replace(record, true_error=true, effectivity=record.estimate / true.relative)

@@ -10,7 +10,7 @@ import numpy as np
 from common import COMM, Report, parse, parser, plain_errors, settings
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt
-from fx_contact.plot import draw_bodies, draw_mesh
+from fx_contact.plot import draw_mesh, draw_pressure_map
 from fx_contact.problem import cylinder, root_mesh_from_shapes
 from fx_contact.results import HertzEllipse, true_error, write_fields
 
@@ -40,6 +40,7 @@ def crossed_cylinders(
         contact=(ContactPair("first outside", "second outside"),),
         symmetry=4,
         contact_centre=(0.0, 0.0, 0.0),
+        units=("mm", "MPa"),
     )
 
 
@@ -56,7 +57,7 @@ def main(given: argparse.Namespace) -> None:
         with step.stages("output"):
             write_fields(step, given.output)
             draw_mesh(step, given.output / "mesh.png")
-            draw_bodies(step, given.output / "pressure.png", apart=0.5)
+            draw_pressure_map(step, given.output / "pressure.png")
     known = HertzEllipse(tuple(given.radii), material.plane_strain_modulus / 2, step.record.force)
     moments = COMM.allreduce(step.contact.force @ np.insert(step.contact.points[:, 1:] ** 2, 0, 1.0, axis=1))
     axes = np.sqrt(5 * moments[1:] / moments[0]) / known.semi_axes - 1

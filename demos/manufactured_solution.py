@@ -152,8 +152,7 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
     with stages("mesh"):
         cells = create_leaf_mesh(forest, order)
     with stages("assemble"):
-        constants = np.array([[_MATERIAL.young, _MATERIAL.poisson]])
-        elasticity = Elasticity(cells, constants, np.zeros(len(forest), dtype=np.int32), prolongation, stages)
+        elasticity = Elasticity(cells, [_MATERIAL], np.zeros(len(forest), dtype=np.int32), prolongation, stages)
         matrix = elasticity.stiffness()
     with stages("system"):
         forces = _load(forest, elasticity, stages)

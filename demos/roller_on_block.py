@@ -38,6 +38,7 @@ def roller_on_block(load: float = 35e3, material: Material = ALUMINIUM, order: i
         contact=(ContactPair("roller outside", "block back"),),
         tractions=(Traction("roller y = 0", (0.0, 0.0, -load / (2 * RADIUS))),),
         symmetry=2,
+        units=("mm", "MPa"),
     )
 
 

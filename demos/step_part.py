@@ -66,6 +66,7 @@ scene = Scene(
     contact=(ContactPair(f"bolt radius {HOLE:g}", f"pin radius {PIN:g}"),),
     tractions=(Traction(f"pin radius {BORE:g}", (0.0, 0.0, -PULL / (2 * np.pi * BORE * 20))),),
     symmetry=4,
+    units=("mm", "MPa"),
 )
 for step in adapt(scene, tolerance=0.1):
     r = step.record

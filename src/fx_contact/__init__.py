@@ -3,6 +3,7 @@
 from fx_contact.adaptive.adaptive_loop import Run, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
+from fx_contact.adaptive.contact_line import ContactLine
 from fx_contact.adaptive.contact_state import ContactState, ContactTable
 from fx_contact.adaptive.load_path import Sweep, SweepPoint, sweep
 from fx_contact.adaptive.resultants import Resultant
@@ -60,6 +61,7 @@ __all__ = [
     "CheckpointError",
     "CompilationError",
     "ContactForce",
+    "ContactLine",
     "ContactPair",
     "ContactState",
     "ContactTable",

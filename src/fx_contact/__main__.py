@@ -1,40 +1,106 @@
-"""Runner that ends all ranks when one fails: mpirun -n 2 python3 -m fx_contact program.py.
+"""The command `fx-contact`, or `python3 -m fx_contact`; under mpirun rank 0 alone prints."""
 
-Without it the others wait for a rank that ends before its import of this package, or during MPI calls of their own.
-mpi4py's runner, `python3 -m mpi4py`, aborts too late: PETSc is finalised before, which is collective.
-"""
-
-import runpy
 import sys
-import traceback
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from mpi4py import MPI
 
-from fx_contact.parallel.meeting import calling, leave
+from fx_contact.command.info import library_lines
+from fx_contact.command.programs import demo, demos, run_program, summary
+from fx_contact.command.records import record_lines
+from fx_contact.parallel.errors import FxContactError
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import nearest
+from fx_contact.parallel.versions import project_version
+
+_HELP = """usage: fx-contact COMMAND [ARGUMENT...]
+
+  run PROGRAM [ARGUMENT...]   run a program of your own; all ranks end when one fails
+  demo [NAME [ARGUMENT...]]   run a demo; without a name, list them
+  show FOLDER                 table, last record and pictures of the records in a folder of results
+  info                        versions of the libraries, and optional packages that are missing
+  --version, --help
+
+PROGRAM alone is the same as run PROGRAM.  On several ranks: mpirun -n 2 fx-contact run PROGRAM.
+python3 -m fx_contact is the same command."""
 
 
 def main() -> None:
-    """Run the program named on the command line with its arguments, as Python does.
+    """Run the command line.
+
+    Collective on the world.
 
     Raises:
-        SystemExit: no program is named; or the program exits, alike on all ranks.
+        SystemExit: 2 for a wrong command line, 1 for an error of the package, each with a message; or the program
+            exits, alike on all ranks.
     """
-    del sys.argv[0]
-    if not sys.argv:
-        sys.exit("usage: python3 -m fx_contact PROGRAM.py [ARGUMENT...]")
-    sys.path[0] = str(Path(sys.argv[0]).resolve().parent)
-    with calling(MPI.COMM_WORLD, "python3 -m fx_contact"):
-        pass  # from now on the end of a rank is announced to the others
+    command, words = (sys.argv[1], sys.argv[2:]) if sys.argv[1:] else ("", [])
     try:
-        runpy.run_path(sys.argv[0], run_name="__main__")
-    except SystemExit as error:
-        if error.code:
-            leave(error)
-        raise
-    except Exception:
-        traceback.print_exc()
-        MPI.COMM_WORLD.Abort(1)
+        if command in _COMMANDS and not {"-h", "--help"} & {*words[:1]}:
+            _COMMANDS[command](words)
+        elif command in ("-h", "--help", *_COMMANDS):
+            _say(_HELP)
+        elif command == "--version":
+            _say(f"fx_contact {project_version()}")
+        elif not command or command.startswith("-"):
+            _refuse(f"unknown option {command!r}" if command else "no command")
+        elif not Path(command).exists() and nearest(command, _COMMANDS):
+            _refuse(f"unknown command {command!r}{nearest(command, _COMMANDS)}")
+        else:
+            run_program(command, words)
+    except FxContactError as error:
+        _say(f"{type(error).__name__}: {error}", sys.stderr)
+        sys.exit(1)
 
 
-main()
+def _run(words: list[str]) -> None:
+    if not words:
+        _refuse("run needs a program")
+    run_program(words[0], words[1:])
+
+
+def _demo(words: list[str]) -> None:
+    if words:
+        run_program(str(demo(words[0])), words[1:])
+    else:
+        _say("\n".join(f"{name:24}{summary(path)}" for name, path in demos().items()))
+
+
+def _show(words: list[str]) -> None:
+    if len(words) != 1:
+        _refuse("show needs one folder")
+    _on_first(lambda: record_lines(Path(words[0])))
+
+
+def _info(words: list[str]) -> None:
+    if words:
+        _refuse("info takes no arguments")
+    _on_first(library_lines)
+
+
+#: Commands by name.
+_COMMANDS: dict[str, Callable[[list[str]], None]] = {"run": _run, "demo": _demo, "show": _show, "info": _info}
+
+
+def _on_first(lines: Callable[[], Iterable[str]]) -> None:
+    """Print the lines that rank 0 makes.  Collective.  Raises errors of rank 0 on all ranks."""
+    with together(MPI.COMM_WORLD):
+        if MPI.COMM_WORLD.rank == 0:
+            print("\n".join(lines()))
+
+
+def _say(text: str, stream: object = None) -> None:
+    """Print on rank 0, by default to standard output."""
+    if MPI.COMM_WORLD.rank == 0:
+        print(text, file=stream)  # type: ignore[call-overload]
+
+
+def _refuse(why: str) -> None:
+    """End the program with what is wrong about the command line."""
+    _say(f"fx-contact: {why}\n{_HELP}", sys.stderr)
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

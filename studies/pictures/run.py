@@ -65,6 +65,8 @@ SCENES = {
     "roller_on_block": (partial(demo, "roller_on_block"), 1),
     "rigid_stamp": (stamp, 1),
 }
+#: Magnification where the contact is small beside the bodies.
+ZOOM = {"crossed_cylinders": 3, "shaft_in_bore": 2.5}
 
 
 def contact(folder, quick):
@@ -78,8 +80,9 @@ def contact(folder, quick):
 def gallery(name, folder, _quick):
     """Von Mises stress on the deformed bodies of a scene."""
     step, factor = SCENES[name][0](), SCENES[name][1]
+    apart, zoom = 0.1 * (name in ("stack", "patch")), ZOOM.get(name, 1)
     with plotter_for(folder / f"scene_{name}.png", 640, 480) as plotter:
-        draw_bodies(step, field="stress", factor=factor, apart=0.1 * (name in ("stack", "patch")), plotter=plotter)
+        draw_bodies(step, field="stress", factor=factor, apart=apart, zoom=zoom, plotter=plotter)
 
 
 def loop(folder, quick):

@@ -159,7 +159,7 @@ def test_contact_table(tmp_path):
     assert np.array_equal(table.points, alone.points) and np.allclose(table.force, alone.force, rtol=1e-6)
     assert abs(4 * table.force.sum() / step.record.force - 1) < 1e-12
     assert np.allclose(table.normal, [0, 0, 1]) and np.abs(table.gap).max() < 1e-9
-    assert repr(table).startswith("contact: 24 node pairs, 24 closed\n")
+    assert repr(table).startswith("contact: 24 contact nodes, 24 closed\n")
     head, *rows = csv.reader(open(table.to_csv(tmp_path / "new" / "contact.csv"), newline=""))
     assert head[:3] == ["x", "y", "z"] and head[6:] == ["pressure", "gap", "force", "closed", "pair"]
     numbers = np.array([row[:10] for row in rows], dtype=float)
@@ -177,7 +177,7 @@ def test_no_node_pairs():
     contact = solve(pressed(two_boxes(margin=1), contact=False), 0.9, max_steps=1).contact
     table = contact.gathered()
     assert len(contact) == 0 and contact.points.shape == (0, 3)
-    assert WORLD.rank or (len(table) == 0 and table.points.shape == (0, 3) and "0 node pairs" in repr(table))
+    assert WORLD.rank or (len(table) == 0 and table.points.shape == (0, 3) and "0 contact nodes" in repr(table))
 
 
 def test_open_gap():
@@ -191,7 +191,7 @@ def test_reports(step):
     for thing in (step, step.scene, step.scene.mesh):
         lines = repr(thing).splitlines()
         assert 3 <= len(lines) <= 30 and max(map(len, lines)) < 120 and "array" not in repr(thing)
-    assert "two boxes" in repr(step) and "49 node pairs closed" in repr(step)
+    assert "two boxes" in repr(step) and "49 contact nodes closed" in repr(step)
     ring = solve(shrink_fit(interference=1e-3), 0.9, max_steps=1, degree=1)
     *_, last = repr(ring).splitlines()
     how = "presses in many directions: its forces add up to (0, 0, 0), 0.0% of the sum of their magnitudes"
@@ -199,7 +199,7 @@ def test_reports(step):
     assert "many directions" not in repr(step) and "contact radius" not in repr(ring)
     contact = step.contact
     first, second = repr(contact).splitlines()
-    assert first == f"contact on this rank alone: {len(contact)} node pairs, {len(contact)} closed"
+    assert first == f"contact on this rank alone: {len(contact)} contact nodes, {len(contact)} closed"
     pressure = contact.pressure.max(initial=0.0)
     assert second == f"  force {contact.force.sum():.6g}, largest pressure {pressure:.5g}"
 

@@ -63,6 +63,7 @@ def test_rod_between_walls(upper, turned, degree):
     known = np.array([0, 0, TENSION, 0, 0, 0])
     everywhere(np.abs(step.nodal_stress - known).max(initial=0) < 1e-6 * TENSION, "stress")
     assert step.record.reached and step.record.estimate < 1e-7
+    assert f"closed by {2 * TENSION / YOUNG:.5g}" in str(step)
     held = replace(scene.ties[0], tension=None, closing=step.record.approaches[0])
     again = solve(replace(scene, ties=held), 0.1, degree=degree, solver=EXACT)
     assert again.record.approaches is None

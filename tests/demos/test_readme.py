@@ -33,6 +33,7 @@ RUN = (
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
+    r"|(mpirun -n \d )?python3 -m fx_contact (info|demo)"
     r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
 )
 #: What is not.
@@ -41,6 +42,7 @@ SKIPPED = {
     r"docs/build": "it needs a root of its own",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
     r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
+    r"python3 -m fx_contact( (show|run|demo) .*)?": "test_command does it",
     r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
     r"jupytext .*": "test_notebooks sees that it has nothing to do",

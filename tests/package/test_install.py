@@ -20,6 +20,7 @@ FROM = {
     **dict.fromkeys(("IPython", "traitlets"), ("ipykernel", "ipykernel")),
     "nbformat": ("nbclient", "nbclient"),
     "PIL": ("pillow", "pillow"),
+    "vtkmodules": ("pyvista", "pyvista"),
     "gmsh": ("gmsh", "python-gmsh"),
     "yaml": ("pyyaml", "pyyaml"),
 }
@@ -74,6 +75,7 @@ def test_pip_install(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert f"installed fx_contact-{fx_contact.__version__}" in done.stdout.replace("fx-contact", "fx_contact")
+    assert [*(tmp_path / "root").rglob("bin/fx-contact")], "the command"
     (package,) = (tmp_path / "root").rglob("fx_contact/py.typed")
     site = package.parents[1]
     code = "import fx_contact.results as r; print(r.__file__); r.REFERENCES['hertz-a']()"

@@ -1,5 +1,6 @@
 """Truth of curves and scale bars: values in the unit of their labels, against figures made up."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,7 +57,7 @@ def test_pressure(axes):
     exact = SimpleNamespace(contact_radius=0.5, max_pressure=10.0, force=2.0, pressure=lambda r: 10.0 - 10 * r)
     _draw_pressure(axes, table, record, exact)
     _, below = axes.figure.axes
-    assert np.allclose(lines(axes)["node pairs"], [(0, 8), (1, 3)]), "the third is farther than 1.6 radii"
+    assert np.allclose(lines(axes)["contact nodes"], [(0, 8), (1, 3)]), "the third is farther than 1.6 radii"
     assert np.allclose(lines(axes)["Hertz, F = 2"][-1], [1.6 * 0.6 / 0.5, 10 - 9.6])
     off = below.lines[-1].get_data()
     assert np.allclose(off, [(0, 1), (-20, -20)]) and below.get_ylabel() == "difference\n[% of largest]"
@@ -71,7 +72,9 @@ def test_pressure_of_one_pair(axes, active, radius):
     shown = SimpleNamespace(points=points, normal=normal, pressure=np.zeros(2), active=np.array([active, False]))
     record = step_record(0, contact_centre=(0.0, 0.0, 0.0), contact_radius=radius, dofs=10, estimate=0.5)
     _draw_pressure(axes, shown, record, None)
-    assert np.allclose(lines(axes)["node pairs"], [(0, 0), (2, 0)])
+    assert np.allclose(lines(axes)["contact nodes"], [(0, 0), (2, 0)])
+    _draw_pressure(axes, shown, replace(record, units=("mm", "GPa")), None)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("radius [mm]", "contact pressure [GPa]")
 
 
 def test_sweep(axes):
@@ -79,6 +82,10 @@ def test_sweep(axes):
     _draw_sweep(axes, np.array([(2.0, 30.0), (1.0, 10.0)]), "max_pressure", "depth [m]", True)
     assert np.allclose(axes.lines[0].get_data(), [(1, 2), (10, 30)])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("depth [m]", "max pressure") and axes.get_xscale() == "log"
+    _draw_sweep(axes, np.ones((1, 2)), "max_pressure", "depth [mm]", False, ("mm", "MPa"))
+    assert axes.get_ylabel() == "max pressure [MPa]"
+    _draw_sweep(axes, np.ones((1, 2)), "dofs", "depth [mm]", False, ("mm", "MPa"))
+    assert axes.get_ylabel() == "dofs"
 
 
 def test_points_of_a_sweep(axes):
@@ -108,5 +115,7 @@ def test_scale_bar(scale, length):
     add_length(plotter)
     along = drawn["ends"][1] - drawn["ends"][0]
     assert np.allclose(along, [length, 0, 0]) and float(drawn["text"]) == length
+    add_length(plotter, ("mm", "MPa"))
+    assert drawn["text"] == f"{length:g} mm"
     seen = (drawn["ends"] - plotter.camera.focal_point) @ np.eye(3)[:, [0, 2]] / scale  # of half the height
     assert (np.abs(seen) < [800 / 600, 1.0]).all() and (drawn["at"][0] - drawn["ends"][0])[2] > 0

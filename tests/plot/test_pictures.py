@@ -1,6 +1,7 @@
 """Pictures: what the section shows, and that something is seen on each."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from conftest import WORLD, everywhere
 from mpi4py import MPI
 
-from fx_contact import ErrorControl, SweepRecord, adapt
+from fx_contact import ErrorControl, SweepRecord, adapt, solve
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.plot import (
     draw_bodies,
@@ -16,15 +17,16 @@ from fx_contact.plot import (
     draw_mesh,
     draw_partition,
     draw_pressure,
+    draw_pressure_map,
     draw_stress,
     draw_sweep,
 )
 from fx_contact.plot.bodies import _on_faces
-from fx_contact.plot.canvas import plotter_for
+from fx_contact.plot.canvas import picture_size, plotter_for, view_axes
 from fx_contact.plot.cells import _level_colour, _number_colour
 from fx_contact.plot.cut import _outlines, cut_by_region
 from fx_contact.plot.faces import visible_faces
-from fx_contact.scenes import hertz
+from fx_contact.scenes import cylinders, hertz, shrink_fit, stack
 
 
 def test_each_body_shows_its_own_stress():
@@ -72,6 +74,7 @@ PICTURES = {
     "partition": lambda step, records, path: draw_partition(step, path),
     "bodies": lambda step, records, path: draw_bodies(step, path, cut=True, apart=0.1),
     "pressure": lambda step, records, path: draw_pressure(step, path),
+    "map": lambda step, records, path: draw_pressure_map(step, path),
     "stress": lambda step, records, path: draw_stress(step, path),
     "stress near": lambda step, records, path: draw_stress(step, path, zoom=3, across="z"),
     "convergence": lambda step, records, path: draw_convergence(records, path, WORLD),
@@ -109,6 +112,88 @@ def test_on_what_the_user_gives(tmp_path):
         everywhere(plotter is None or len(plotter.actors) > 3, "leaves, edges, scale")
     with pytest.raises(OutputError, match="must be a path, got None"):
         draw_mesh(step)
+
+
+@pytest.mark.ranks(2)
+@pytest.mark.parametrize("name, strip", [("levels", 0.11), ("bodies near", 0.22), ("stress near", 0.22)])
+def test_legends_are_beside_the_bodies(name, strip, tmp_path):
+    """In zoomed views nothing of the bodies is at the right, where the legends are; left of it they end sharply."""
+    step, _ = a_step()
+    path = WORLD.bcast(tmp_path / "a.png")
+    draw = {
+        "levels": lambda: draw_mesh(step, path, zoom=1, colour="level"),
+        "bodies near": lambda: draw_bodies(step, path, "stress", zoom=20),
+        "stress near": lambda: draw_stress(step, path, zoom=0.2),
+    }
+    draw[name]()
+    if WORLD.rank == 0:
+        from matplotlib.image import imread
+
+        pixels = imread(path)[..., :3]
+        height, width = pixels.shape[:2]
+        edge = round((1 - strip) * width)
+        below = pixels[int(0.8 * height) :]  # below the legends
+        assert (below[:, edge + 3 : -1] == 1).all(), "bodies below the legend"  # the last column is smoothed by VTK
+        assert (below[:, edge - 8 : edge - 3] < 1).any(), "the bodies end before it"
+
+
+def test_zoom_is_about_the_contact(tmp_path):
+    """The magnified picture is centred there, left of its legend; the other on all bodies."""
+    step, _ = a_step()
+    with plotter_for(tmp_path / "a.png") if WORLD.rank == 0 else nullcontext() as plotter:
+        draw_bodies(step, zoom=8, plotter=plotter)
+        if plotter:
+            camera = plotter.camera
+            width, height = picture_size(plotter)
+            towards = np.array(camera.position) - camera.focal_point
+            axes = view_axes(towards, np.array(camera.up))
+            right, up, _ = axes @ (np.asarray(step.record.contact_centre) - camera.focal_point)
+            assert np.allclose([right, up], [-0.22 * camera.parallel_scale * width / height, 0], atol=1e-9)
+
+
+def test_map_of_a_contact():
+    """Pressures of the nodes at their places on the modelled quarter, with units; lines between facets; the title."""
+    from matplotlib.figure import Figure
+
+    step, _ = a_step()
+    ax = Figure().add_subplot()
+    assert draw_pressure_map(step, ax=ax) is ax
+    table = step.contact.gathered()
+    if WORLD.rank:
+        return
+    coloured, edges = ax.collections
+    pressure = coloured.get_array()
+    assert np.isclose(pressure.max(), step.record.max_pressure) and pressure.min() == 0
+    x, y = coloured._triangulation.x, coloured._triangulation.y
+    at = np.column_stack([x, y])[np.argmax(pressure)]
+    assert np.allclose(at, table.points[np.argmax(table.pressure), :2])
+    assert min(x.min(), y.min()) > -1e-12, "a quarter"
+    assert ax.get_title() == "lower pole on upper pole" and len(edges.get_segments())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x", "y")
+    assert ax.figure.axes[1].get_ylabel() == "contact pressure"
+
+
+def test_units_on_a_map():
+    """They are on both axes and on the colour bar; the surface is seen along its normal, wherever that leads."""
+    from matplotlib.figure import Figure
+
+    step = solve(replace(shrink_fit(interference=1e-3), units=("mm", "MPa")), 0.9, max_steps=1, degree=1)
+    ax = Figure().add_subplot()
+    draw_pressure_map(step, ax=ax, contact="shaft on hub")
+    if WORLD.rank == 0:
+        labels = [ax.get_xlabel(), ax.get_ylabel()]
+        assert all(label.endswith(" [mm]") for label in labels) and labels[0] != labels[1], labels
+        assert ax.figure.axes[1].get_ylabel() == "contact pressure [MPa]"
+    with pytest.raises(SceneError, match="unknown contact 'shaft'; there are 'shaft on hub'"):
+        draw_pressure_map(step, contact="shaft", ax=ax)
+
+
+@pytest.mark.parametrize("scene", [cylinders(), shrink_fit(interference=1e-3), stack()], ids=lambda scene: scene.name)
+def test_radius_of_contact_that_is_not_round(scene):
+    """Lines, rings and several contacts have no radius: the error says what to call; with a known solution it goes."""
+    step = solve(scene, 0.5, max_steps=1, degree=1)
+    with pytest.raises(SceneError, match="not round.*draw_pressure_map"):
+        draw_pressure(step, "a.png")
 
 
 def test_scale_of_a_cut(tmp_path):

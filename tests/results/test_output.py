@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from fx_contact import ErrorControl, Material, adapt
 from fx_contact.parallel.compat import geometry_nodes
 from fx_contact.parallel.errors import OutputError
-from fx_contact.results import Hertz, contact_functions, write_fields
+from fx_contact.results import Hertz, contact_functions, output, write_fields
 from fx_contact.results.output import point_fields
 from fx_contact.scenes import hertz, indentation
 
@@ -151,6 +151,61 @@ def test_contact_file(degree, order, tmp_path):
         assert read.n_cells == cells and set(fields) <= set(read.point_data)
         assert len(read.get_cell(0).point_ids) == (max(degree, order) + 1) ** 2
         assert np.isclose(read["pressure"].max(), largest)
+
+
+def read_again(path, parallel):
+    """A grid as ParaView reads it, by VTK's reader of its format; checked by VTK."""
+    from vtkmodules.vtkIOXML import vtkXMLPUnstructuredGridReader, vtkXMLUnstructuredGridReader
+
+    reader = vtkXMLPUnstructuredGridReader() if parallel else vtkXMLUnstructuredGridReader()
+    assert reader.CanReadFile(str(path))
+    reader.SetFileName(str(path))
+    reader.Update()
+    assert reader.GetErrorCode() == 0
+    return pyvista.wrap(reader.GetOutput())
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("degree, order", [(1, 1), (2, 1), (2, 3)])
+def test_bodies_file(degree, order, tmp_path):
+    """Two readers find the leaves of all ranks as hexahedra of their order: bodies filled, nodes with their values."""
+    step, folder = first_step(degree, order), shared(tmp_path)
+    (folder / "bodies_99.vtu").touch()  # of a run on more ranks
+    write_fields(step, folder)
+    write_fields(step, folder)
+    WORLD.Barrier()
+    parts, highest = WORLD.gather(step.to_pyvista()), max(degree, order)
+    if WORLD.rank:
+        return
+    parallel, known = WORLD.size > 1, pyvista.merge(parts)
+    names = ["bodies.pvtu"] * parallel + [
+        f"bodies_{rank}.vtu" if parallel else "bodies.vtu" for rank in range(WORLD.size)
+    ]
+    assert sorted(path.name for path in folder.glob("bodies*")) == sorted(names)
+    for read in (pyvista.read(folder / names[0]), read_again(folder / names[0], parallel)):
+        assert read.n_cells == known.n_cells == step.record.cells
+        assert (read.celltypes == pyvista.CellType[f"{'LAGRANGE_' * (highest > 1)}HEXAHEDRON"]).all()
+        assert len(read.get_cell(0).point_ids) == (highest + 1) ** 3
+        assert set(known.array_names) == set(read.array_names)
+        fine = read.tessellate(max_n_subdivide=3) if highest > 1 else read
+        volume = fine.compute_cell_sizes(length=False, area=False)["Volume"]
+        assert (volume > 0).all(), "cells inside out: nodes in another order"
+        assert abs(volume.sum() / (np.pi / 3) - 1) < (0.15 if order == 1 else 0.01), "two quarters of half-balls"
+        corners = known.points[known.cells.reshape(known.n_cells, -1)[:, 1:9].ravel()]
+        at = cKDTree(read.points).query(corners)
+        of = cKDTree(known.points).query(corners)
+        assert max(at[0].max(), of[0].max()) < 1e-12
+        for name in ("displacement", "stress"):
+            assert np.allclose(read[name][at[1]], known[name][of[1]], atol=1e-9 * np.abs(known[name]).max())
+
+
+@pytest.mark.ranks(1, 2)
+def test_no_pyvista(tmp_path, monkeypatch):
+    """The other files are written without it."""
+    monkeypatch.setattr(output, "find_spec", lambda name: None)
+    folder = shared(tmp_path)
+    write_fields(first_step(1, 1), folder)
+    everywhere(not [*folder.glob("bodies*")] and (folder / "contact.pvtu").exists(), "other files")
 
 
 def test_disk_full(tmp_path, monkeypatch):

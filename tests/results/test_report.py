@@ -1,18 +1,23 @@
 """Text on a run, against figures made up."""
 
+import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import WORLD
 from model_problems import step_record
 
-from fx_contact import results
+from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve
+from fx_contact.adaptive import progress_line
 from fx_contact.adaptive.contact_state import ContactTable
-from fx_contact.adaptive.step import Step
 from fx_contact.parallel.timing import STAGES
-from fx_contact.results.report import force_warnings, table_head, table_row, total_seconds
+from fx_contact.parallel.validation import percent
+from fx_contact.problem.units import labelled, unit_of
+from fx_contact.results import force_warnings, table_head, table_row, total_seconds
+from fx_contact.scenes import hertz, stack
 
 
 def columns(line):
@@ -41,23 +46,122 @@ def test_seconds_of_a_run():
     assert line.startswith("9.5 s (mesh 5.0, solve 3.5, ") and line.endswith(" and 20.0 s of compilation")
 
 
+def resultant(kind, name, *force):
+    """A resultant without moment."""
+    return Resultant(name, kind, force, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1)
+
+
 @pytest.mark.parametrize("reached, radius", [(True, 0.25), (False, None)])
-def test_state_of_a_step(reached, radius):
-    """Lines with the figures of the record, forces and pressures with their signs."""
+def test_report_of_a_step(reached, radius):
+    """Lines with the figures of the record: each contact with its own force, resultants without rounding, goals."""
     figures = {"scene": "it", "ranks": 2, "cells": 1234, "geometry_order": 3, "max_level": 4, "dofs": 5678}
     figures |= {"hanging_nodes": 99, "estimate": 0.025, "tolerance": 0.5, "reached": reached, "active_pairs": 12}
-    figures |= {"degree": 2, "pair_forces": [0.5], "max_pressure": 7.25, "contact_radius": radius}
-    record = step_record(3, force=0.5, **figures)
-    step = SimpleNamespace(record=record, rows=())
-    text = Step.__repr__(step)
+    figures |= {"degree": 2, "pair_forces": [2.5, 0.0, 2.0], "max_pressure": 7.25, "contact_radius": radius}
+    figures |= {"pair_errors": [0.03, None, None], "approaches": [None, None, 0.125], "pair_alignments": [1, None, 1]}
+    pairs = (resultant("contact", name, 0.0, 0.0, 1.0) for name in ("a on b", "b on c", "c on rigid sphere"))
+    others = resultant("pressure", "top", 1e-9, -2.5, 0.001), resultant("balance", "a", 1e-9, 0.0, 0.0)
+    goal = GoalRecord("gap of 'a'", 0.5, 0.05, 0.1, 0.1, True)
+    record = step_record(3, force=4.5, resultants=(*pairs, *others), goals=(goal,), **figures)
+    text = Step.__repr__(SimpleNamespace(record=record))
     assert text == (
         "step 3 of 'it' on 2 ranks\n  1,234 cells of order 3, up to level 4\n"
         "  5,678 unknowns of degree 2, 99 hanging nodes\n"
         f"  estimated error 2.5%, tolerance 50%{'' if reached else ' not'} reached\n"
-        f"  12 node pairs closed: force 0.5, largest pressure 7.25{', contact radius 0.25' * reached}"
+        f"  12 contact nodes closed, largest pressure 7.25{', contact radius 0.25' * reached}\n"
+        "  contact 'a on b': force 2.5, estimated error 3%\n  contact 'b on c': open\n"
+        "  contact 'c on rigid sphere': force 2, obstacle moved by 0.125\n"
+        "  pressure 'top': force (0, -2.5, 0.001)\n"
+        "  gap of 'a': 0.5, estimated error 5%, tolerance 10% reached"
     )
-    step.rows = None
-    assert "closed" not in Step.__repr__(step)
+    costs = {"seconds": {"total": 1.25}, "cpu_seconds": {"total": 2.4}, "peak_memory_bytes": 3_210_000_000}
+    assert str(replace(record, **costs)) == text + "\n  1.2 s of wall time, 2.4 s of CPU time, 3,210 MB of memory"
+    assert "closed" not in str(replace(record, pair_forces=[], **costs)), "a scene without contact"
+
+
+def test_units_of_a_report():
+    """They stand behind forces, pressure and lengths, and are in the record; without names nothing changes."""
+    figures = {
+        "scene": "it",
+        "pair_forces": [2.5],
+        "max_pressure": 7.25,
+        "contact_radius": 0.25,
+        "pair_errors": [None],
+    }
+    figures |= {"approaches": [0.125], "force": 2.5, "resultants": (resultant("reaction", "top", 0.0, 0.0, 2.5),)}
+    plain = step_record(0, **figures)
+    named = replace(plain, units=("mm", "GPa"))
+    text = Step.__repr__(SimpleNamespace(record=named))
+    for words in ("7.25 GPa, contact radius 0.25 mm", "force 2.5 kN, obstacle moved by 0.125 mm", "(0, 0, 2.5) kN"):
+        assert words in text
+    for unit in (" GPa", " mm", " kN"):
+        text = text.replace(unit, "")
+    assert text == Step.__repr__(SimpleNamespace(record=plain))
+    assert "units" not in plain.as_json() and StepRecord.from_json(json.loads(json.dumps(named.as_json()))) == named
+
+
+@pytest.mark.parametrize(
+    "units, force", [(("m", "Pa"), "N"), (("mm", "MPa"), "N"), (("in", "ksi"), "ksi in²"), (None, "")]
+)
+def test_unit_of_force(units, force):
+    """Stress times area, by its own name where it has one; no text gets brackets without a unit."""
+    assert unit_of("force", units) == force and unit_of("number", units) == ""
+    assert labelled("force", "force", units) == (f"force [{force}]" if force else "force")
+
+
+@pytest.mark.ranks(1, 2)
+def test_forces_of_a_chain():
+    """Three blocks under one load: each contact and each end carries it, none their sum."""
+    step = solve(stack(cells=(1, 1, 1)), 0.9, max_steps=1, degree=1)
+    text, force = repr(step), f"{step.record.pair_forces[0]:.6g}"
+    assert text.count(f": force {force}") == 2 and f"'top': force (0, 0, -{force})" in text
+    assert f"{step.record.force:.6g}" not in text
+
+
+@pytest.mark.ranks(1, 2)
+@pytest.mark.parametrize("there", [True, False])
+def test_live_line(there, capfd, monkeypatch):
+    """One line a step on rank 0, by tqdm or not; unknowns, estimate and target in it; an error ends it."""
+    if there:
+        pytest.importorskip("tqdm")
+    else:
+        monkeypatch.setattr(progress_line, "find_spec", lambda _: None)
+    run = adapt(hertz(order=2, coarse=2), 0.3, WORLD, progress=True)
+    step = run.last_step()
+    said = capfd.readouterr().err
+    if WORLD.rank:
+        assert said == ""
+        return
+    lines = [line.split("\r")[-1].strip() for line in said.strip().split("\n")]
+    start = [f"step {r.step}: {r.dofs:,} unknowns, error {percent(r.estimate)}, target 30%, " for r in run.records]
+    assert len(lines) == len(start) > 1 and step.record is run.records[-1]
+    assert all(re.fullmatch(re.escape(words) + r"\d+\.\d s", line) for words, line in zip(start, lines))
+    before = (
+        f"{step.record.dofs:,} unknowns, error {percent(run.records[-2].estimate)} before, target 30%, estimate, "
+    )
+    assert (before in said) == there
+
+
+@pytest.mark.ranks(1, 2)
+def test_line_of_a_step_that_fails(capfd):
+    """It is ended, so that the message has a line of its own."""
+    pytest.importorskip("tqdm")
+    options = {"max_steps": 1, "degree": 1, "progress": True}
+    with pytest.raises(SolveError):
+        solve(hertz(order=2, coarse=2), 0.3, solver=Solver(max_krylov=1), **options)
+    assert WORLD.rank or capfd.readouterr().err.endswith(" s\n")
+
+
+@pytest.mark.ranks(1, 2)
+def test_run_in_a_notebook():
+    """A row for each step below the headings of the table, and the state; names are text, not HTML."""
+    run = adapt(replace(hertz(order=2, coarse=2), name="<it>"), 0.3, WORLD, max_steps=1)
+    assert "no step yet" in run._repr_html_() and run._repr_html_().count("<tr>") == 1
+    step = run.last_step()
+    html = run._repr_html_()
+    assert "run of &#x27;&lt;it&gt;&#x27;, tolerance 30%: not reached</caption>" in html and html.count("<tr>") == 2
+    assert re.findall("<th>(.*?)</th>", html) == [found.group() for found in columns(table_head())]
+    assert re.findall("<td>(.*?)</td>", html) == table_row(step.record).split()
+    assert repr(run).splitlines()[1:] == [table_head(), table_row(step.record)]
 
 
 def test_former_name_of_the_warnings():
@@ -71,7 +175,7 @@ def test_state_of_contact():
     vectors, force = np.zeros((3, 3)), np.array([2.0, -0.5, 1.0])
     active = np.array([True, False, True])
     table = ContactTable(vectors, vectors, np.array([3.0, 4.5, 1.0]), force, force, active, np.zeros(3, int), ("it",))
-    assert repr(table) == "contact: 3 node pairs, 2 closed\n  force 2.5, largest pressure 4.5"
+    assert repr(table) == "contact: 3 contact nodes, 2 closed\n  force 2.5, largest pressure 4.5"
 
 
 def test_warnings_of_forces():

@@ -10,9 +10,11 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.beginning import Beginning, first_forest
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
+from fx_contact.adaptive.progress_line import ProgressLine, watch_of
 from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_report import html_table, table_head, table_row
 from fx_contact.adaptive.step_solver import StepStart, solve_step
 from fx_contact.adaptive.validity import check_model_warnings, growing_pressure, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
@@ -53,7 +55,7 @@ def adapt(
     beginning: Beginning | None = None,
     checkpoint: str | Path | None = None,
     restart: Checkpoint | str | Path | None = None,
-    progress: Callable[[int, str], None] | None = None,
+    progress: bool | Callable[[int, str], None] | None = None,
 ) -> "Run":
     """Solve a scene to a prescribed accuracy by adaptive refinement.
 
@@ -75,8 +77,9 @@ def adapt(
         checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
         restart: checkpoint, or its folder; the run continues with its next step, or solves the last one again if
             there is none.
-        progress: called on every rank with the number of the step and the stage (`timing.STAGES`) that begins; it must
-            not raise.
+        progress: True: rank 0 shows a live line for each step on standard error, by tqdm if it is installed.  A
+            function is called on every rank with the number of the step and the stage (`timing.STAGES`) that begins;
+            it must not raise.
 
     Returns:
         An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
@@ -112,10 +115,7 @@ def adapt(
         )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
-        if progress is not None and not callable(progress):
-            raise SceneError(
-                f"progress must be a function of a step's number and a stage's name, got {shown(progress)}"
-            )
+        watch = watch_of(progress, settings.tolerance, comm)
         _check_start(settings, comm, beginning, source)
         entries = settings.entries() | {
             "most steps": max_steps,
@@ -135,7 +135,7 @@ def adapt(
         partition_kind=partition_kind,
         source=source or beginning,
         writer=writer,
-        progress=progress,
+        progress=watch,
     )
 
 
@@ -178,7 +178,7 @@ def solve(scene: Scene, tolerance: float, comm: MPI.Intracomm = MPI.COMM_WORLD, 
 
 
 class Run:
-    """A run of the adaptive loop: an iterator of its steps.
+    """A run of the adaptive loop: an iterator of its steps, shown as a table of them.
 
     Collective on comm.  `adapt` makes it, from its arguments.
 
@@ -204,6 +204,7 @@ class Run:
         self.step, self.records = None, []
         self.settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
+        self._line = progress if isinstance(progress, ProgressLine) else None
         self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
         self._history, self._finished = settings.begin(), False
         self._approaches: Sequence[float | None] | None = None  # of the last step
@@ -211,6 +212,17 @@ class Run:
 
     def __iter__(self) -> Self:
         return self
+
+    def __repr__(self) -> str:
+        return "\n".join([self._caption(), table_head(), *map(table_row, self.records)])
+
+    def _repr_html_(self) -> str:
+        return html_table(self._caption(), self.records)
+
+    def _caption(self) -> str:
+        """Scene, tolerance and state of the run."""
+        state = "no step yet" if not self.records else "reached" if self.records[-1].reached else "not reached"
+        return f"run of {self.settings.scene.name!r}, tolerance {percent(self.settings.tolerance)}: {state}"
 
     def __getitem__(self, index: object) -> Step:
         raise SceneError(
@@ -252,6 +264,9 @@ class Run:
             except FxContactError as error:
                 vars(error).update(self._last)
                 raise
+            finally:
+                if self._line is not None:
+                    self._line.close()
         record = self._solved().record
         self._finished = record.reached or record.step >= self._max_steps - 1
         return True
@@ -326,6 +341,8 @@ class Run:
             start = self._start(Prolongation(space), values)
             del values
         self._last.update(forest=forest, displacement=start.displacement)
+        if self._line is not None:
+            self._line.unknowns = 3 * start.prolongation.index_map.size_global
         step = solve_step(self.settings, len(self.records), start, partition, stages)
         records = (*self.records, step.record)
         growing = growing_pressures(self.settings.goals, [record.goals for record in records])
@@ -341,6 +358,8 @@ class Run:
                 self._writer.save(step, self.records)
             self.step = replace(step, record=replace(step.record, **stages.costs(self._comm)))
             self._last["record"] = self.records[-1] = self.step.record
+        if self._line is not None:
+            self._line.finish(self.records[-1])
 
     def _start(self, prolongation: Prolongation, values: FloatArray | None) -> StepStart:
         """Displacement and carried fields from the values at the nodes of the leaves."""

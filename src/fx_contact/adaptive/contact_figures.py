@@ -24,7 +24,7 @@ QUADRATIC = 0.98
 PEAK = 0.05
 #: Contact has an axis if |sum f| / sum |f| of its forces f is larger: the value of uniform pressure on a hemisphere;
 #: on a cap up to the angle t it is (1 + cos t) / 2.
-_AXIS = 0.5
+AXIS = 0.5
 #: Largest square of the radius, over the closed area, that is rounding: all force is at one pair.
 _POINT = 1e-9
 #: Largest variation of the gap over the mean distance that is rounding: the surfaces are parallel.
@@ -134,7 +134,7 @@ def _is_round(tensor: FloatArray, vector: FloatArray, length: float, area: float
         area: closed area [m^2].
     """
     resultant = np.linalg.norm(vector)
-    if resultant <= _AXIS * length:
+    if resultant <= AXIS * length:
         return False
     across = np.eye(3) - np.outer(vector, vector) / resultant**2
     _, least, most = np.sort(np.linalg.eigvalsh(across @ tensor @ across))

@@ -1,14 +1,18 @@
-"""Contact at each node pair: on the ranks that own them, or in one table."""
+"""Contact at each contact node: on the ranks that own them, or in one table."""
 
 import csv
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.contact_line import ContactLine, FacetValues, check_line, cut_line
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
-from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import as_path
 
@@ -17,7 +21,7 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactTable:
-    """All contact node pairs, sorted by contact pair and node: the same on any number of ranks.
+    """All contact nodes, a row each, sorted by contact pair and node: the same on any number of ranks.
 
     Attributes:
         points: (n, 3), undeformed positions on the first surface [m].
@@ -25,7 +29,7 @@ class ContactTable:
         pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
         force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
         gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
-        active: (n,), closed pairs.
+        active: (n,), closed nodes.
         pair: (n,), number of the contact pair in the scene.
         names: of the scene's contact pairs, as `ContactPair.name`.
     """
@@ -46,7 +50,7 @@ class ContactTable:
         return _summary("contact", self)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write a line for each node pair, below a line of headings; numbers with all digits, closed as 1 or 0.
+        """Write a line for each contact node, below a line of headings; numbers with all digits, closed as 1 or 0.
 
         Local.  The folder is made if it is not there.  Raises OutputError unless the name ends in .csv and the file
         can be written.
@@ -71,21 +75,23 @@ class ContactTable:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactState(ContactTable):
-    """A ContactTable of the node pairs that this rank owns, in any order; each pair is on one rank.
+    """A ContactTable of the contact nodes that this rank owns, in any order; each is on one rank.
 
     Attributes:
         key: (n,), lattice key of the node on the first surface.
+        facets: of the step, on the first surface of a contact by its index, as long as the step is there.
     """
 
     key: Int64Array
     comm: MPI.Intracomm
+    facets: "weakref.ref[Callable[[int], FacetValues]]"
 
     def __repr__(self) -> str:
         return _summary("contact on this rank alone", self)
 
     @collective("self.comm")
     def gathered(self) -> ContactTable | None:
-        """The node pairs of all ranks in one table on rank 0, None on the others.  Collective on comm."""
+        """The contact nodes of all ranks in one table on rank 0, None on the others.  Collective on comm."""
         names = ["key", *(one.name for one in fields(ContactTable) if one.name != "names")]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
@@ -94,10 +100,36 @@ class ContactState(ContactTable):
         order = np.lexsort((columns.pop("key"), columns["pair"]))
         return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
 
+    @collective("self.comm")
+    def along(self, start: Any, end: Any) -> ContactLine:
+        """Pressure and gap along a straight line on the first surface of the contact that is nearest to its middle.
+
+        Collective on comm.  On a curved surface the values are those in the plane through the line along the surface's
+        normal at that place; of a symmetric scene, on the modelled part.
+
+        Args:
+            start, end: (3,), on the undeformed surface or beside it [m].
+
+        Raises:
+            SceneError: they are no two points; there is no contact, or none below the line; the line is perpendicular
+                to the surface; the step is gone.
+        """
+        line = check_line(start, end)
+        of_step = self.facets()
+        if of_step is None:
+            raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for lines")
+        distance = np.linalg.norm(self.points - (line[0] + 0.5 * line[2] * line[1]), axis=1)
+        nearest = [(distance[i], self.key[i], self.pair[i], self.normal[i]) for i in np.argsort(distance)[:1]]
+        known = [one for part in self.comm.allgather(nearest) for one in part]
+        if not known:
+            raise SceneError("the scene has no contact pairs, so there is no contact along a line")
+        _, _, pair, normal = min(known, key=lambda one: one[:2])
+        return cut_line(self.comm, of_step(int(pair)), line, normal)
+
 
 def _summary(what: str, rows: ContactTable) -> str:
-    """Two lines on node pairs."""
+    """Two lines on contact nodes."""
     return (
-        f"{what}: {len(rows):,} node pairs, {int(rows.active.sum()):,} closed\n"
+        f"{what}: {len(rows):,} contact nodes, {int(rows.active.sum()):,} closed\n"
         f"  force {rows.force.sum():.6g}, largest pressure {rows.pressure.max(initial=0.0):.5g}"
     )

@@ -20,12 +20,14 @@ def import_pyvista() -> ModuleType:
     return pyvista
 
 
-def leaf_grid(step: SolvedState, stress: fem.Function) -> Any:
-    """Undeformed pyvista UnstructuredGrid of this rank's leaves, the result of `Step.to_pyvista`.  Local."""
+def leaf_grid(step: SolvedState, displacement: fem.Function, stress: fem.Function) -> Any:
+    """Undeformed pyvista UnstructuredGrid of this rank's leaves, with the data of `Step.to_pyvista`.
+
+    Local.  Its nodes are those of the stress: of the displacement's elements, shared or of each cell.
+    """
     from dolfinx.plot import vtk_mesh
 
-    displacement, forest, leaf = step.field.function, step.forest, step.elasticity.leaf_mesh.leaf
-    space = stress.function_space  # its nodes are those of the displacement, or of each cell
+    forest, leaf, space = step.forest, step.elasticity.leaf_mesh.leaf, stress.function_space
     grid = import_pyvista().UnstructuredGrid(*vtk_mesh(space))
     tensors, vectors = stress.x.array.reshape(-1, 9), np.empty((grid.n_points, 3))
     vectors[space.dofmap.list] = displacement.x.array.reshape(-1, 3)[displacement.function_space.dofmap.list]

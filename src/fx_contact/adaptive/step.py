@@ -1,6 +1,8 @@
 """The state after one adaptive step, with its dolfinx objects, contact and resultants."""
 
 import warnings
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,10 +12,12 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
+from fx_contact.adaptive.contact_line import FacetValues, facet_values
 from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
-from fx_contact.adaptive.resultants import Resultant, undirected
+from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_report import report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -25,7 +29,7 @@ from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.validation import percent, shown
+from fx_contact.parallel.validation import shown
 from fx_contact.problem.materials import TENSOR
 
 
@@ -51,22 +55,7 @@ class Step(SolvedState):
     carried: FloatArray
 
     def __repr__(self) -> str:
-        r = self.record
-        lines = [
-            f"step {r.step} of {r.scene!r} on {r.ranks} rank{'s' * (r.ranks > 1)}",
-            f"  {r.cells:,} cells of order {r.geometry_order}, up to level {r.max_level}",
-            f"  {r.dofs:,} unknowns of degree {r.degree}, {r.hanging_nodes:,} hanging nodes",
-            f"  estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}"
-            f"{'' if r.reached else ' not'} reached",
-        ]
-        if self.rows is not None:
-            lines.append(
-                f"  {r.active_pairs:,} node pairs closed: force {r.force:.6g}, largest pressure "
-                f"{r.max_pressure:.5g}" + (f", contact radius {r.contact_radius:.5g}" if r.contact_radius else "")
-            )
-        lines += [f"  {goal}" for goal in r.goals or ()]
-        lines += [f"  {warning.kind}: {warning.message}" for warning in r.doubts]
-        return "\n".join([*lines, *(f"  {line}" for line in undirected(r))])
+        return report_text(self.record)
 
     def __getattr__(self, name: str) -> Any:
         if name in StepRecord.__dataclass_fields__:
@@ -160,17 +149,19 @@ class Step(SolvedState):
             Grid with point data `displacement` (n, 3) [m], `stress` (n, 9) [Pa] and `von Mises stress` [Pa]; cell
             data `body`, as numbered in the root mesh, `level`, `rank` and `indicator` [J^(1/2)].
         """
-        return leaf_grid(self, self.stress)
+        return leaf_grid(self, self.displacement, self.stress)
 
     @cached_property
     def contact(self) -> ContactState:
-        """Contact at this rank's node pairs, none if the scene has no contact pairs.  Local."""
+        """Contact at this rank's contact nodes, none if the scene has no contact pairs.  Local."""
         pairs, solution, comm = self.rows, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
             vectors, numbers, active = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool)
             pair, key = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
-            return ContactState(vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm)
+            return ContactState(
+                vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm, self._facets
+            )
         return ContactState(
             points=pairs.position,
             normal=pairs.normal,
@@ -182,7 +173,17 @@ class Step(SolvedState):
             names=names,
             key=pairs.node_keys,
             comm=comm,
+            facets=self._facets,
         )
+
+    @property
+    def _facets(self) -> "weakref.ref[Callable[[int], FacetValues]]":
+        """`facet_values`, without a cycle of references, which would keep the meshes of former steps."""
+        return weakref.WeakMethod(self._facet_values)
+
+    def _facet_values(self, contact: int) -> FacetValues:
+        """Contact on the facets of a contact's first surface.  Collective."""
+        return facet_values(self, contact)
 
     @property
     def surface_tags(self) -> dict[str, int]:

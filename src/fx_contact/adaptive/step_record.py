@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.contact_figures import ContactFigures
 from fx_contact.adaptive.resultants import Resultant
+from fx_contact.adaptive.step_report import costs, report_text
 from fx_contact.adaptive.validity import ModelWarning
 from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.estimate.estimator import Estimate
@@ -17,6 +18,7 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.versions import library_versions
+from fx_contact.problem.units import Units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,7 @@ class TrueError:
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord(SolveRecord, ContactFigures):
-    """The figures of one adaptive step, with those of `SolveRecord` and `ContactFigures`.
+    """The figures of one adaptive step, with those of `SolveRecord` and `ContactFigures`; `print` shows a report.
 
     Units are those of the scene, here SI.
 
@@ -149,6 +151,7 @@ class StepRecord(SolveRecord, ContactFigures):
         approaches: for each contact pair, then each tie, how far its obstacle has moved from `moved` along the force on
             it, or its section has closed [m], or None; None: no obstacle has a force, and no section a tension.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
+        units: names of those of length and stress, as `Scene.units`.
     """
 
     enforcement: str
@@ -170,6 +173,10 @@ class StepRecord(SolveRecord, ContactFigures):
     goals: tuple[GoalRecord, ...] | None = None
     approaches: list[float | None] | None = None
     remote_rows: int = 0
+    units: Units = None
+
+    def __str__(self) -> str:
+        return f"{report_text(self)}\n  {costs(self)}"
 
     @property
     def unseen_contact(self) -> int | None:
@@ -195,6 +202,8 @@ class StepRecord(SolveRecord, ContactFigures):
             elif value is not None:
                 rows = [{n: tuple(v) if isinstance(v, list) else v for n, v in row.items()} for row in value]
                 known[name] = (list if name == "doubts" else tuple)(kind(**row) for row in rows)
+        if known.get("units") is not None:
+            known["units"] = tuple(known["units"])
         return cls(**known)
 
 

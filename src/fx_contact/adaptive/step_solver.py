@@ -314,4 +314,5 @@ def _record(
         goals=assessed.goals,
         approaches=approaches(settings.scene, state.solution.rows),
         remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
+        units=settings.scene.units,
     )

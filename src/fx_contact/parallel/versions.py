@@ -1,6 +1,7 @@
 """Versions of the libraries on which results depend."""
 
 import ctypes
+import sys
 
 import numpy as np
 from dolfinx.cpp import __version__ as dolfinx_version
@@ -15,6 +16,11 @@ def library_versions() -> dict[str, str | None]:
         "hypre": _hypre_version(),
         "numpy": np.__version__,
     }
+
+
+def project_version() -> str:
+    """Version of this package.  Local."""
+    return str(sys.modules["fx_contact"].__version__)
 
 
 def _hypre_version() -> str | None:

@@ -9,6 +9,7 @@ from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.cells import draw_mesh, draw_partition, draw_parts
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
+from fx_contact.plot.pressure_map import draw_pressure_map
 
 __all__ = [
     "draw_bodies",
@@ -17,6 +18,7 @@ __all__ = [
     "draw_partition",
     "draw_parts",
     "draw_pressure",
+    "draw_pressure_map",
     "draw_stress",
     "draw_sweep",
     "plotter_for",

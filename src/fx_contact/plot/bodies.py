@@ -16,6 +16,7 @@ from fx_contact.plot.canvas import (
     bar,
     draw_on_first,
     exceeded,
+    leave_strip,
     on_first,
     picture_size,
     plotter_for,
@@ -25,6 +26,7 @@ from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, v
 from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.problem.units import labelled
 from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ def draw_bodies(
         apart: distance by which bodies are moved out of the common centre, relative to that of their own centres from
             it.
         cut: omit the half before the plane across y through the centre of the contact; leaves are not cut.
-        zoom: magnification; 1 shows all bodies.
+        zoom: magnification; 1 shows all bodies, above it the centre of the contact is in the middle.
         top: of the colour scale [Pa]; None: the maximum pressure, or the stress exceeded on 0.5 % of the surface.
         plotter: to draw on, the one of rank 0; it or the path is returned.
 
@@ -87,9 +89,14 @@ def draw_bodies(
     def draw(plotter: "Plotter") -> None:
         """Add all that is shown, on rank 0."""
         points, values = shown
-        _draw(plotter, points, values, field, zoom, top)
+        _draw(plotter, points, values, field, top)
+        _look_at(plotter, points.reshape(-1, 3) @ _AXES.T, zoom, _AXES @ np.asarray(step.record.contact_centre))
         add_obstacles(plotter, obstacles, points.reshape(-1, 3))
-        add_note(plotter, f"{_FIELDS[field]}\ndisplacements x {factor:g}")
+        if zoom > 1:
+            leave_strip(plotter)
+        add_length(plotter, step.scene.units)
+        name = labelled(_FIELDS[field], "stress", step.scene.units).replace(" [", "\n[")
+        add_note(plotter, f"{name}\ndisplacements\nx {factor:g}")
 
     return draw_on_first(step.forest.comm, path, draw, plotter_for, plotter)
 
@@ -125,9 +132,7 @@ def _outward(mesh: RootMesh) -> FloatArray:
     return centres - (mesh.points.min(axis=0) + mesh.points.max(axis=0)) / 2
 
 
-def _draw(
-    plotter: "Plotter", points: FloatArray, values: FloatArray, field: str, zoom: float, top: float | None
-) -> None:
+def _draw(plotter: "Plotter", points: FloatArray, values: FloatArray, field: str, top: float | None) -> None:
     surface, edges = surface_and_edges(points)
     pressure, title, values = field == "pressure", _FIELDS[field], values.ravel()
     surface[title] = values
@@ -141,18 +146,19 @@ def _draw(
         plotter.mapper.lookup_table.below_range_color = "#e8e8e8"
     nearer = edges.translate(1e-3 * np.ptp(surface.points, axis=0).max() * _AXES[2])  # before the surface
     plotter.add_mesh(nearer, color="black" if pressure else "white", opacity=0.4, line_width=1.5, lighting=False)
-    _look_at(plotter, surface.points @ _AXES.T, zoom)
 
 
-def _look_at(plotter: "Plotter", points: FloatArray, zoom: float) -> None:
-    """Turn the camera to points, given in the coordinates `_AXES` of the picture."""
+def _look_at(plotter: "Plotter", points: FloatArray, zoom: float, about: FloatArray) -> None:
+    """Turn the camera to points, magnified to one (3,), all given in the coordinates `_AXES` of the picture."""
     width, height = picture_size(plotter)
     low, high = points.min(axis=0), points.max(axis=0)
     size, centre = high - low, (low + high) / 2
     scale = 0.5 * max(1.2 * size[1], 1.4 * size[0] * height / width) / zoom
-    centre[0] += 0.12 * scale * width / height  # room for the colour bar
+    if zoom > 1:
+        centre[:2] = about[:2]
+    else:
+        centre[0] += 0.12 * scale * width / height  # room for the colour bar
     eye = centre + [0, 0, 10 * max(size)]
     plotter.enable_parallel_projection()
     plotter.camera_position = [eye @ _AXES, centre @ _AXES, _AXES[1]]
     plotter.camera.parallel_scale = scale
-    add_length(plotter)

@@ -17,6 +17,7 @@ from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.mpi import together
+from fx_contact.problem.units import Units, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +117,26 @@ def view_axes(towards: FloatArray, up: FloatArray) -> FloatArray:
     return axes / np.linalg.norm(axes, axis=1)[:, None]
 
 
-def add_length(plotter: "Plotter") -> None:
+def leave_strip(plotter: "Plotter", share: float = 0.22) -> None:
+    """Leave a share of the picture's width at the right to legends: all is moved to the left, and cut off there.
+
+    Local.  For the present camera and parallel projection.
+    """
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+
+    camera, (width, height) = plotter.camera, picture_size(plotter)
+    focus, eye = np.array(camera.focal_point), np.array(camera.position)
+    right = view_axes(eye - focus, np.array(camera.up))[0] * camera.parallel_scale * width / height
+    camera.focal_point, camera.position = focus + share * right, eye + share * right
+    plane = vtkPlane()
+    plane.SetOrigin(focus + (1 - share) * right)
+    plane.SetNormal(-right)
+    for actor in plotter.renderer.actors.values():
+        if actor.IsA("vtkActor"):  # legends are vtkActor2D
+            actor.GetMapper().AddClippingPlane(plane)
+
+
+def add_length(plotter: "Plotter", units: Units = None) -> None:
     """Add a scale bar in the lower left corner, for the present camera and parallel projection.  Local."""
     camera, (width, height) = plotter.camera, picture_size(plotter)
     scale, focus = camera.parallel_scale, np.array(camera.focal_point)
@@ -128,7 +148,8 @@ def add_length(plotter: "Plotter") -> None:
     plotter.add_lines(np.array([start, start + length * right]), color="black", width=4)
     text = {"shape": "rect", "shape_color": "white", "shape_opacity": 0.7, "text_color": "black", "font_size": 18}
     above = start + 0.03 * scale * up
-    plotter.add_point_labels(above[None], [f"{length:g}"], show_points=False, always_visible=True, **text)
+    label = f"{length:g} {unit_of('length', units)}".rstrip()
+    plotter.add_point_labels(above[None], [label], show_points=False, always_visible=True, **text)
     plotter.reset_camera_clipping_range()
 
 

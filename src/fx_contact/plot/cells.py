@@ -12,9 +12,10 @@ from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.plot.canvas import add_length, draw_on_first, on_first, picture_size, plotter_for
+from fx_contact.plot.canvas import add_length, draw_on_first, leave_strip, on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 from fx_contact.plot.obstacles import Shown, add_obstacles, placed_obstacles
+from fx_contact.problem.units import Units
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -27,6 +28,8 @@ _PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#
 _MIXED = ((1.0, 0.0), (1.0, 0.5), (0.0, 0.4))
 #: Maximum number of groups in a legend.
 _LISTED = 16
+#: Share of the width that the bodies leave to it: ten characters.
+_STRIP = 0.11
 
 
 def _number_colour(number: int) -> Colour:
@@ -80,7 +83,7 @@ def draw_mesh(
     centre = np.asarray(step.record.contact_centre)
     group = _groups(step.forest, colour)
     reach, obstacles = zoom * contact_size(step), placed_obstacles(step, 0.0)
-    return _draw_groups(step.forest, group, colour, centre, centre, reach, path, plotter, obstacles)
+    return _draw_groups(step.forest, group, colour, centre, centre, reach, path, plotter, obstacles, step.scene.units)
 
 
 def contact_size(step: Step) -> float:
@@ -112,7 +115,7 @@ def draw_partition(
     cut = np.asarray(step.record.contact_centre)
     reach = max(*(high - low), *np.abs(high - cut), *np.abs(low - cut))
     group = _groups(step.forest, colour)
-    return _draw_groups(step.forest, group, colour, cut, (low + high) / 2, reach, path, plotter)
+    return _draw_groups(step.forest, group, colour, cut, (low + high) / 2, reach, path, plotter, (), step.scene.units)
 
 
 def draw_parts(
@@ -145,6 +148,7 @@ def _draw_groups(
     path: str | Path | None,
     given: "Plotter | None",
     obstacles: Sequence[Shown] = (),
+    units: Units = None,
 ) -> "Path | Plotter | None":
     """Leaves beyond the y of a point, about a centre, in the colours of their groups; a legend if there is a word."""
     leaf, face = visible_faces(forest, cut, reach)
@@ -163,12 +167,13 @@ def _draw_groups(
         if obstacles:
             near = faces.reshape(-1, 3)
             add_obstacles(plotter, obstacles, near[np.abs(near - centre).max(axis=1) <= 2 * reach])
-        if word and 1 < len(numbers) <= _LISTED:
-            _add_legend(plotter, {f"{word} {number}": colour(number) for number in numbers})
         plotter.enable_parallel_projection()
         plotter.camera_position = [centre + reach * EYE, centre, (0, 0, 1)]
         plotter.camera.parallel_scale = 0.7 * reach
-        add_length(plotter)
+        if word and 1 < len(numbers) <= _LISTED:
+            leave_strip(plotter, _STRIP)
+            _add_legend(plotter, {f"{word} {number}": colour(number) for number in numbers})
+        add_length(plotter, units)
 
     return draw_on_first(forest.comm, path, draw, plotter_for, given)
 

@@ -9,21 +9,31 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run
+from fx_contact.adaptive.contact_figures import AXIS
 from fx_contact.adaptive.contact_state import ContactTable
 from fx_contact.adaptive.load_path import Sweep, SweepPoint
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.parallel.errors import OutputError
+from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name
 from fx_contact.plot.canvas import axes_for, draw_on_first
+from fx_contact.problem.units import Units, labelled
 from fx_contact.results.analytic import Hertz
 from fx_contact.results.reference_values import ContactReference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+#: Least ratio of the semi-axes of the ellipse with the second moments of the forces in round contact: 0.81 of a sphere
+#: with four closed pairs (`contact_figures.ROUND`), 0.56 of cylinders with radii 10 and 25, crossed.
+_ROUND = 0.7
+#: The same ratio of a quarter of round contact about the common centre, ((1 - 2 / pi) / (1 + 2 / pi))^(1/2).
+_QUARTER = 0.47
+#: What entries of a record are.
+_DIMENSIONS = {"force": "force", "max_pressure": "stress", "contact_radius": "length", "max_penetration": "length"}
 
 
 @collective("step.forest.comm")
@@ -39,15 +49,43 @@ def draw_pressure(
     Collective on the step's communicator; rank 0 draws, into the PNG of the path or on `ax`, which is returned.
 
     Raises:
-        SceneError: no step, or one without contact; an exact solution of another kind.
+        SceneError: no step, or one without contact; contact that is not round, unless there is an exact solution; an
+            exact solution of another kind.
         OutputError: the picture cannot be written.
     """
     check_step(step, contact=True)
     if exact is not None:
         check_kind("the exact solution", exact, Hertz, ContactReference)
+    elif not _is_round(step):
+        raise SceneError(
+            "the contact is not round, so that its pressure is no function of a radius: call "
+            "draw_pressure_map(step, path), or step.contact.along(start, end)"
+        )
     table = step.contact.gathered()
     draw = partial(_draw_pressure, table=table, record=step.record, exact=exact)
     return draw_on_first(step.forest.comm, path, draw, axes_for, ax)
+
+
+def _is_round(step: Step) -> bool:
+    """False if the forces have other second moments in one direction than in another, or act at several contacts.
+
+    Collective.
+    """
+    contact, mirrors, comm, record = step.contact, step.scene.mirrors, step.forest.comm, step.record
+    if np.count_nonzero(record.pair_forces) > 1:
+        return False
+    if not record.force:
+        return True
+    arm = contact.points - np.asarray(record.contact_centre)
+    tensor = mirrors.second_moment(comm.allreduce((arm.T * contact.force) @ arm))
+    vector = mirrors.force(comm.allreduce(contact.force @ contact.normal))
+    square = float(vector @ vector)
+    if square <= (AXIS * mirrors.parts / step.scene.symmetry * record.force) ** 2:
+        return False
+    across = np.eye(3) - np.outer(vector, vector) / square
+    _, least, most = np.sort(np.linalg.eigvalsh(across @ tensor @ across))
+    whole = mirrors.parts == step.scene.symmetry
+    return bool(least >= (_ROUND if whole else _QUARTER * _ROUND) ** 2 * most)
 
 
 def _draw_pressure(
@@ -61,7 +99,9 @@ def _draw_pressure(
     reach = 1.6 * (radius[table.active].max(initial=0.0) if closed is None else closed) or radius.max(initial=0.0)
     near = radius <= reach
     scale = exact.contact_radius if exact else 1.0
-    axes.plot(radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="node pairs")
+    axes.plot(
+        radius[near] / scale, table.pressure[near], "o", ms=4, mfc="none", color="#0072B2", label="contact nodes"
+    )
     if exact:
         r, name = np.linspace(0, reach, 400, dtype=np.float64), getattr(exact, "name", "Hertz")
         axes.plot(r / scale, exact.pressure(r), color="#D55E00", lw=1.6, label=f"{name}, F = {exact.force:.4g}")
@@ -72,8 +112,9 @@ def _draw_pressure(
         below.axhline(0, color="#D55E00", lw=1.2)
         below.plot(radius[near] / scale, 100 * off / exact.max_pressure, "o", ms=3, mfc="none", color="#0072B2")
         below.set_ylabel("difference\n[% of largest]", fontsize=8)
-    below.set_xlabel(f"radius / contact radius of {name}" if exact else "radius")
-    axes.set_ylabel("contact pressure")
+    units = record.units
+    below.set_xlabel(f"radius / contact radius of {name}" if exact else labelled("radius", "length", units))
+    axes.set_ylabel(labelled("contact pressure", "stress", units))
     axes.set_ylim(bottom=0)
     axes.set_xlim(left=0)
     axes.set_title(f"{record.dofs:,} dofs, estimated error {100 * record.estimate:.1f} %", fontsize=11)
@@ -154,7 +195,7 @@ def draw_sweep(
 
     Args:
         quantity: entry of a StepRecord that is a number.
-        label: of the parameter.
+        label: of the parameter, with its unit.
         logarithmic: scale of both axes.
 
     Raises:
@@ -170,16 +211,19 @@ def draw_sweep(
     numbers = [name for name, value in vars(known[0].record).items() if isinstance(value, (int, float))]
     check_name("entry of a record", quantity, numbers)
     rows = np.array([(point.value, getattr(point.record, quantity)) for point in known])
-    draw = partial(_draw_sweep, rows=rows, quantity=quantity, label=label, logarithmic=logarithmic)
+    units = known[-1].record.units
+    draw = partial(_draw_sweep, rows=rows, quantity=quantity, label=label, logarithmic=logarithmic, units=units)
     return draw_on_first(comm, path, draw, axes_for, ax)
 
 
-def _draw_sweep(axes: "Axes", rows: FloatArray, quantity: str, label: str, logarithmic: bool) -> None:
+def _draw_sweep(
+    axes: "Axes", rows: FloatArray, quantity: str, label: str, logarithmic: bool, units: Units = None
+) -> None:
     axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color="#0072B2")
     if logarithmic:
         axes.loglog()
     axes.set_xlabel(label)
-    axes.set_ylabel(quantity.replace("_", " "))
+    axes.set_ylabel(labelled(quantity.replace("_", " "), _DIMENSIONS.get(quantity, ""), units))
 
 
 def _few_digits(value: float, _position: float) -> str:

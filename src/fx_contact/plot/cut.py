@@ -20,12 +20,14 @@ from fx_contact.plot.canvas import (
     bar,
     draw_on_first,
     exceeded,
+    leave_strip,
     on_first,
     picture_size,
     plotter_for,
 )
 from fx_contact.plot.cells import contact_size
 from fx_contact.problem import hexahedron
+from fx_contact.problem.units import labelled, unit_of
 
 if TYPE_CHECKING:
     from pyvista import Plotter, PolyData
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 _SHOWN = {"x": [1, 0, 2], "y": [0, 1, 2], "z": [0, 2, 1]}
 #: Share of the area with a stress above the scale: singular at edges, its maximum grows with every level.
 _SATURATED = 0.01
+#: Share of the width that zoomed views leave to the legend.
+_STRIP = 0.22
 
 
 @collective("step.forest.comm")
@@ -77,11 +81,17 @@ def draw_stress(
     stress = von_mises(step.nodal_stress[cut])
     shown = on_first(comm, points[cut], stress, forest.mesh.region[forest.cell[cut]])
 
+    units = step.scene.units
+
     def draw(plotter: "Plotter") -> None:
         """The sections with their legend."""
         _draw_cut(plotter, *shown, centre=centre, reach=reach, y=y)
-        plane = f"at {across} = {centre[1]:.3g}, undeformed"
-        add_note(plotter, f"von Mises stress\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")
+        if zoom is not None:
+            leave_strip(plotter, _STRIP)
+        add_length(plotter, units)
+        name, unit = labelled("von Mises stress", "stress", units).replace(" [", "\n["), unit_of("length", units)
+        plane = f"at {across} = {f'{centre[1]:.3g} {unit}'.rstrip()},\nundeformed"
+        add_note(plotter, f"{name}\n{plane}\n{_SATURATED:.0%} of the area is\nabove the scale")
 
     return draw_on_first(comm, path, draw, partial(plotter_for, width=1500, height=1000), plotter)
 
@@ -125,7 +135,6 @@ def _draw_cut(
     plotter.view_xz()
     plotter.camera.focal_point, plotter.camera.position = focus, focus - [0, 10 * half, 0]
     plotter.camera.parallel_scale = half
-    add_length(plotter)
 
 
 def _window(points: FloatArray, centre: FloatArray, reach: float | None) -> tuple[FloatArray, float]:
@@ -135,7 +144,7 @@ def _window(points: FloatArray, centre: FloatArray, reach: float | None) -> tupl
         half = 0.6 * max(high[2] - low[2], high[0] - low[0])
         return (low + high) / 2 + [0.2 * half, 0, -0.1 * half], half
     quarter = low[0] >= centre[0] - 1e-9 * reach  # else half of the picture would be empty
-    return centre + [reach * quarter, 0, 0], 0.7 * reach
+    return centre + [reach * quarter, 0, 0], 0.7 * reach / (1 - _STRIP)
 
 
 def _outlines(points: FloatArray, y: float) -> "PolyData":

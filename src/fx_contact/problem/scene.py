@@ -53,6 +53,7 @@ from fx_contact.problem.scene_validation import (
 )
 from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.problem.ties import Preload, Tie
+from fx_contact.problem.units import Units, check_names_of_units
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,6 +75,8 @@ class Scene:
         ties: glued surfaces; a facet is in at most one contact or tie.
         strains: stress-free strains; those on one body, or part of it, add up.
         springs: elastic supports; those on one surface add up.
+        units: names of the units of length and stress, ("mm", "MPa"), for axes, legends and reports alone; None: none
+            are shown.
 
     One item may be given for a tuple.
 
@@ -99,10 +102,12 @@ class Scene:
     ties: tuple[Tie, ...] = ()
     strains: tuple[ThermalStrain | InitialStrain, ...] = ()
     springs: tuple[Elastic, ...] = ()
+    units: Units = None
 
     def __post_init__(self) -> None:
         mesh = self.mesh
         check_label("the name of a scene", self.name)
+        check_names_of_units(self.units)
         if not isinstance(mesh, RootMesh):
             raise SceneError(f"the mesh of a scene must be a RootMesh, got {shown(mesh)}")
         for name, kinds in _ITEMS.items():

@@ -4,12 +4,13 @@ import warnings
 from typing import Any
 
 from fx_contact.adaptive.resultants import undirected
+from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.results.accuracy import contact_errors, field_error, true_error
 from fx_contact.results.analytic import Hertz, HertzEllipse, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import REFERENCES, ContactReference
-from fx_contact.results.report import force_warnings, model_warnings, table_head, table_row, total_seconds
+from fx_contact.results.report import force_warnings, model_warnings, total_seconds
 
 __all__ = [
     "REFERENCES",

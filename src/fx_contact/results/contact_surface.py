@@ -8,6 +8,7 @@ from basix import CellType
 from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
+from fx_contact.adaptive.contact_line import nodal_means
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
 from fx_contact.parallel.arrays import FloatArray, Int64Array
@@ -85,14 +86,7 @@ def nodal_values(step: Step) -> FloatArray:
     """Displacement [m], and pressure [Pa], status (1 closed) and open gap [m], 0 off the contact: (m, 6).
 
     Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
-    has the mean of its rows, weighted by their areas.
+    has the mean of its rows (`nodal_means`).
     """
-    pairs, contact, prolongation = step.rows, step.contact, step.elasticity.prolongation
-    assert pairs is not None, "checked by check_step"
-    rows = pairs.area[:, None] * np.column_stack([contact.pressure, contact.active, contact.gap, np.ones(len(pairs))])
-    sums = prolongation.zeros(4)
-    entries = pairs.entries
-    np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * rows[entries.row])
-    sums = prolongation.summed(sums)
-    means = sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0)
-    return prolongation.prolong(np.concatenate([step.solution.displacement, means], axis=1))
+    values = np.concatenate([step.solution.displacement, nodal_means(step)], axis=1)
+    return step.elasticity.prolongation.prolong(values)

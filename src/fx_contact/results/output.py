@@ -4,6 +4,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
+from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.agreement import shared_path
@@ -21,6 +23,7 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_folder, check_comm
 from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.vtu import write_grid
 from fx_contact.results.vtx import function_on, write_vtu, write_vtx
 
 #: Entries that identify the record of a state, and their relative tolerance after solving for it again.
@@ -108,18 +111,22 @@ def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
 
 @collective("step.forest.comm")
 def write_fields(step: Step, folder: str | Path) -> None:
-    """Write a step's fields for ParaView, on curved cells, replacing existing files.
+    """Write a step's fields for ParaView and pyvista, on curved cells, replacing existing files.
 
-    Collective.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the projected stress [Pa] (`point_fields`);
-    `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank; `contact.pvtu` (VTK) has the fields on both
-    sides of the contact surfaces, if there are any (`contact_functions`).
+    Collective.  `bodies.vtu` (VTK; on several ranks `bodies.pvtu` and a file a rank) has the data of `Step.to_pyvista`
+    on Lagrange hexahedra, if pyvista is installed.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the
+    projected stress [Pa] (`point_fields`); `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank;
+    `contact.pvtu` (VTK) has the fields on both sides of the contact surfaces, if there are any (`contact_functions`).
     Raises SceneError for no step, SolveError as `Step.stress`, OutputError if a file cannot be written, or there is no
     space for it: then an existing one is kept.
     """
     check_step(step)
     comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
     place = shared_path(comm, "the output folder", folder, OutputError, as_folder)
-    write_vtx(comm, place / "fields.bp", point_fields(step), time)
+    nodal = point_fields(step)
+    write_vtx(comm, place / "fields.bp", nodal, time)
+    if find_spec("pyvista"):
+        write_grid(comm, place / "bodies", leaf_grid(step, *nodal))
     values: dict[str, npt.NDArray[Any]] = {
         "indicator": step.estimate.error,
         "level": step.forest.level[leaf],
