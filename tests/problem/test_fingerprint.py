@@ -113,7 +113,7 @@ def test_nothing_is_forgotten():
     tables = {RootMesh: OF_MESH, Scene: {"name": None} | OF_SCENE}
     tables |= {part: entries for part, (_, entries) in OF_PARTS.items()}
     for kind, table in tables.items():
-        elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties"}}.get(kind, set())  # tests/contact
+        elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties", "rigid_loads"}}.get(kind, set())  # tests/contact
         assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
     held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.springs, *SCENE.strains]
     assert {type(one) for one in (*held, *SCENE.materials.values())} == OF_PARTS.keys()

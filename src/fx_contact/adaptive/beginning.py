@@ -22,6 +22,7 @@ from fx_contact.parallel.validation import check_comm, check_count, check_number
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import same_mesh, scene_parts
 from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.problem.rigid_loads import RigidFace
 from fx_contact.problem.scene import Scene, check_scene
 
 
@@ -149,7 +150,10 @@ def check_approaches(approaches: object, scene: Scene) -> None:
             f"contact pairs and ties, got {shown(approaches)}"
         )
     for contact, distance in zip(scene.interfaces, approaches):
-        if contact.load is not None:
+        if isinstance(contact, RigidFace):
+            if np.shape(distance) != (6,):
+                raise SceneError(f"the approach of {contact.name!r} must be six numbers, got {shown(distance)}")
+        elif len(contact.loads):
             check_number(f"the approach of {contact.name!r}", distance)
         elif distance is not None:
             raise SceneError(f"{contact.name!r} has no force, and no approach, got {shown(distance)}")

@@ -216,7 +216,7 @@ class Sweep:
 
 def _same_root(state: State, scene: Scene) -> bool:
     """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
-    forest, pressed = state.forest, [interface.load is not None for interface in scene.interfaces]
+    forest, pressed = state.forest, [len(interface.loads) > 0 for interface in scene.interfaces]
     if [t is not None for t in state.approaches or [None] * len(pressed)] != pressed:
         return False
     return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)

@@ -91,6 +91,7 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     sums = state.forest.comm.allreduce(np.concatenate(parts))
     names = [(pair.name, "contact") for pair in scene.contact]
     names += [(tie.name, "tie") for tie in scene.ties]
+    names += [(load.surface, "rigid load") for load in scene.rigid_loads]
     names += [(force.surface, type(force).__name__.lower()) for force in scene.tractions]
     names += [(force.body, "body force") for force in scene.body_forces]
     names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
@@ -100,6 +101,8 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     for index, contact in enumerate(scene.contact):
         if len(contact.surfaces) == 1:  # on the obstacle
             values[index] = -sums[index].sum(axis=0)
+    for index in range(len(scene.contact) + len(scene.ties), len(scene.interfaces)):
+        values[index] = sums[index].sum(axis=0)  # on the body
     return tuple(_resultant(name, kind, row, centre, scene) for (name, kind), row in zip(names, values))
 
 

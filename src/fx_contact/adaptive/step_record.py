@@ -149,7 +149,8 @@ class StepRecord(SolveRecord, ContactFigures):
         resultants: of contact pairs, loads, conditions, and the balance of each body.
         goals: of the run; None: it has none.
         approaches: for each contact pair, then each tie, how far its obstacle has moved from `moved` along the force on
-            it, or its section has closed [m], or None; None: no obstacle has a force, and no section a tension.
+            it, or its section has closed [m], or None; then for each rigid load the motion of its surface, three
+            translations [m] and rotations [rad] about its point; None: there is none of them.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
         units: names of those of length and stress, as `Scene.units`.
     """
@@ -171,7 +172,7 @@ class StepRecord(SolveRecord, ContactFigures):
     effectivity: float | None = None
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] | None = None
-    approaches: list[float | None] | None = None
+    approaches: list[Any] | None = None
     remote_rows: int = 0
     units: Units = None
 

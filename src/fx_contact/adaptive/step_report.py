@@ -98,13 +98,22 @@ def _resultants(r: StepRecord) -> Iterator[str]:
     shown = [one for one in r.resultants or () if one.kind not in ("contact", "balance")]
     largest = max([r.force, *(abs(value) for one in shown for value in one.force)])
     digits = _DIGITS - 1 - int(np.floor(np.log10(largest))) if largest else 0
-    closings = iter(r.approaches[len(r.pair_forces) :] if r.approaches else ())
+    motions = iter(r.approaches[len(r.pair_forces) :] if r.approaches else ())
     for one in shown:
-        closing = next(closings, None) if one.kind == "tie" else None
+        motion = next(motions, None) if one.kind in ("tie", "rigid load") else None
         vector = ", ".join(f"{round(value, digits) + 0.0:.{_DIGITS}g}" for value in one.force)
         part = " on the modelled part" if one.kind == "symmetry" else ""
-        closed = "" if closing is None else f", closed by {closing:.5g}{_unit(r, 'length')}"
-        yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}{closed}"
+        yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}{_moved(r, motion)}"
+
+
+def _moved(r: StepRecord, motion: float | list[float] | None) -> str:
+    """The closing of a section, or the motion of a rigid face."""
+    if motion is None:
+        return ""
+    if not isinstance(motion, list):
+        return f", closed by {motion:.5g}{_unit(r, 'length')}"
+    shift, turn = (", ".join(f"{value:.5g}" for value in part) for part in (motion[:3], motion[3:]))
+    return f", moved by ({shift}){_unit(r, 'length')}, turned by ({turn}) rad"
 
 
 def _unit(r: StepRecord, quantity: str) -> str:

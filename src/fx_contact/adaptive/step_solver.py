@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -68,7 +68,7 @@ class StepStart:
     displacement: FloatArray
     carried: FloatArray
     history: RefinementHistory
-    approaches: Sequence[float | None] | None = None
+    approaches: Sequence[Any] | None = None
 
     @property
     def forest(self) -> Forest:
@@ -176,11 +176,11 @@ def elasticity_of(
 def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
     """Rows of contact, with unknown motions where they begin, and as `ContactProblem.rows_at`."""
     scene = settings.scene
-    if all(interface.load is None for interface in scene.interfaces):
+    if not any(len(interface.loads) for interface in scene.interfaces):
         return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
     known = columns_at_rest(scene, start.prolongation, settings.enforcement)
 
-    def rows_at(distances: Sequence[float | None]) -> ConstraintRows:
+    def rows_at(distances: Sequence[Any]) -> ConstraintRows:
         """Rows after unknown motions.  Collective."""
         return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
 
@@ -240,7 +240,7 @@ def _estimate(
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding, least=least)
     every = solution.rows
     rows = None if every is None or not scene.contact else every.part(ties=False)
-    ties = None if every is None or not scene.ties else every.part(ties=True)
+    ties = None if every is None or len(scene.interfaces) == len(scene.contact) else every.part(ties=True)
     state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 

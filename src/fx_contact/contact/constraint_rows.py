@@ -19,7 +19,6 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +185,7 @@ class ConstraintRows:
 
     def part(self, ties: bool) -> "ConstraintRows":
         """The rows and kinds of ties, or those of contacts.  Local."""
-        kinds, some = (
-            tuple(kind for kind in self.kinds if isinstance(kind.contact, Tie) == ties),
-            self.equality == ties,
-        )
+        kinds, some = (tuple(kind for kind in self.kinds if kind.contact.EQUALITY == ties), self.equality == ties)
         if len(kinds) == len(self.kinds):
             return self
         row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
@@ -322,17 +318,17 @@ class ConstraintRows:
 
         Local.
         """
-        rates, pressed = np.zeros((len(self.pressed), len(self))), self.pressed
-        for rate, kind in zip(rates, (kind for kind in self.kinds if kind.index in pressed)):
-            direction, ours = kind.contact.rate_direction, self.contact == kind.index
-            assert direction is not None, "of the force"
-            rate[ours] = self.normal[ours] @ direction
+        rates, start = np.zeros((len(self.pressed), len(self))), 0
+        for kind in self.kinds:
+            ours, count = self.contact == kind.index, len(kind.contact.loads)
+            rates[start : start + count, ours] = kind.contact.rates(self.normal[ours], self.position[ours])
+            start += count
         return rates
 
     @property
     def pressed(self) -> list[int]:
-        """(k,), indices of the contacts and ties with an unknown motion along a force.  Local."""
-        return [kind.index for kind in self.kinds if kind.contact.load is not None]
+        """(k,), index of the contact or tie of each unknown motion along a force.  Local."""
+        return [kind.index for kind in self.kinds for _ in kind.contact.loads]
 
     def force_components(self, force: FloatArray) -> FloatArray:
         """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""

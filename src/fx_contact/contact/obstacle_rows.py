@@ -81,3 +81,11 @@ class PlaneRows(ObstacleRows):
     """Rows of a plane, along which bodies slide."""
 
     SLIDES = True
+
+
+class RigidFaceRows(ObstacleRows):
+    """Rows along all axes of a surface that moves as a rigid body."""
+
+    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """0, and any direction."""
+        return np.zeros(len(points)), np.tile([0.0, 0.0, 1.0], (len(points), 1))

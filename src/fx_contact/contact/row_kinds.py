@@ -15,19 +15,21 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEnt
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
-from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows
+from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows, RigidFaceRows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.problem.contact import SMOOTH, Contact, ContactPair
 from fx_contact.problem.obstacles import Obstacle, RigidPlane
+from fx_contact.problem.rigid_loads import RigidFace
 from fx_contact.problem.scene import Scene
-from fx_contact.problem.ties import Preload, Tie
+from fx_contact.problem.ties import Tie
 
 #: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
     ContactPair: NodePairs,
     Tie: NodePairs,
+    RigidFace: RigidFaceRows,
     Obstacle: ObstacleRows,
     RigidPlane: PlaneRows,
 }
@@ -57,13 +59,13 @@ def columns_at_rest(scene: Scene, prolongation: Prolongation, enforcement: Enfor
 
     Collective on prolongation.comm.  Raises SceneError as `create_rows`.
     """
-    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)
+    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)  # nodes and areas of the others too
     return {kind.index: _columns(kind, prolongation, enforcement) for kind in resting}
 
 
 def _columns(kind: RowKind, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
     """Rows of a contact, or of a tie along three axes.  Collective."""
-    tied = isinstance(kind.contact, Tie)
+    tied = kind.contact.EQUALITY
     return kind.tie_columns(prolongation, enforcement) if tied else [kind.columns(prolongation, enforcement)]
 
 
@@ -160,7 +162,8 @@ def _with_clearance(rows: ConstraintRows) -> ConstraintRows:
     for kind in rows.kinds:
         ours = rows.contact == kind.index
         clearance[ours] = float(kind.contact.clearance)
-        if isinstance(kind.contact, Preload):
-            closing[ours] = kind.contact.closing * kind.contact.unit_axis
+        opening = kind.contact.opening(rows.position[ours])
+        if opening is not None:
+            closing[ours] = opening
     apart = rows.apart + clearance[:, None] * rows.normal + closing
     return replace(rows, apart=apart, gap=np.einsum("ni,ni->n", rows.normal, apart))

@@ -1,8 +1,8 @@
-"""Rigid obstacles that settle under forces, and bolts that close under tensions, by Newton's method for distances t.
+"""Unknown motions along given forces, of obstacles, bolts and rigid faces, by Newton's method for distances t.
 
 An obstacle moves along the unit vector d of its force F.  Its rows penetrate at the rates w = -n . d.  The sides of a
-preloaded section with the tension F are pulled together by t; w is constant.  With the forces f of the rows at t, the
-equilibrium of each obstacle and section, and its derivatives, are
+preloaded section with the tension F are pulled together by t, a rigid face has up to six t; their w are constant.  With
+the forces f of the rows at t, equilibrium and its derivatives are
 
     w_i . f(t) = F_i,    d(w_i . f)/dt_j = -w_i . m_j,    K z_j + B^T m_j = 0,    B z_j = w_j on the closed rows.
 
@@ -12,7 +12,7 @@ before the minimum along it, or is halved until the excess of the forces is not 
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -33,7 +33,7 @@ from fx_contact.problem.surface_projection import LEAST_COSINE
 #: A contact loop: displacement (owned, 3) [m] and trial forces (n,) [N] from a first guess.
 Loop: TypeAlias = Callable[[ContactSystem, ActiveSet, FloatArray, Solver], tuple[FloatArray, FloatArray]]
 #: Rows for distances of the obstacles, as of `Scene.approached`.
-RowsAt: TypeAlias = Callable[[Sequence[float | None]], ConstraintRows]
+RowsAt: TypeAlias = Callable[[Sequence[Any]], ConstraintRows]
 
 #: Excess of the contact force over the force on the obstacle, relative to it, up to which solves become tight.
 _NEAR = 0.1
@@ -88,12 +88,13 @@ def settle(
     t, force, solver = _distances(problem.scene, rows), _forces(rows), loose
     step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
     size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
-    least, stalled = np.inf, 0
+    least, stalled, scale = np.inf, 0, _scales(rows)
     for _ in range(_MOST):
         u, trial = loop(system, status, u, solver)
         error, closed = system.solver.energy_error, status.active & jump.movable
         excess = _sum(rows, rows.rates @ np.where(closed, trial, 0.0)) - force
-        off = float((np.abs(excess) / force).max())
+        scale = np.where(scale > 0, scale, np.abs(excess).max())  # of faces below no force, at first
+        off = float((np.abs(excess) / np.maximum(scale, np.finfo(float).tiny)).max())
         if solver is options:
             least, stalled = (off, 0) if off < least / 2 else (least, stalled + 1)
         if stalled >= _STALLED and off <= _ROUNDED:
@@ -111,7 +112,7 @@ def settle(
                 return Settled(jump, u, trial, error)
             step = _step(rows, u, t, excess, slope)
             before = -float(excess @ step)
-            if solver is loose and ((np.abs(excess) <= _NEAR * force + allowed) | (stiffness == 0)).all():
+            if solver is loose and ((np.abs(excess) <= _NEAR * scale + allowed) | (stiffness == 0)).all():
                 solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
             t, u = t + step, u - np.tensordot(step, z, axes=1)
         rows = problem.rows_at(_listed(problem.scene, rows, t))
@@ -150,14 +151,15 @@ def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
     Collective.  Sections are as in the scene.  Raises SolveError unless the obstacles meet the surface.
     """
     rows = rows_at([None] * len(scene.interfaces))
-    t = np.zeros(len(rows.pressed))
-    if not any(contact.force for contact in scene.contact):
+    t, obstacles = np.zeros(len(rows.pressed)), _obstacles(rows)
+    if not obstacles.any():
         return rows
     for _ in range(_STEPS):
         gap, indentation = _expected(rows, u)
-        t += gap
+        t[obstacles] += gap
         if (np.abs(gap) <= _TOUCHING * indentation).all():
-            return rows_at(_listed(scene, rows, t + indentation))
+            t[obstacles] += indentation
+            return rows_at(_listed(scene, rows, t))
         rows = rows_at(_listed(scene, rows, t))
     raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
 
@@ -168,31 +170,36 @@ def _step(rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray
     Args:
         t: (k,), distances so far [m].
     """
-    presses = slope.diagonal() > 0
-    sections = _sections(rows)
-    if presses.all() and not sections.any():
+    stiffness, obstacles = slope.diagonal(), _obstacles(rows)
+    if obstacles.all():
+        presses = stiffness > 0
+    else:
+        punch, loads = _punches(rows), _forces(rows)
+        presses = stiffness > np.where(obstacles, 0.0, _RESISTS * punch)
+    if presses.all():
         return np.asarray(np.linalg.solve(slope, -excess))
-    gap, indentation = _expected(rows, u)
-    presses &= ~sections | (slope.diagonal() * indentation > _RESISTS * _forces(rows))
-    step = np.where(sections, indentation + np.abs(t), gap + indentation)
+    step: FloatArray = np.zeros(len(t))
+    if obstacles.any():
+        gap, indentation = _expected(rows, u)
+        step[obstacles] = gap + indentation
+    if not obstacles.all():
+        step = np.where(obstacles, step, loads / punch + np.sign(loads) * np.abs(t))
     step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
     return step
 
 
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (k,) [m].
+    """Distance of each obstacle from the deformed surface, and its indentation d beyond, to first order: two (m,) [m].
 
-    A section has no distance.  Rows that the obstacle passes along do not count.  The indentation is that of a flat
-    punch as large as the area A that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
+    Rows that the obstacle passes along do not count.  The indentation is that of a flat punch as large as the area A
+    that it penetrates, F = E* d A(d)^(1/2): two thirds of Hertz's.
     """
-    gap, comm = -rows.penetration(u), rows.prolongation.comm
-    rates, sections = rows.rates, _sections(rows)
-    rates[sections] = np.abs(rates[sections])
+    gap, comm, obstacles = -rows.penetration(u), rows.prolongation.comm, _obstacles(rows)
+    rates, forces = rows.rates[obstacles], _forces(rows)[obstacles]
     ours = [np.flatnonzero(rate > LEAST_COSINE) for rate in rates]
-    ahead = [np.where(sections[one], 0.0, gap[some] / rates[one, some]) for one, some in enumerate(ours)]
+    ahead = [gap[some] / rates[one, some] for one, some in enumerate(ours)]
     least = np.array([one.min(initial=np.inf) for one in ahead])
     comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
-    least[sections] = 0.0
     if not np.isfinite(least).all():
         raise SolveError(
             "along the force on it a rigid obstacle does not meet the surface: the force pulls it away, moves it past "
@@ -202,10 +209,10 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     soft = rows.area * (1 / rows.modulus).sum(axis=1)
 
     def punches(depth: FloatArray) -> FloatArray:
-        """The indentation of flat punches as large as the areas that obstacles penetrate at a depth (k,)."""
+        """The indentation of flat punches as large as the areas that obstacles penetrate at a depth (m,)."""
         inside = [some[one <= to] for some, one, to in zip(ours, ahead, least + depth)]
         area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in inside])).T
-        return np.sqrt(rows.symmetry) * _forces(rows) * compliance / area**1.5
+        return np.sqrt(rows.symmetry) * forces * compliance / area**1.5
 
     low: FloatArray = np.zeros(len(least))
     high = punches(low)
@@ -216,40 +223,50 @@ def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArr
     return least, high
 
 
-def _sections(rows: ConstraintRows) -> BoolArray:
-    """(k,), True for preloaded sections."""
-    return np.array([rows.kinds[index].contact.force is None for index in rows.pressed], dtype=bool)
+def _obstacles(rows: ConstraintRows) -> BoolArray:
+    """(k,), True for the unknown motions of obstacles."""
+    return np.array([not rows.kinds[index].contact.EQUALITY for index in rows.pressed], dtype=bool)
+
+
+def _punches(rows: ConstraintRows) -> FloatArray:
+    """(k,), stiffness E* A^(1/2) of a flat punch as large as the whole surface of each unknown motion [N/m]."""
+    soft = rows.area * (1 / rows.modulus).sum(axis=1)
+    ours = [rows.contact == index for index in rows.pressed]
+    area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in ours])).T
+    return np.asarray(area**1.5 / compliance / np.sqrt(rows.symmetry))
 
 
 def _forces(rows: ConstraintRows) -> FloatArray:
-    """(k,), length of each force, of the modelled part [N]."""
-    return np.array([rows.kinds[index].contact.load for index in rows.pressed], dtype=np.float64) / rows.symmetry
+    """(k,), the given forces, of the modelled part [N]."""
+    return np.concatenate([np.zeros(0), *(kind.contact.loads for kind in rows.kinds)]) / rows.symmetry
+
+
+def _scales(rows: ConstraintRows) -> FloatArray:
+    """(k,), length of all given forces along the unknown motions of one contact, of the modelled part [N]."""
+    each = (kind.contact.loads for kind in rows.kinds)
+    lengths = [np.full(len(loads), np.linalg.norm(loads)) for loads in each]
+    return np.concatenate([np.zeros(0), *lengths]) / rows.symmetry
 
 
 def _distances(scene: Scene, rows: ConstraintRows) -> FloatArray:
-    """(k,), distance of each unknown motion from the scene [m]."""
-    found = approaches(scene, rows) or []
-    return np.array([found[index] for index in rows.pressed], dtype=np.float64)
+    """(k,), distances of the unknown motions from the scene [m]."""
+    moved = (kind for kind in rows.kinds if len(kind.contact.loads))
+    found = [kind.contact.approach_from(scene.oriented[kind.index]) for kind in moved]
+    return np.concatenate([np.zeros(0), *found])
 
 
-def approaches(scene: Scene, rows: ConstraintRows | None) -> list[float | None] | None:
-    """For each contact and tie of a scene its unknown motion [m], or None; None: there are none.
-
-    Local.
-    """
-    if rows is None or not rows.pressed:
-        return None
-    result: list[float | None] = [None] * len(scene.interfaces)
-    for index in rows.pressed:
-        result[index] = rows.kinds[index].contact.approach_from(scene.oriented[index])
-    return result
+def approaches(scene: Scene, rows: ConstraintRows | None) -> list[Any] | None:
+    """`StepRecord.approaches` of the rows of a scene; None: there are no unknown motions.  Local."""
+    return None if rows is None or not rows.pressed else _listed(scene, rows, _distances(scene, rows))
 
 
-def _listed(scene: Scene, rows: ConstraintRows, t: FloatArray) -> list[float | None]:
-    """Distances (k,) as a list with an entry for each contact and tie of the scene."""
-    result: list[float | None] = [None] * len(scene.interfaces)
-    for index, distance in zip(rows.pressed, t):
-        result[index] = float(distance)
+def _listed(scene: Scene, rows: ConstraintRows, t: FloatArray) -> list[Any]:
+    """Distances (k,) as a list with an entry for each interface of the scene."""
+    pressed = np.array(rows.pressed)
+    result: list[Any] = [None] * len(scene.interfaces)
+    for kind in rows.kinds:
+        if len(kind.contact.loads):
+            result[kind.index] = kind.contact.along(t[pressed == kind.index])
     return result
 
 

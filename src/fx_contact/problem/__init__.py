@@ -13,6 +13,7 @@ from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.obstacles import Obstacle, RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from fx_contact.problem.rigid_loads import RigidLoad
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
@@ -36,6 +37,7 @@ __all__ = [
     "RigidCone",
     "RigidCylinder",
     "RigidMotion",
+    "RigidLoad",
     "RigidPlane",
     "RigidSphere",
     "RigidSurface",

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -22,29 +22,37 @@ class Contact(ABC):
     Attributes:
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
-        tension: in a preloaded section, whose closing it determines [N]; None: it does not.
     """
+
+    #: Rows are equations, always closed.
+    EQUALITY: ClassVar[bool] = False
 
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
-    tension: float | None = None
 
     @property
-    def load(self) -> float | None:
-        """Length of the given force, with an unknown motion along it [N]; None: there is none."""
-        return self.tension if self.force is None else float(np.linalg.norm(self.force))
+    def loads(self) -> FloatArray:
+        """(k,), given forces along unknown motions [N]."""
+        return np.zeros(0)
 
-    @property
-    def rate_direction(self) -> FloatArray | None:
-        """(3,), d with the penetration n . d of a row of normal n at the rate of the unknown motion [-]."""
-        return self.unit_direction
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """(k, n), penetration of rows with normals (n, 3) at (n, 3) [m] in each unknown motion [-].  Local."""
+        return np.zeros((len(self.loads), len(normals)))
 
-    def approached(self, distance: float) -> Self:
-        """The contact after an unknown motion by a distance [m].  Local."""
+    def opening(self, positions: FloatArray) -> FloatArray | None:
+        """Gap vectors (n, 3) [m] of rows that are equations at positions (n, 3) [m]; None: 0.  Local."""
+        return None
+
+    def approached(self, distances: Any) -> Self:
+        """The contact after unknown motions, as in `StepRecord.approaches`.  Local."""
         raise NotImplementedError
 
-    def approach_from(self, begin: "Contact") -> float:
-        """The distance of the unknown motion since a contact of the same place [m].  Local."""
+    def along(self, distances: FloatArray) -> float | list[float]:
+        """The entry in `StepRecord.approaches` of distances (k,) [m].  Local."""
+        return float(distances[0])
+
+    def approach_from(self, begin: "Contact") -> FloatArray:
+        """The distances (k,) of the unknown motions since a contact of the same place [m].  Local."""
         raise NotImplementedError
 
     @property
@@ -159,16 +167,27 @@ class ContactPair(Contact):
         force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
         return [self.first, *self.obstacle.data, *numbers, *direction, *force]
 
-    def approached(self, distance: float) -> Self:
+    @property
+    def loads(self) -> FloatArray:
+        """(1,), length of the force on the obstacle [N], or none."""
+        return np.zeros(0) if self.force is None else np.array([np.linalg.norm(self.force)])
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """As `Contact.rates`: w = -n . d as the obstacle moves along its force d."""
+        if self.force is None or self.unit_direction is None:
+            return np.zeros((0, len(normals)))
+        return np.asarray(normals @ self.unit_direction)[None]
+
+    def approached(self, distances: Any) -> Self:
         """The pair whose obstacle has moved along its force by a distance [m].  Local."""
         assert self.unit_direction is not None, "against the force"
-        x, y, z = np.array(self.moved) - distance * self.unit_direction
+        x, y, z = np.array(self.moved) - distances * self.unit_direction
         return replace(self, moved=(float(x), float(y), float(z)))
 
-    def approach_from(self, begin: Contact) -> float:
-        """How far the obstacle has moved along its force [m].  Local."""
+    def approach_from(self, begin: Contact) -> FloatArray:
+        """How far the obstacle has moved along its force, (1,) [m].  Local."""
         assert isinstance(begin, ContactPair) and self.unit_direction is not None
-        return float(-self.unit_direction @ np.subtract(self.moved, begin.moved))
+        return np.array([-self.unit_direction @ np.subtract(self.moved, begin.moved)])
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.

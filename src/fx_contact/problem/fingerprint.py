@@ -34,6 +34,7 @@ def scene_parts(scene: Scene) -> dict[str, Any]:
         ],
         "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
         **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
+        **({"rigid loads": [load.data for load in scene.rigid_loads]} if scene.rigid_loads else {}),
         **({"stress-free strains": [_of_strain(scene, strain) for strain in scene.strains]} if scene.strains else {}),
         **({"elastic supports": [_of_support(support) for support in scene.springs]} if scene.springs else {}),
         "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],

@@ -37,6 +37,7 @@ from fx_contact.problem.facet_pairing import Pairing
 from fx_contact.problem.materials import Material, Orthotropic
 from fx_contact.problem.mirrors import Mirrors, mirrors_of
 from fx_contact.problem.nonmatching import NonmatchingSurfaces, oriented
+from fx_contact.problem.rigid_loads import RigidFace, RigidLoad, rigid_face
 from fx_contact.problem.rigid_motions import RigidMotions
 from fx_contact.problem.root_mesh import RootMesh, summary
 from fx_contact.problem.scene_validation import (
@@ -75,6 +76,7 @@ class Scene:
         ties: glued surfaces; a facet is in at most one contact or tie.
         strains: stress-free strains; those on one body, or part of it, add up.
         springs: elastic supports; those on one surface add up.
+        rigid_loads: forces and moments on surfaces that stay rigid; a facet is in one of them, or in a contact or tie.
         units: names of the units of length and stress, ("mm", "MPa"), for axes, legends and reports alone; None: none
             are shown.
 
@@ -103,6 +105,7 @@ class Scene:
     strains: tuple[ThermalStrain | InitialStrain, ...] = ()
     springs: tuple[Elastic, ...] = ()
     units: Units = None
+    rigid_loads: tuple[RigidLoad, ...] = ()
 
     def __post_init__(self) -> None:
         mesh = self.mesh
@@ -149,7 +152,8 @@ class Scene:
         lists = {
             "materials": [f"{region!r} {material.text}" for region, material in materials],
             "contact": [self._described(index) for index in range(len(self.contact))],
-            "ties": [self._described(index) for index in range(len(self.contact), len(self.interfaces))],
+            "ties": [self._described(len(self.contact) + index) for index in range(len(self.ties))],
+            "rigid loads": [repr(load.surface) for load in self.rigid_loads],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "elastic supports": [repr(support.surface) for support in self.springs],
             "surface forces": [repr(force.surface) for force in self.tractions],
@@ -200,8 +204,13 @@ class Scene:
 
     @property
     def interfaces(self) -> tuple[Contact, ...]:
-        """`contact`, then `ties`: both have surfaces, rows and an index among all."""
-        return (*self.contact, *self.ties)
+        """`contact`, then `ties`, then `rigid_faces`: all have surfaces, rows and an index among all."""
+        return (*self.contact, *self.ties, *self.rigid_faces)
+
+    @cached_property
+    def rigid_faces(self) -> tuple[RigidFace, ...]:
+        """Surfaces of `rigid_loads`, with the motions that conditions allow."""
+        return tuple(rigid_face(self, load) for load in self.rigid_loads)
 
     @cached_property
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
@@ -254,17 +263,18 @@ class Scene:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces, *self.strains))
-        forces = (interface.load for interface in self.interfaces)
+        forces = (value for interface in self.interfaces for value in interface.loads)
         closings = (tie.closing for tie in self.ties if isinstance(tie, Preload))
         return tuple(value for value in (*conditions, *loads, *forces, *closings) if value is not None)
 
-    def approached(self, distances: Sequence[float | None]) -> "Scene":
-        """The scene after the unknown motion of each of `interfaces` by a distance [m]; None: not moved.  Local."""
+    def approached(self, distances: Sequence[Any]) -> "Scene":
+        """The scene after the unknown motions of `interfaces`, as `StepRecord.approaches`; None: not moved.  Local."""
         other, count = copy(self), len(self.contact)  # with what is known of surfaces and bodies, which do not move
         pairs = zip(self.interfaces, distances, strict=True)
         moved = tuple(c if t is None else c.approached(t) for c, t in pairs)
         object.__setattr__(other, "contact", moved[:count])
-        object.__setattr__(other, "ties", moved[count:])
+        object.__setattr__(other, "ties", moved[count : count + len(self.ties)])
+        object.__setattr__(other, "rigid_faces", moved[count + len(self.ties) :])
         return other
 
     def samples(self, name: str) -> FloatArray:
@@ -318,6 +328,7 @@ _ITEMS = {
     "body_forces": (BodyForce,),
     "ties": (Tie,),
     "strains": (ThermalStrain, InitialStrain),
+    "rigid_loads": (RigidLoad,),
     "springs": (Elastic,),
 }
 #: Order of the lattice of sampling points in a root cell.

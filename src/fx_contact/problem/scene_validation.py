@@ -299,17 +299,17 @@ def check_constrained(scene: Scene) -> None:
     )
     of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
     normal = [contact.unit_direction is None for contact in scene.contact]
-    along_normals = np.array([*normal, *(False for _ in scene.ties)], dtype=bool)[of]
+    along_normals = np.array([*normal, *(False for _ in scene.interfaces[len(normal) :])], dtype=bool)[of]
     points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
         for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
     # Obstacles below forces give way along them: `direction` is against the force there.
+    normals = np.repeat(direction, 4, axis=0)
     yields = [
-        np.repeat(of == index, 4) * (np.repeat(direction, 4, axis=0) @ interface.rate_direction)
+        np.repeat(of == index, 4)[:, None] * interface.rates(normals, points).T
         for index, interface in enumerate(scene.oriented)
-        if interface.load is not None and interface.rate_direction is not None
     ]
     resisted = np.column_stack([here - there, *yields])
     loose = motions.unresisted(resisted.T @ resisted)

@@ -1,7 +1,9 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, ClassVar, Self
+
+import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
@@ -22,6 +24,8 @@ class Tie(Contact):
     Attributes:
         first, second: names of the surfaces, of two bodies or of one.
     """
+
+    EQUALITY: ClassVar[bool] = True
 
     first: str
     second: str
@@ -100,23 +104,31 @@ class Preload(Tie):
         return check_direction("the axis", self.axis)
 
     @property
-    def rate_direction(self) -> FloatArray:
-        """-n: D = t n . e of the row along e."""
-        return -self.unit_axis
+    def loads(self) -> FloatArray:
+        """(1,), the tension [N], or none."""
+        return np.zeros(0) if self.tension is None else np.array([self.tension])
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """As `Contact.rates`: D = t n . e of the row along e."""
+        return np.tile(-normals @ self.unit_axis, (len(self.loads), 1))
+
+    def opening(self, positions: FloatArray) -> FloatArray:
+        """As `Contact.opening`: t n."""
+        return np.tile(self.closing * self.unit_axis, (len(positions), 1))
 
     def reversed(self) -> Self:
         """The section with the second side first."""
         x, y, z = self.axis
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
 
-    def approached(self, distance: float) -> Self:
+    def approached(self, distances: Any) -> Self:
         """The section closed further by a distance [m].  Local."""
-        return replace(self, closing=float(self.closing + distance))
+        return replace(self, closing=float(self.closing + distances))
 
-    def approach_from(self, begin: Contact) -> float:
-        """How far the section has closed [m].  Local."""
+    def approach_from(self, begin: Contact) -> FloatArray:
+        """How far the section has closed, (1,) [m].  Local."""
         assert isinstance(begin, Preload)
-        return self.closing - begin.closing
+        return np.array([self.closing - begin.closing])
 
     @property
     def data(self) -> list[str | float]:

@@ -1,0 +1,206 @@
+"""Loads on surfaces that stay rigid: a flange, a fixture, a part that is not modelled.  All is local."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_label, check_vector
+from fx_contact.problem.boundary_conditions import SymmetryPlane
+from fx_contact.problem.contact import Contact
+
+if TYPE_CHECKING:
+    from fx_contact.problem.scene import Scene
+
+#: Eigenvalues of R^T R, relative to the largest, and components of loads, that are rounding.
+_ROUNDING = 1e-10, 1e-9
+
+
+@dataclass(frozen=True)
+class RigidLoad:
+    """A force and a moment on a surface that moves as a rigid body, u = t + r x (x - c), with small unknown t and r.
+
+    Where the surface meets symmetry planes and prescribed displacements, those motions that they allow are left.  It
+    shares no node with contacts, ties and other rigid loads.
+
+    Raises SceneError if the surface has no name, or a vector is not three finite numbers.
+
+    Attributes:
+        force: of all symmetric parts as forces in the records [N].
+        moment: about `point`, likewise [N m].
+        point: c; None: the centroid of the surface [m].
+    """
+
+    surface: str
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_label("the surface of a rigid load", self.surface)
+        for name in ("force", "moment", "point"):
+            value = getattr(self, name)
+            if value is not None:
+                check_vector(f"the {name} of {self.what}", value)
+                object.__setattr__(self, name, tuple(map(float, value)))
+
+    @property
+    def what(self) -> str:
+        """Kind and place, for messages."""
+        return f"the rigid load on {self.surface!r}"
+
+    @property
+    def data(self) -> list[str | float | None]:
+        """Surface and numbers, to compare."""
+        return [self.surface, *self.force, *self.moment, *(self.point or (None,))]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFace(Contact):
+    """The surface of a RigidLoad in a scene, with k motions that its conditions allow: rows of all its nodes.
+
+    Attributes:
+        surface: name.
+        point: c [m].
+        size: L, of the surface [m].
+        basis: (6, k), orthonormal, of the motions (t, L r) [m].
+        given: (6,), generalised forces (F, M / L) [N].
+        motion: (6,), (t, L r) [m].
+    """
+
+    EQUALITY: ClassVar[bool] = True
+
+    surface: str
+    point: FloatArray
+    size: float
+    basis: FloatArray
+    given: FloatArray
+    motion: FloatArray
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """The surface."""
+        return (self.surface,)
+
+    @property
+    def direction(self) -> None:
+        """As `unit_direction`."""
+        return None
+
+    @property
+    def unit_direction(self) -> None:
+        """Rows are along all axes."""
+        return None
+
+    @property
+    def data(self) -> list[str | float]:
+        """Name alone: `RigidLoad.data` has the rest."""
+        return [self.surface]
+
+    @property
+    def name(self) -> str:
+        """Name in records."""
+        return self.surface
+
+    @property
+    def label(self) -> str:
+        """The name in quotes."""
+        return repr(self.surface)
+
+    @property
+    def loads(self) -> FloatArray:
+        """(k,), generalised forces along the motions [N]."""
+        return np.asarray(self.basis.T @ self.given)
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """As `Contact.rates`."""
+        return -self.basis.T @ np.einsum("mni,ni->mn", _motions(positions, self.point, self.size), normals)
+
+    def opening(self, positions: FloatArray) -> FloatArray:
+        """As `Contact.opening`: the displacement of the face."""
+        return np.asarray(np.einsum("m,mni->ni", self.motion, _motions(positions, self.point, self.size)))
+
+    def approached(self, distances: Sequence[float]) -> Self:
+        """The face moved on by (t, r), six numbers [m], [rad].  Local."""
+        return replace(self, motion=self.motion + self._scaled(distances, self.size))
+
+    def along(self, distances: FloatArray) -> list[float]:
+        """(t, r), six numbers [m], [rad], of k distances [m]."""
+        return [float(value) for value in self._scaled(self.basis @ distances, 1 / self.size)]
+
+    def approach_from(self, begin: Contact) -> FloatArray:
+        """The k distances since a face of the same place [m].  Local."""
+        assert isinstance(begin, RigidFace)
+        return np.asarray(self.basis.T @ (self.motion - begin.motion))
+
+    @staticmethod
+    def _scaled(motion: Sequence[float] | FloatArray, size: float) -> FloatArray:
+        """Six numbers with rotations times a length."""
+        return np.asarray(motion, dtype=np.float64) * np.repeat([1.0, size], 3)
+
+
+def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
+    """The face of a load in a scene.
+
+    Raises SceneError if conditions hold all of it, move it, or hold what the load would move, or if it shares nodes
+    with another contact, tie or rigid load.
+    """
+    mesh = scene.mesh
+    corners = mesh.facet_points(mesh.surface(load.surface), order=1)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
+    centroid = area @ corners.mean(axis=1) / area.sum()
+    point = centroid if load.point is None else np.array(load.point, dtype=np.float64)
+    nodes = scene.place(load.surface)
+    others = [other.surface for other in scene.rigid_loads if other is not load]
+    others += [name for contact in (*scene.contact, *scene.ties) for name in contact.surfaces]
+    for name in others:
+        if np.isin(nodes, scene.place(name)).any():
+            raise SceneError(
+                f"{load.what} shares nodes with the surface {name!r} of a contact, tie or rigid load: name facets "
+                "away from its rim"
+            )
+    size = float(np.linalg.norm(mesh.points[nodes] - point, axis=1).max())
+    held = _held(scene, load, nodes, point, size)
+    values, vectors = np.linalg.eigh(held @ held.T)
+    basis = vectors[:, values <= _ROUNDING[0] * max(values[-1], 1.0)]
+    if not basis.shape[1]:
+        raise SceneError(f"{load.what} moves nothing: conditions hold its surface; name another one")
+    given = np.concatenate([load.force, np.array(load.moment) / size])
+    lost = given - basis @ (basis.T @ given)
+    if np.linalg.norm(lost) > _ROUNDING[1] * np.linalg.norm(given):
+        raise SceneError(
+            f"{load.what} has the components {np.round(lost * np.repeat([1, size], 3), 6)} of force and moment in "
+            "directions that symmetry planes or conditions at its rim hold: leave these out, or model the whole"
+        )
+    return RigidFace(load.surface, point, size, basis, given, np.zeros(6))
+
+
+def _held(scene: Scene, load: RigidLoad, nodes: Int64Array, point: FloatArray, size: float) -> FloatArray:
+    """Displacements (6, m) [-] of the six motions that conditions at the surface prescribe.
+
+    A mirrored face stays rigid with its image: displacements across a symmetry plane vanish on all of the plane.
+    """
+    prescribed = scene.prescribed(scene.mesh.points)[nodes]
+    if np.nan_to_num(prescribed).any():
+        raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
+    motions = _motions(scene.mesh.points[nodes], point, size)
+    held = [motions[:, ~np.isnan(prescribed[:, axis]), axis] for axis in range(3)]
+    for condition in scene.dirichlet:
+        if isinstance(condition, SymmetryPlane):
+            on = nodes[np.isin(nodes, scene.place(condition.surface))]
+            normals = scene.mesh.outward_normals(scene.mesh.surface(condition.surface))
+            inside = np.linalg.svd(normals[:1])[2][1:]  # two directions in the plane
+            there = scene.mesh.points[on][:1, None] + size * np.concatenate([np.zeros((1, 3)), inside])
+            held.append(_motions(there.reshape(-1, 3), point, size) @ normals[0])
+    return np.concatenate(held, axis=1)
+
+
+def _motions(points: FloatArray, centre: FloatArray, size: float) -> FloatArray:
+    """Three translations, and three rotations about a centre by 1 / size, of points (n, 3): (6, n, 3) [-]."""
+    translations = np.broadcast_to(np.eye(3)[:, None], (3, len(points), 3))
+    return np.concatenate([translations, np.cross(np.eye(3)[:, None], (points - centre) / size)])
