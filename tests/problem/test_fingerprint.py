@@ -71,7 +71,7 @@ OF_MESH = {
     "curves": {"edge": [[0, 9]]},
     "parts": {"coating": [0]},
 }
-#: of a scene, but for the name, which is that of its records,
+#: of a scene, but for the name, which is that of its records, and the names of units,
 OF_SCENE = {
     "mesh": replace(MESH, points=MESH.points * 2),
     "materials": dict(SCENE.materials) | {"lower": Material(1.5, 0.3)},
@@ -110,7 +110,7 @@ def with_part(kind, place, /, **entries):
 
 def test_nothing_is_forgotten():
     """The tables above have all fields of a scene and of what hangs off it."""
-    tables = {RootMesh: OF_MESH, Scene: {"name": None} | OF_SCENE}
+    tables = {RootMesh: OF_MESH, Scene: {"name": None, "units": None} | OF_SCENE}
     tables |= {part: entries for part, (_, entries) in OF_PARTS.items()}
     for kind, table in tables.items():
         elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties", "rigid_loads"}}.get(kind, set())  # tests/contact
