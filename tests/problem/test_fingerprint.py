@@ -112,9 +112,9 @@ def test_nothing_is_forgotten():
     """The tables above have all fields of a scene and of what hangs off it."""
     tables = {RootMesh: OF_MESH, Scene: {"name": None, "units": None} | OF_SCENE}
     tables |= {part: entries for part, (_, entries) in OF_PARTS.items()}
+    in_contact = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties", "rigid_loads"}}  # of tests/contact
     for kind, table in tables.items():
-        elsewhere = {ContactPair: {"moved", "clearance", "force"}, Scene: {"ties", "rigid_loads"}}.get(kind, set())  # tests/contact
-        assert {one.name for one in fields(kind)} - elsewhere == table.keys(), kind
+        assert {one.name for one in fields(kind)} - in_contact.get(kind, set()) == table.keys(), kind
     held = [*SCENE.dirichlet, *SCENE.contact, *SCENE.tractions, *SCENE.body_forces, *SCENE.springs, *SCENE.strains]
     assert {type(one) for one in (*held, *SCENE.materials.values())} == OF_PARTS.keys()
 
