@@ -152,6 +152,14 @@ def test_restart_and_path(folder):
     assert last.record.approaches[0] == pytest.approx(2 * TENSION / YOUNG, rel=1e-6)
 
 
+def test_tightening_in_two_stages():
+    """`approaches` is the whole closing, from whichever guess it was found."""
+    first = solve(rod(), 0.1, solver=EXACT).record.approaches[0]
+    more = replace(CUT, tension=2 * TENSION, closing=first)
+    second = solve(rod(cut=more), 0.1, solver=EXACT).record.approaches[0]
+    assert second == pytest.approx(4 * TENSION / YOUNG, rel=1e-8)
+
+
 def test_bad_sections():
     """Axes into the first side, oblique ones, and numbers that cannot be meant are refused."""
     with pytest.raises(SceneError, match="out of the first side"):
@@ -168,6 +176,8 @@ def test_bad_sections():
     ):
         with pytest.raises(SceneError, match="'upper bottom' bolted to"):
             replace(CUT, **changes)
+    with pytest.raises(SceneError, match="no preload"):
+        replace(CUT, tension=None)
     free = rod()
     with pytest.raises(SceneError, match="nothing holds"):
         replace(free, dirichlet=free.dirichlet[:-1])

@@ -97,9 +97,29 @@ def test_half_model():
     step = solve(half, 0.3, solver=EXACT, max_steps=1)
     assert step.record.approaches[0] == pytest.approx(whole.record.approaches[0], rel=1e-6, abs=1e-9)
     assert resultant(step, "bar top")[0][:3] == pytest.approx((0, 0.02, 0.1), abs=1e-8)
-    for wrong in ({"force": (0.1, 0, 0)}, {"moment": (0, 0.1, 0)}):
-        with pytest.raises(SceneError, match="symmetry planes"):
-            replace(half, rigid_loads=replace(load, **wrong))
+    rollers = replace(half, dirichlet=(held[0], Dirichlet("bar left", x=0.0)))
+    other = solve(rollers, 0.3, solver=EXACT, max_steps=1)
+    assert other.record.approaches[0] == pytest.approx(step.record.approaches[0], rel=1e-8, abs=1e-10)
+    for scene in (half, rollers):
+        for wrong in ({"force": (0.1, 0, 0)}, {"moment": (0, 0.1, 0)}):
+            with pytest.raises(SceneError, match="symmetry planes"):
+                replace(scene, rigid_loads=replace(load, **wrong))
+
+
+@PARALLEL
+def test_hinged_lever():
+    """A lever about an edge, free until it meets a plane, which bears F L / L; each motion alone meets the hinge."""
+    bar_along_x = block((0, -0.5, 0), (LENGTH, 0.5, 1), (4, 1, 1), 1)
+    bar_along_x = bar_along_x.named("foot", "bottom", where=lambda x: (x[0] > 1.9) & (x[0] < 3.1))
+    hinge = ("bar", lambda x: np.abs(x[[0, 2]]).max(axis=0) < 1e-9)
+    mesh = root_mesh_from_shapes({"bar": bar_along_x}, curves={"hinge": hinge})
+    pair = ContactPair("bar foot", RigidPlane((0, 0, -0.01), (0, 0, 1)))
+    held = Dirichlet("hinge", 0.0, 0.0, 0.0)
+    load = RigidLoad("bar right", (0, 0, -0.02), point=(LENGTH, 0, 0.5))
+    scene = Scene("lever", mesh, {"bar": STEEL}, held, pair, rigid_loads=load)
+    step = solve(scene, 0.3, solver=EXACT, max_steps=1)
+    centre = np.array(step.record.contact_centre)
+    assert step.record.force == pytest.approx(0.02 * LENGTH / centre[0], rel=1e-6)
 
 
 @PARALLEL

@@ -10,9 +10,11 @@ from model_problems import DISTRIBUTIONS, EXACT, discrete, grown, roots
 from fx_contact import (
     ContactPair,
     Dirichlet,
+    Elastic,
     InitialStrain,
     Material,
     Orthotropic,
+    Pressure,
     RigidSphere,
     Scene,
     SceneError,
@@ -127,18 +129,38 @@ def test_bad_constants():
         ({"axes": ((1, 0, 0), (1, 1, 0))}, "perpendicular"),
         ({"axes": ((1, 0, 0),)}, "two directions"),
         ({"axes": ((0, 0, 0), (1, 1, 0))}, "axis"),
+        ({"young": (1000.0, 1, 1), "poisson": (0.499, 0.499, 0.997), "shear": (0.33, 0.33, 0.25)}, "incompressible"),
         ({"young": (1.0,) * 3, "poisson": (0.49,) * 3, "shear": (1 / 2.98,) * 3}, "incompressible"),
     ):
         with pytest.raises(SceneError, match=message):
             replace(CARBON, **changes)
 
 
+def test_springs_on_fibres():
+    """A fibre-reinforced block on springs across the fibres: both in series, by Young's modulus E_2."""
+    pressure, stiffness = 0.01, 50.0
+    scene = slab(turned(np.pi / 2))
+    scene = replace(
+        scene,
+        dirichlet=scene.dirichlet[1:],
+        springs=Elastic("slab left", normal=stiffness),
+        tractions=Pressure("slab right", pressure),
+    )
+    step = solve(scene, 0.1, solver=EXACT)
+    prolongation = step.elasticity.prolongation
+    end = np.abs(prolongation.space.positions()[:, 0] - 2) < 1e-9
+    moved = prolongation.prolong(step.solution.displacement)[end, 0]
+    assert moved == pytest.approx(-pressure * (1 / stiffness + 2 / CARBON.young[1]), rel=1e-7)
+
+
 def test_mirrors_need_symmetric_materials():
     """Fibres and strains askew to a symmetry plane are refused where it makes copies."""
     scene = slab(turned(0.0), symmetry=8, strains=InitialStrain("slab", 1e-3 * np.diag([1.0, 2, 3])))
     assert scene.mirrors.parts == 8
-    with pytest.raises(SceneError, match="material of 'slab' changes in the mirror"):
-        replace(scene, materials={"slab": turned(0.3)})
+    rollers = [Dirichlet(f"slab {side}", **{axis: 0.0}) for side, axis in zip(("left", "front", "bottom"), "xyz")]
+    for planes in (scene.dirichlet, rollers):
+        with pytest.raises(SceneError, match="material of 'slab' changes in the mirror"):
+            replace(scene, dirichlet=planes, materials={"slab": turned(0.3)})
     askew = 1e-3 * np.array([[1.0, 0.1, 0], [0.1, 1, 0], [0, 0, 1]])
     with pytest.raises(SceneError, match="initial strain of 'slab' changes in the mirror"):
         replace(scene, strains=InitialStrain("slab", askew))

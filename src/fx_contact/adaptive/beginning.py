@@ -143,11 +143,11 @@ class Beginning:
 
 
 def check_approaches(approaches: object, scene: Scene) -> None:
-    """Raises SceneError unless it has a number for each contact or tie with an unknown motion, and None for others."""
+    """Raises SceneError unless it has an entry for each contact, tie and rigid load, None without an unknown motion."""
     if not isinstance(approaches, Sequence) or len(approaches) != len(scene.interfaces):
         raise SceneError(
             f"the approaches of a Beginning must be a list with an entry for each of the {len(scene.interfaces)} "
-            f"contact pairs and ties, got {shown(approaches)}"
+            f"contact pairs, ties and rigid loads, got {shown(approaches)}"
         )
     for contact, distance in zip(scene.interfaces, approaches):
         if isinstance(contact, RigidFace):

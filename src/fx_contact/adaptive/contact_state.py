@@ -14,6 +14,7 @@ from fx_contact.adaptive.contact_line import ContactLine, FacetValues, check_lin
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
+from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path
 
 _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "force", "closed", "pair")
@@ -115,9 +116,10 @@ class ContactState(ContactTable):
                 to the surface; the step is gone.
         """
         line = check_line(start, end)
-        of_step = self.facets()
-        if of_step is None:
-            raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for lines")
+        with together(self.comm):
+            of_step = self.facets()
+            if of_step is None:
+                raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for it")
         distance = np.linalg.norm(self.points - (line[0] + 0.5 * line[2] * line[1]), axis=1)
         nearest = [(distance[i], self.key[i], self.pair[i], self.normal[i]) for i in np.argsort(distance)[:1]]
         known = [one for part in self.comm.allgather(nearest) for one in part]

@@ -39,9 +39,10 @@ class Resultant:
         name: of the contact pair or tie (`ContactPair.name`, `Tie.name`), the place of the condition or load, or the
             body.
         kind: "contact": of the first surface on the second, or on the obstacle; "tie": of the first surface on the
-            second, section force and moment; "traction", "pressure" or "body force": a load; "reaction" of a condition
-            on the bodies; "symmetry": of the other part on the modelled one, across a plane of symmetry; "spring": of
-            an elastic support on the bodies; "balance": of all forces on a body, as it is modelled, 0 but for errors.
+            second, section force and moment; "rigid load": on the body; "traction", "pressure" or "body force": a load;
+            "reaction" of a condition on the bodies; "spring": of an elastic support on the bodies; "symmetry": of the
+            other part on the modelled one, across a plane of symmetry; "balance": of all forces on a body, as it is
+            modelled, 0 but for errors.
         force: [N].
         moment: about `point` [N m].
         point: [m].

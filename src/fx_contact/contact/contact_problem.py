@@ -30,8 +30,7 @@ class ContactProblem:
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
-        rows_at: the rows for distances [m] by which obstacles have moved along their forces, and sections have closed,
-            as of `Scene.approached`; collective.  None: no obstacle has a force, and no section a tension.
+        rows_at: the rows after unknown motions, as of `Scene.approached`; collective.  None: there are none.
     """
 
     matrix: BlockMatrix

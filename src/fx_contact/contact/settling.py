@@ -45,8 +45,8 @@ _MOST = 60
 _ROUNDED, _STALLED = 2e-4, 3
 #: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
 _TOUCHING, _STEPS = 0.01, 30
-#: Stiffness of a section, relative to that of a flat punch as large, down to which nothing resists: a rod has its
-#: diameter over its length, and what moves freely has rounding, 1e-10.
+#: Stiffness of a section or face, relative to that of a flat punch as large, down to which nothing resists: a rod has
+#: its diameter over its length, cubed in bending, and what moves freely has rounding, 1e-10.
 _RESISTS = 1e-6
 #: Bisections for the expected indentation, a first guess.
 _BISECTIONS = 20
@@ -120,9 +120,9 @@ def settle(
         system.exchange_rows(jump)
         status.exchange_rows(rows)
     raise SolveError(
-        f"a rigid obstacle or a preloaded section does not settle: after {_MOST} solves the force of its rows differs "
-        f"from the given one by {percent(off)}; does the body resist it there, and is the force in the units of moduli "
-        "and lengths?"
+        f"a rigid obstacle, preloaded section or rigid load does not settle: after {_MOST} solves the force of its "
+        f"rows differs from the given one by {percent(off)}; does the body resist it there, and is the force in the "
+        "units of moduli and lengths?"
     )
 
 
@@ -171,21 +171,19 @@ def _step(rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray
         t: (k,), distances so far [m].
     """
     stiffness, obstacles = slope.diagonal(), _obstacles(rows)
-    if obstacles.all():
-        presses = stiffness > 0
-    else:
-        punch, loads = _punches(rows), _forces(rows)
-        presses = stiffness > np.where(obstacles, 0.0, _RESISTS * punch)
-    if presses.all():
+    if obstacles.all() and (stiffness > 0).all():
         return np.asarray(np.linalg.solve(slope, -excess))
-    step: FloatArray = np.zeros(len(t))
-    if obstacles.any():
+    punch, loads = _punches(rows), _forces(rows)
+    onwards = loads / punch + np.sign(loads) * np.abs(t)
+    scale = np.where(obstacles & (stiffness > 0), stiffness, punch)
+    values, vectors = np.linalg.eigh((slope + slope.T) / (2 * np.sqrt(scale[:, None] * scale)))
+    resisted = values > _RESISTS
+    if obstacles.any() and not resisted.all():
         gap, indentation = _expected(rows, u)
-        step[obstacles] = gap + indentation
-    if not obstacles.all():
-        step = np.where(obstacles, step, loads / punch + np.sign(loads) * np.abs(t))
-    step[presses] = np.linalg.solve(slope[np.ix_(presses, presses)], -excess[presses])
-    return step
+        onwards[obstacles] = gap + indentation
+    along = vectors.T @ (np.sqrt(scale) * onwards)
+    along[resisted] = (vectors.T @ (-excess / np.sqrt(scale)))[resisted] / values[resisted]
+    return np.asarray(vectors @ along / np.sqrt(scale))
 
 
 def _expected(rows: ConstraintRows, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -230,9 +228,10 @@ def _obstacles(rows: ConstraintRows) -> BoolArray:
 
 def _punches(rows: ConstraintRows) -> FloatArray:
     """(k,), stiffness E* A^(1/2) of a flat punch as large as the whole surface of each unknown motion [N/m]."""
-    soft = rows.area * (1 / rows.modulus).sum(axis=1)
+    share = rows.area / np.where(rows.equality, 3, 1)  # rows along three axes
+    soft = share * (1 / rows.modulus).sum(axis=1)
     ours = [rows.contact == index for index in rows.pressed]
-    area, compliance = _sum(rows, np.array([[rows.area[one].sum(), soft[one].sum()] for one in ours])).T
+    area, compliance = _sum(rows, np.array([[share[one].sum(), soft[one].sum()] for one in ours])).T
     return np.asarray(area**1.5 / compliance / np.sqrt(rows.symmetry))
 
 

@@ -44,7 +44,7 @@ class ShearFree:
 
 
 def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:
-    """Nodes of plane facets with prescribed normal displacement, free tangential displacement, no traction or springs.
+    """Nodes of plane facets with prescribed normal displacement, free tangential displacement, no load or tie.
 
     Collective on forest.comm.
     """
@@ -56,8 +56,9 @@ def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) ->
             prescribed[(*mesh.surfaces[condition.where].T, 3 + planes.index(condition))] = True
         elif condition.where in mesh.surfaces:
             prescribed[(*mesh.surfaces[condition.where].T, slice(3))] |= condition.held
-    for force in (*scene.tractions, *scene.springs):
-        loaded[tuple(mesh.surfaces[force.surface].T)] = True
+    ties = (name for tie in scene.ties for name in tie.surfaces)
+    for name in (*(force.surface for force in (*scene.tractions, *scene.springs, *scene.rigid_loads)), *ties):
+        loaded[tuple(mesh.surfaces[name].T)] = True
     alone: BoolArray = (prescribed.sum(axis=2) == 1) & ~loaded
     for column in range(on.shape[1]):
         facets = np.argwhere(alone & prescribed[:, :, column])

@@ -215,10 +215,12 @@ class Elasticity:
 
         Collective.  Without projected volume strains, which differ on the coarser mesh.
         """
-        if not self.projects:
-            return self.energy_norm(conforming)
         u = self.argument.function
-        return self._root(self._integral("change", self._energy(u, self._pointwise * ufl.div(u) ** 2)), conforming)
+        if not self.projects:
+            energy = self._integral("energy", self._energy(u, self.argument.volume_strain**2))
+        else:
+            energy = self._integral("change", self._energy(u, self._pointwise * ufl.div(u) ** 2))
+        return self._root(energy, conforming, springs=False)
 
     def _energy(self, u: fem.Function, volume_strain2: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """Twice the energy density of a displacement, given the square of its volume strain."""
@@ -226,9 +228,11 @@ class Elasticity:
         energy = 2 * self.lame[1] * ufl.inner(strain, strain) + self.lame[0] * volume_strain2
         return energy if self._more is None else energy + ufl.inner(self._more.stress(strain), strain)
 
-    def _root(self, energy: Integral, conforming: FloatArray, loaded: bool = False) -> float:
+    def _root(self, energy: Integral, conforming: FloatArray, loaded: bool = False, springs: bool = True) -> float:
         field = self.field(conforming, loaded)
-        of_springs = 0.0 if self.springs is None else self.springs.energy(self.at_leaves(field.function))
+        of_springs = (
+            0.0 if self.springs is None or not springs else self.springs.energy(self.at_leaves(field.function))
+        )
         return float(np.sqrt(max(self.prolongation.comm.allreduce(energy.sum(field) + of_springs), 0.0)))
 
     def internal_forces(self, field: DisplacementField) -> FloatArray:

@@ -122,10 +122,14 @@ class Orthotropic:
                 "(E_i / E_j)^(1/2), and all three together smaller; is nu_ij the contraction along j under tension "
                 "along i?"
             )
-        if self.isotropic.poisson >= LOCKING_POISSON:
+        # K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
+        bulk, most = 1 / self._compliance[:3, :3].sum(), 2 * (1 + LOCKING_POISSON) / (3 * (1 - 2 * LOCKING_POISSON))
+        weights = np.sqrt([1, 1, 1, 0.5, 0.5, 0.5])  # for the notation of Kelvin, whose eigenvalues are 1 / (2 G)
+        shear = 1 / (2 * np.linalg.eigvalsh(self._compliance * np.outer(weights, weights))[-1])
+        if bulk > most * shear:
             raise SceneError(
-                f"an Orthotropic with a mean Poisson's ratio of {self.isotropic.poisson:.3f} is nearly incompressible, "
-                f"and would lock: it must be below {LOCKING_POISSON}"
+                f"an Orthotropic whose bulk modulus is {bulk / shear:.3g} times its least shear modulus is nearly "
+                f"incompressible, and would lock: limit {most:.3g}, that of nu = {LOCKING_POISSON}"
             )
 
     @property

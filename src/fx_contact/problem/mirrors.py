@@ -64,7 +64,7 @@ def mirrors_of(scene: Scene) -> Mirrors:
 
     Raises:
         SceneError: `scene.symmetry` is not a multiple of the number of copies that the planes make, other planes
-            without normal displacement (`_other_normals`) do not make the rest, or a plane cuts a body.
+            without normal displacement (`_other_planes`) do not make the rest, or a plane cuts a body.
     """
     mesh = scene.mesh
     found = _planes(scene)
@@ -78,7 +78,8 @@ def mirrors_of(scene: Scene) -> Mirrors:
             f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
             "part: take their number, or a multiple of it"
         )
-    possible = mirror_group(np.array([*(n for n, _ in found), *_other_normals(scene)]).reshape(-1, 3), scene.symmetry)
+    others = [normal for _, normal in _other_planes(scene)]
+    possible = mirror_group(np.array([*(n for n, _ in found), *others]).reshape(-1, 3), scene.symmetry)
     if len(possible) < scene.symmetry or scene.symmetry > 1 and scene.symmetry % 2:
         raise SceneError(
             f"symmetry={scene.symmetry}, but planes without normal displacement make {len(possible)} copies of a part "
@@ -109,9 +110,20 @@ def _planes(scene: Scene) -> list[tuple[FloatArray, list[float]]]:
     return found
 
 
-def _other_normals(scene: Scene) -> list[FloatArray]:
-    """Normals (3,) of plane surfaces whose normal displacement alone is prescribed as 0: symmetry planes as well."""
-    mesh, normals = scene.mesh, []
+def symmetry_planes(scene: Scene) -> list[tuple[str, FloatArray]]:
+    """Surfaces on symmetry planes with their normals (3,): of each SymmetryPlane, and `_other_planes` that make copies.
+
+    Local.
+    """
+    mesh = scene.mesh
+    surfaces = (condition.surface for condition in scene.dirichlet if isinstance(condition, SymmetryPlane))
+    planes = [(name, mesh.outward_normals(mesh.surface(name)[:1])[0]) for name in surfaces]
+    return planes + (_other_planes(scene) if scene.symmetry > 1 else [])
+
+
+def _other_planes(scene: Scene) -> list[tuple[str, FloatArray]]:
+    """Plane surfaces whose normal displacement alone is prescribed as 0, symmetry planes as well, and normals (3,)."""
+    mesh, planes = scene.mesh, []
     for condition in scene.dirichlet:
         if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces and condition.held.sum() == 1:
             axis, (value,) = int(condition.held.argmax()), [
@@ -119,8 +131,8 @@ def _other_normals(scene: Scene) -> list[FloatArray]:
             ]
             extent = np.ptp(mesh.facet_points(mesh.surface(condition.where)).reshape(-1, 3), axis=0)
             if not callable(value) and value == 0 and extent[axis] <= PLANE * extent.max():
-                normals.append(np.eye(3)[axis])
-    return normals
+                planes.append((condition.where, np.eye(3)[axis]))
+    return planes
 
 
 def _check_sides(scene: Scene, mirrors: Mirrors, rounding: float) -> None:

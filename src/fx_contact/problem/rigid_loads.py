@@ -11,8 +11,8 @@ import numpy as np
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_vector
-from fx_contact.problem.boundary_conditions import SymmetryPlane
 from fx_contact.problem.contact import Contact
+from fx_contact.problem.mirrors import symmetry_planes
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
@@ -31,7 +31,8 @@ class RigidLoad:
     Raises SceneError if the surface has no name, or a vector is not three finite numbers.
 
     Attributes:
-        force: of all symmetric parts as forces in the records [N].
+        force: of all symmetric parts as forces in the records; a surface off the symmetry planes has images, and each
+            gets force / symmetry [N].
         moment: about `point`, likewise [N m].
         point: c; None: the centroid of the surface [m].
     """
@@ -127,7 +128,8 @@ class RigidFace(Contact):
 
     def approached(self, distances: Sequence[float]) -> Self:
         """The face moved on by (t, r), six numbers [m], [rad].  Local."""
-        return replace(self, motion=self.motion + self._scaled(distances, self.size))
+        motion = self._scaled(distances, self.size)
+        return replace(self, motion=self.motion + self.basis @ (self.basis.T @ motion))
 
     def along(self, distances: FloatArray) -> list[float]:
         """(t, r), six numbers [m], [rad], of k distances [m]."""
@@ -190,13 +192,11 @@ def _held(scene: Scene, load: RigidLoad, nodes: Int64Array, point: FloatArray, s
         raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
     motions = _motions(scene.mesh.points[nodes], point, size)
     held = [motions[:, ~np.isnan(prescribed[:, axis]), axis] for axis in range(3)]
-    for condition in scene.dirichlet:
-        if isinstance(condition, SymmetryPlane):
-            on = nodes[np.isin(nodes, scene.place(condition.surface))]
-            normals = scene.mesh.outward_normals(scene.mesh.surface(condition.surface))
-            inside = np.linalg.svd(normals[:1])[2][1:]  # two directions in the plane
-            there = scene.mesh.points[on][:1, None] + size * np.concatenate([np.zeros((1, 3)), inside])
-            held.append(_motions(there.reshape(-1, 3), point, size) @ normals[0])
+    for surface, normal in symmetry_planes(scene):
+        on = nodes[np.isin(nodes, scene.place(surface))][:1]
+        inside = np.linalg.svd(normal[None])[2][1:]  # two directions in the plane
+        there = scene.mesh.points[on][:, None] + size * np.concatenate([np.zeros((1, 3)), inside])
+        held.append(_motions(there.reshape(-1, 3), point, size) @ normal)
     return np.concatenate(held, axis=1)
 
 

@@ -89,7 +89,7 @@ class Scene:
             or cuts a body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle
             with most of a body inside it, behind the surface, or farther away than all bodies are large; a force that
             pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart; a preloaded section that
-            is not plane across its axis; materials and strains that mirrors change.
+            is not plane across its axis; materials and constant strains that mirrors change.
     """
 
     name: str

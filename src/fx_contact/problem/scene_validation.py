@@ -15,6 +15,7 @@ from fx_contact.problem.elastic_support import Elastic
 from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.materials import Orthotropic
+from fx_contact.problem.mirrors import symmetry_planes
 from fx_contact.problem.rigid_motions import resisting_points
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Preload, Tie
@@ -83,7 +84,9 @@ def check_springs(scene: Scene) -> None:
     for support in scene.springs:
         facets = mesh.surface(support.surface)
         stiffness = support.stiffness(mesh.outward_normals(facets)).max() * size
-        young = [scene.materials[mesh.regions[region]].young for region in np.unique(mesh.region[facets[:, 0]])]
+        young = [
+            scene.materials[mesh.regions[region]].isotropic.young for region in np.unique(mesh.region[facets[:, 0]])
+        ]
         for ratio, how in ((stiffness / min(young), "stiff"), (max(young) / stiffness, "soft")):
             if ratio > _SPRINGS:
                 raise SceneError(
@@ -105,8 +108,9 @@ def check_loads(scene: Scene) -> None:
 
 
 def check_mirrored(scene: Scene) -> None:
-    """Raises SceneError for an orthotropic material or a constant strain that the mirrors of a scene change."""
-    for normal in scene.mirrors.normals if scene.mirrors.parts > 1 else ():
+    """Raises SceneError for an orthotropic material or a constant strain that changes in a mirror of the scene."""
+    _ = scene.mirrors  # raises an error for an impossible number of copies
+    for _, normal in symmetry_planes(scene) if scene.symmetry > 1 else ():
         turn, message = (
             np.eye(3) - 2 * np.outer(normal, normal),
             "changes in the mirror of the symmetry plane across {}",

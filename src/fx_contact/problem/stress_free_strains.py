@@ -32,7 +32,7 @@ class ThermalStrain:
 
     Attributes:
         expansion: coefficient alpha of linear thermal expansion [1/K].
-        change: change dT of the temperature from the stress-free state [K], constant or a function of the position.
+        change: dT, temperature less that of the stress-free state [K], constant or a function of the position.
     """
 
     part: str

@@ -82,13 +82,14 @@ class Preload(Tie):
     Attributes:
         first, second: names of both sides of the cut.
         axis: of the bolt, from the first side to the second, of any length [-].
-        tension: in the section, of all symmetric parts as forces in the records [N]; None: the closing is given.
-        closing: t, by which the bolt is shortened, with a tension that from which it begins [m].
+        tension: in the section, of all symmetric parts as forces in the records: of two bolts if one is modelled beside
+            a symmetry plane [N].  None: the closing is given.
+        closing: t, by which the bolt is shortened [m]; with a tension the first guess.
     """
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     tension: float | None = None
-    closing: float = 0.0
+    closing: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,7 +97,10 @@ class Preload(Tie):
         check_direction(f"the axis of {self.label}", self.axis)
         if self.tension is not None:
             check_number(f"the tension of {self.label}", self.tension, positive=True)
-        check_number(f"the closing of {self.label}", self.closing)
+        if self.closing is not None:
+            check_number(f"the closing of {self.label}", self.closing)
+        elif self.tension is None:
+            raise SceneError(f"{self.label} has no preload: give a tension or a closing; 0 holds the length as it is")
 
     @property
     def unit_axis(self) -> FloatArray:
@@ -114,7 +118,7 @@ class Preload(Tie):
 
     def opening(self, positions: FloatArray) -> FloatArray:
         """As `Contact.opening`: t n."""
-        return np.tile(self.closing * self.unit_axis, (len(positions), 1))
+        return np.tile((self.closing or 0.0) * self.unit_axis, (len(positions), 1))
 
     def reversed(self) -> Self:
         """The section with the second side first."""
@@ -122,19 +126,18 @@ class Preload(Tie):
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
 
     def approached(self, distances: Any) -> Self:
-        """The section closed further by a distance [m].  Local."""
-        return replace(self, closing=float(self.closing + distances))
+        """The section closed by a distance [m].  Local."""
+        return replace(self, closing=float(distances))
 
     def approach_from(self, begin: Contact) -> FloatArray:
-        """How far the section has closed, (1,) [m].  Local."""
-        assert isinstance(begin, Preload)
-        return np.array([self.closing - begin.closing])
+        """How far the section has closed in all, (1,) [m].  Local."""
+        return np.array([self.closing or 0.0])
 
     @property
     def data(self) -> list[str | float]:
         """Names of both sides, axis, closing and tension."""
         tension: list[str | float] = [] if self.tension is None else ["tension", float(self.tension)]
-        return [*self.surfaces, *map(float, self.axis), float(self.closing), *tension]
+        return [*self.surfaces, *map(float, self.axis), float(self.closing or 0.0), *tension]
 
     @property
     def name(self) -> str:

@@ -23,7 +23,7 @@ def write_grid(comm: MPI.Intracomm, path: Path, grid: Any) -> Path:
     with together(comm):
         if comm.rank == 0:
             with writing(path):
-                old = path.with_suffix(".vtu"), path.with_suffix(".pvtu"), *path.parent.glob(f"{path.name}_*.vtu")
+                old = path.with_suffix(".vtu"), path.with_suffix(".pvtu"), *_pieces(path)
                 for file in old:
                     file.unlink(missing_ok=True)
             if comm.size > 1:
@@ -32,6 +32,12 @@ def write_grid(comm: MPI.Intracomm, path: Path, grid: Any) -> Path:
     with together(comm):
         _write(vtkXMLUnstructuredGridWriter(), piece, grid)
     return piece if comm.size == 1 else path.with_suffix(".pvtu")
+
+
+def _pieces(path: Path) -> list[Path]:
+    """Files X_RANK.vtu that are there."""
+    files = path.parent.glob(f"{path.name}_*.vtu")
+    return [file for file in files if file.stem.removeprefix(f"{path.name}_").isdigit()]
 
 
 def _write_list(path: Path, pieces: int, grid: Any) -> None:
