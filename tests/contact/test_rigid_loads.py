@@ -87,6 +87,20 @@ def test_motion_is_that_of_prescribed_forces(point):
 
 
 @PARALLEL
+@pytest.mark.parametrize("slenderness", (20, 100, 300))
+def test_slender_cantilever(slenderness):
+    """The tip of a beam moves by F L^3 / (3 E I) and turns by F L^2 / (2 E I), however slender; shear adds 0.2 %."""
+    length = float(slenderness)
+    mesh = root_mesh_from_shapes({"bar": block((0, 0, 0), (1, 1, length), (1, 1, 20), 1)})
+    load = RigidLoad("bar top", (1e-6, 0, 0))
+    scene = Scene("beam", mesh, {"bar": PLAIN}, Dirichlet("bar bottom", 0.0, 0.0, 0.0), rigid_loads=load)
+    (motion,) = next(adapt(scene, 0.9)).record.approaches
+    bending = YOUNG / 12
+    assert motion[0] == pytest.approx(1e-6 * length**3 / (3 * bending), rel=0.005)
+    assert motion[4] == pytest.approx(1e-6 * length**2 / (2 * bending), rel=0.005)
+
+
+@PARALLEL
 def test_half_model():
     """Half of a bar with a symmetry plane has the motion of the whole; forces are of the whole."""
     load = RigidLoad("bar top", (0, 0.02, 0.1), (0.01, 0, 0), (0.0, 0.0, LENGTH))

@@ -65,7 +65,7 @@ class ProgressLine:
 
 
 def watch_of(progress: object, tolerance: float, comm: MPI.Intracomm) -> Callable[[int, str], None] | None:
-    """What is told of the stages on this rank, from `progress` of `adapt`.
+    """Observer of the stages on this rank, by the argument `progress` of `adapt`; None: there is none.
 
     Local.  Raises SceneError unless that is True, False, None or a function.
     """

@@ -45,7 +45,7 @@ def table_row(record: StepRecord) -> str:
 
 
 def html_table(caption: str, records: Sequence[StepRecord]) -> str:
-    """The same table in HTML."""
+    """Table of the steps of a run in HTML, with the columns of `table_row`."""
     rows = [[("th", name) for name, _, _ in _COLUMNS]]
     rows += [[("td", show(record)) for _, _, show in _COLUMNS] for record in records]
     cells = ("".join(f"<{tag}>{escape(text)}</{tag}>" for tag, text in row) for row in rows)

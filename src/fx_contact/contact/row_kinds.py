@@ -59,7 +59,7 @@ def columns_at_rest(scene: Scene, prolongation: Prolongation, enforcement: Enfor
 
     Collective on prolongation.comm.  Raises SceneError as `create_rows`.
     """
-    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)  # nodes and areas of the others too
+    resting = (kind for kind in kinds_of(scene) if kind.contact.force is None)
     return {kind.index: _columns(kind, prolongation, enforcement) for kind in resting}
 
 

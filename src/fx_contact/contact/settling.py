@@ -45,9 +45,10 @@ _MOST = 60
 _ROUNDED, _STALLED = 2e-4, 3
 #: Distance up to which an obstacle touches, relative to its expected indentation, and most steps to it.
 _TOUCHING, _STEPS = 0.01, 30
-#: Stiffness of a section or face, relative to that of a flat punch as large, down to which nothing resists: a rod has
-#: its diameter over its length, cubed in bending, and what moves freely has rounding, 1e-10.
-_RESISTS = 1e-6
+#: Stiffness of a section or face, relative to that of a flat punch as large, up to which nothing resists, times the
+#: largest ratio of moduli: rounding.  A bolt that closes freely below a cap 1e6 times as stiff has 4e-9; a beam of
+#: 1:300 in bending 1e-8, a quarter of its slenderness cubed (`test_rigid_loads.py`, `test_preload.py`).
+_RESISTS = 1e-12
 #: Bisections for the expected indentation, a first guess.
 _BISECTIONS = 20
 
@@ -89,6 +90,8 @@ def settle(
     step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
     size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
     least, stalled, scale = np.inf, 0, _scales(rows)
+    moduli = [material.plane_strain_modulus for material in problem.scene.materials.values()]
+    resists = _RESISTS * max(moduli) / min(moduli)
     for _ in range(_MOST):
         u, trial = loop(system, status, u, solver)
         error, closed = system.solver.energy_error, status.active & jump.movable
@@ -110,7 +113,7 @@ def settle(
             allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
             if solver is options and (np.abs(excess) <= allowed).all():
                 return Settled(jump, u, trial, error)
-            step = _step(rows, u, t, excess, slope)
+            step = _step(rows, u, t, excess, slope, resists)
             before = -float(excess @ step)
             if solver is loose and ((np.abs(excess) <= _NEAR * scale + allowed) | (stiffness == 0)).all():
                 solver, before = options, np.inf  # the excess of a loose solve is not to be compared with
@@ -164,11 +167,14 @@ def touching(scene: Scene, rows_at: RowsAt, u: FloatArray) -> ConstraintRows:
     raise SolveError("a rigid obstacle misses the surface: move it to where its force presses it onto the surface")
 
 
-def _step(rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray, slope: FloatArray) -> FloatArray:
+def _step(
+    rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray, slope: FloatArray, resists: float
+) -> FloatArray:
     """Newton's step (k,) [m]; obstacles without closed rows go on to the surface, unresisted sections close doubly.
 
     Args:
         t: (k,), distances so far [m].
+        resists: relative stiffness of motions that something resists [-].
     """
     stiffness, obstacles = slope.diagonal(), _obstacles(rows)
     if obstacles.all() and (stiffness > 0).all():
@@ -177,7 +183,7 @@ def _step(rows: ConstraintRows, u: FloatArray, t: FloatArray, excess: FloatArray
     onwards = loads / punch + np.sign(loads) * np.abs(t)
     scale = np.where(obstacles & (stiffness > 0), stiffness, punch)
     values, vectors = np.linalg.eigh((slope + slope.T) / (2 * np.sqrt(scale[:, None] * scale)))
-    resisted = values > _RESISTS
+    resisted = values > resists
     if obstacles.any() and not resisted.all():
         gap, indentation = _expected(rows, u)
         onwards[obstacles] = gap + indentation

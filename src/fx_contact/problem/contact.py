@@ -45,7 +45,7 @@ class Contact(ABC):
 
     def approached(self, distances: Any) -> Self:
         """The contact after unknown motions, as in `StepRecord.approaches`.  Local."""
-        raise NotImplementedError
+        return self
 
     def along(self, distances: FloatArray) -> float | list[float]:
         """The entry in `StepRecord.approaches` of distances (k,) [m].  Local."""
@@ -53,7 +53,7 @@ class Contact(ABC):
 
     def approach_from(self, begin: "Contact") -> FloatArray:
         """The distances (k,) of the unknown motions since a contact of the same place [m].  Local."""
-        raise NotImplementedError
+        return np.zeros(len(self.loads))
 
     @property
     @abstractmethod
@@ -84,6 +84,22 @@ class Contact(ABC):
     def label(self) -> str:
         """As `name`, with names of surfaces in quotes."""
         return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
+
+
+class Coupling(Contact):
+    """An interface whose rows are equations along all axes, always closed."""
+
+    EQUALITY: ClassVar[bool] = True
+
+    @property
+    def direction(self) -> None:
+        """As `unit_direction`."""
+        return None
+
+    @property
+    def unit_direction(self) -> None:
+        """Surfaces face each other along their normals."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -185,7 +201,7 @@ class ContactPair(Contact):
         return replace(self, moved=(float(x), float(y), float(z)))
 
     def approach_from(self, begin: Contact) -> FloatArray:
-        """How far the obstacle has moved along its force, (1,) [m].  Local."""
+        """Distance of the obstacle along its force, (1,) [m].  Local."""
         assert isinstance(begin, ContactPair) and self.unit_direction is not None
         return np.array([-self.unit_direction @ np.subtract(self.moved, begin.moved)])
 

@@ -56,7 +56,7 @@ def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
     source = shared_path(comm, "a mesh file", path)
 
     def read() -> None:
-        """Read the file into the current model."""
+        """Read the file into the current model.  Raises SceneError if Gmsh cannot."""
         import gmsh
 
         try:

@@ -162,7 +162,7 @@ class Orthotropic:
 
     @property
     def plane_strain_modulus(self) -> float:
-        """That of the nearest isotropic material [Pa]."""
+        """E/(1 - nu^2) of the nearest isotropic material [Pa]."""
         return self.isotropic.plane_strain_modulus
 
     @property

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_vector
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, Coupling
 from fx_contact.problem.mirrors import symmetry_planes
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class RigidLoad:
 
 
 @dataclass(frozen=True, eq=False)
-class RigidFace(Contact):
+class RigidFace(Coupling):
     """The surface of a RigidLoad in a scene, with k motions that its conditions allow: rows of all its nodes.
 
     Attributes:
@@ -73,8 +73,6 @@ class RigidFace(Contact):
         given: (6,), generalised forces (F, M / L) [N].
         motion: (6,), (t, L r) [m].
     """
-
-    EQUALITY: ClassVar[bool] = True
 
     surface: str
     point: FloatArray
@@ -87,16 +85,6 @@ class RigidFace(Contact):
     def surfaces(self) -> tuple[str, ...]:
         """The surface."""
         return (self.surface,)
-
-    @property
-    def direction(self) -> None:
-        """As `unit_direction`."""
-        return None
-
-    @property
-    def unit_direction(self) -> None:
-        """Rows are along all axes."""
-        return None
 
     @property
     def data(self) -> list[str | float]:

@@ -95,7 +95,7 @@ class InitialStrain:
         value = self.value
 
         def rows(x: FloatArray) -> npt.ArrayLike:
-            """The nine components of the tensors, an array (9, n)."""
+            """Nine components of the tensors, an array (9, n).  Raises SceneError for another shape."""
             found = np.asarray(value(x))
             if found.shape != (3, 3, x.shape[1]):
                 raise SceneError(

@@ -1,18 +1,18 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_number, check_vector
-from fx_contact.problem.contact import Contact
+from fx_contact.problem.contact import Contact, Coupling
 
 
 @dataclass(frozen=True)
-class Tie(Contact):
+class Tie(Coupling):
     """Two surfaces that are glued, u_1 = u_2: they transmit pressure, tension and shear.
 
     Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on one surface, in
@@ -24,8 +24,6 @@ class Tie(Contact):
     Attributes:
         first, second: names of the surfaces, of two bodies or of one.
     """
-
-    EQUALITY: ClassVar[bool] = True
 
     first: str
     second: str
@@ -42,16 +40,6 @@ class Tie(Contact):
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces."""
         return self.first, self.second
-
-    @property
-    def direction(self) -> None:
-        """As `unit_direction`."""
-        return None
-
-    @property
-    def unit_direction(self) -> None:
-        """Surfaces face each other along their normals."""
-        return None
 
     @property
     def data(self) -> list[str | float]:
@@ -130,7 +118,7 @@ class Preload(Tie):
         return replace(self, closing=float(distances))
 
     def approach_from(self, begin: Contact) -> FloatArray:
-        """How far the section has closed in all, (1,) [m].  Local."""
+        """Closing t of the section, (1,) [m].  Local."""
         return np.array([self.closing or 0.0])
 
     @property
