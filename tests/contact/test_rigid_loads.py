@@ -87,6 +87,20 @@ def test_motion_is_that_of_prescribed_forces(point):
 
 
 @PARALLEL
+def test_far_point():
+    """A moment about a point 1e6 sizes away is that about the centroid with M + r x F: the same motion."""
+    far, centre = np.array([2e6, 1e6, 0.0]), np.array([0.0, 0.0, LENGTH])
+    loads = [
+        RigidLoad("bar top", FORCE, MOMENT),
+        RigidLoad("bar top", FORCE, np.array(MOMENT) - np.cross(far - centre, FORCE), far),
+    ]
+    near, other = (solve(bar(load, STEEL, cells=(2, 2, 4)), 0.2, solver=EXACT, max_steps=1).record for load in loads)
+    motion, rotation = np.array(near.approaches[0]).reshape(2, 3)
+    assert other.approaches[0][3:] == pytest.approx(rotation, rel=1e-8)
+    assert other.approaches[0][:3] == pytest.approx(motion + np.cross(rotation, far - centre), rel=1e-8)
+
+
+@PARALLEL
 @pytest.mark.parametrize("slenderness", (20, 100, 300))
 def test_slender_cantilever(slenderness):
     """The tip of a beam moves by F L^3 / (3 E I) and turns by F L^2 / (2 E I), however slender; shear adds 0.2 %."""

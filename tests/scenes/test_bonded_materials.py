@@ -10,6 +10,7 @@ from dolfinx import fem
 from model_problems import DISTRIBUTIONS, discrete, grown, roots
 
 from fx_contact import BodyForce, Dirichlet, Material, Pressure, Scene, SymmetryPlane, adapt, results, solve
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_projection import projected_stress
@@ -173,6 +174,25 @@ def test_effectivity(materials, degree):
         found.append(step.record.estimate / off.energy)
     assert step.record.reached and step.record.hanging_nodes > 20
     assert 0.8 < min(found) and max(found) < 1.25
+
+
+def energy_error(materials, level, degree):
+    """True error in the energy norm, relative, on a uniform mesh."""
+    scene, ratios = manufactured(materials)
+    begin = Beginning.uniform(scene, level)
+    step = next(adapt(scene, 0.9, degree=degree, beginning=begin, max_steps=1))
+    exact = LOAD * ufl.as_vector(solution(ufl, ufl.SpatialCoordinate(step.mesh), of_parts(step, ratios)[0]))
+    return results.field_error(step.elasticity, step.displacement, exact).energy
+
+
+@pytest.mark.slow
+@DEGREES
+@pytest.mark.parametrize("ratio", [1.0, 1e3])
+def test_rates(ratio, degree):
+    """Errors fall like h^degree with jumps of stress, as with one material (a ratio of 1)."""
+    materials = SOFT, Material(ratio * SOFT.young, 0.2 if ratio > 1 else SOFT.poisson)
+    coarse, fine = (energy_error(materials, level, degree) for level in (1, 2))
+    assert np.log2(coarse / fine) == pytest.approx(degree, abs=0.05)
 
 
 def tube(materials, order=4):
