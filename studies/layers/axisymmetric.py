@@ -1,0 +1,132 @@
+"""A rigid sphere on a coated cylinder by another discretisation: force and contact radius for `studies.layers.run`.
+
+    python3 -m studies.layers.axisymmetric
+
+Quadratic quadrilaterals in the half plane (r, z), graded towards the contact, the surface and the interface; nodes of
+the surface against the sphere, an active set around a direct solver.  No part of it is the package's.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import ufl
+from basix.ufl import element
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from dolfinx.mesh import CellType, create_rectangle
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+
+from studies.tables import write
+
+#: Of the cylinder, its radius and height; modulus and Poisson's ratio of the substrate, Poisson's ratio of the coating.
+SIZE, YOUNG, POISSON, COATING_POISSON = 1.0, 1.0, 0.3, 0.3
+#: Thickness of the coating, its modulus over that of the substrate, radius of the contact over the thickness, about.
+THICKNESS, RATIOS, WIDTHS = 1e-3, (1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e3), (1.0, 10.0)
+#: Factor from one cell to the next outside the contact.
+GROWTH = 1.15
+
+
+def sphere(width: float, thickness: float = THICKNESS) -> tuple[float, float]:
+    """Radius R and displacement d of a sphere that meets a plane in a circle of the radius a = width thickness.
+
+    Hertz's d = a^2 / R on a half-space, with R = 100 a: strains are small.
+    """
+    radius = 100 * width * thickness
+    return radius, width * thickness / 100
+
+
+def graded(first: float, even: float, end: float) -> np.ndarray:
+    """Places from 0 to the end: cells of one size up to a place, then larger ones."""
+    steps = [first] * max(1, int(np.ceil(even / first)))
+    while sum(steps) < end:
+        steps.append(steps[-1] * GROWTH)
+    places = np.concatenate([[0.0], np.cumsum(steps)])
+    return places * end / places[-1]
+
+
+def section(width: float, cells: int, thickness: float):
+    """Half of the section of the cylinder, in `cells` cells along the contact's radius; the surface is z = 0."""
+    size = width * thickness / cells
+    r = graded(size, 2 * width * thickness, SIZE)
+    layer = graded(min(size, thickness / 8), 0.0, thickness / 2)
+    layer = np.concatenate([layer, thickness - layer[-2::-1]])
+    depths = np.concatenate([layer, thickness + graded(layer[1], 0.0, SIZE - thickness)[1:]])
+    counts = len(r) - 1, len(depths) - 1
+    mesh = create_rectangle(MPI.COMM_SELF, np.array([[0, 0], counts], dtype=float), counts, CellType.quadrilateral)
+    x = mesh.geometry.x
+    x[:, 0], x[:, 1] = np.interp(x[:, 0], range(len(r)), r), -np.interp(x[:, 1], range(len(depths)), depths)
+    return mesh
+
+
+def solved(ratio: float, width: float, cells: int, thickness: float = THICKNESS) -> tuple[float, float]:
+    """The force, and the radius of the last closed node."""
+    mesh = section(width, cells, thickness)
+    space = fem.functionspace(mesh, element("Lagrange", "quadrilateral", 2, shape=(2,)))
+    x, (u, v) = ufl.SpatialCoordinate(mesh), (ufl.TrialFunction(space), ufl.TestFunction(space))
+
+    def coefficient(coating, substrate):
+        """Constant in the coating and in the substrate."""
+        function = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+        function.interpolate(lambda x: np.where(x[1] > -thickness, coating, substrate))
+        return function
+
+    young, poisson = coefficient(ratio * YOUNG, YOUNG), coefficient(COATING_POISSON, POISSON)
+    shear = young / (2 * (1 + poisson))
+    first = 2 * shear * poisson / (1 - 2 * poisson)
+
+    def strain(w):
+        """That of an axisymmetric displacement."""
+        plane = ufl.sym(ufl.grad(w))
+        return ufl.as_tensor([[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, w[0] / x[0]]])
+
+    stress = first * ufl.tr(strain(u)) * ufl.Identity(3) + 2 * shear * strain(u)
+    form = 2 * np.pi * ufl.inner(stress, strain(v)) * x[0] * ufl.dx(metadata={"quadrature_degree": 6})
+    stiffness = assemble_matrix(fem.form(form))
+    stiffness.assemble()
+    place = space.tabulate_dof_coordinates()[:, :2]
+    held = np.stack([place[:, 0] < 1e-12, place[:, 1] < 1e-9 - SIZE], axis=1).ravel()
+    radius, depth = sphere(width, thickness)
+    near = np.flatnonzero((place[:, 1] > -1e-12) & (place[:, 0] < 2 * width * thickness))
+    gap = radius - np.sqrt(radius**2 - place[near, 0] ** 2) - depth
+    matrix = csr_matrix(stiffness.getValuesCSR()[::-1], shape=stiffness.getSize())
+    return _pressed(matrix, held, 2 * near + 1, gap, place[near, 0])
+
+
+def _pressed(matrix, held, dofs, gap, r):
+    """Force and radius of the last closed node: u_z <= gap at the dofs of the surface, by their compliance."""
+    free = np.flatnonzero(~held)
+    place = np.searchsorted(free, dofs)
+    loads = np.zeros((len(free), len(dofs)))
+    loads[place, range(len(dofs))] = 1.0
+    compliance = splu(matrix[free][:, free].tocsc()).solve(loads)[place]
+    closed = gap < 0
+    for _ in range(50):
+        force = np.zeros(len(dofs))
+        force[closed] = -np.linalg.solve(compliance[np.ix_(closed, closed)], gap[closed])
+        wanted = np.where(closed, force > 0, -compliance @ force > gap)
+        if (wanted == closed).all():
+            return force.sum(), r[closed].max()
+        closed = wanted
+    raise RuntimeError("the active set does not settle")
+
+
+def main():
+    """Forces on meshes, each twice as fine."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cells", type=int, nargs="+", default=[10, 20, 40], help="along the contact's radius")
+    parser.add_argument("--output", type=Path, default=Path("results/layers"))
+    arguments, rows = parser.parse_args(), []
+    for width in WIDTHS:
+        for ratio in RATIOS:
+            for cells in arguments.cells:
+                force, radius = solved(ratio, width, cells)
+                rows.append({"width": width, "ratio": ratio, "cells": cells, "force": force, "radius": radius})
+                print(rows[-1], flush=True)
+    write(arguments.output / "axisymmetric.csv", rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""A rigid sphere on a coated cylinder: cost and force by the coating's modulus, against `studies.layers.axisymmetric`.
+
+    python3 -m studies.layers.run               # ten minutes
+    python3 -m studies.layers.run --only 10     # one ratio of moduli
+
+The coating has a thousandth of the cylinder's size.  "graded" root cells grow from the contact outwards and downwards,
+"flat" ones have one size, 1:250 in the coating.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact import ContactPair, Dirichlet, Material, RigidSphere, Scene, SymmetryPlane, adapt
+from fx_contact.problem import cylinder, join, ring, root_mesh_from_shapes
+from studies.layers.axisymmetric import COATING_POISSON, POISSON, RATIOS, SIZE, THICKNESS, WIDTHS, YOUNG, sphere
+from studies.tables import TOP, plain, read, write
+
+#: Rows with flat root cells: radius of the contact over the thickness, ratio of moduli.
+FLAT = (10.0, 1e-3), (10.0, 10.0)
+
+
+def graded(first: float, end: float) -> np.ndarray:
+    """Places from 0 to the end, each cell twice as long as the one before: the first has about this length."""
+    count = int(np.ceil(np.log2(end / first)))
+    return end * (2.0 ** np.arange(count + 1) - 1) / (2.0**count - 1)
+
+
+def layers(radii, heights, order):
+    """A quarter of a cylinder about the z axis, upwards from z = 0: a core of 2 x 2 cells and rings about it."""
+    rings, count = len(radii) - 2, len(heights) - 1
+    core = cylinder(1, count, (2, count), order, quarters=1)
+    around = ring(1, 1 + rings, count, (rings, 4, count), order, quarters=1)
+
+    def placed(x):
+        r = np.hypot(x[0], x[1])
+        scale = np.interp(r, range(rings + 2), radii) / np.maximum(r, 1e-300)
+        return scale * x[0], scale * x[1], np.interp(x[2], range(count + 1), heights)
+
+    return join(core, around).placed(placed)
+
+
+def coated(width: float, ratio: float, root: str = "graded", order: int = 2) -> Scene:
+    """A quarter of the cylinder below z = 0, on a plane without friction, and the sphere of `sphere`."""
+    radius, depth = sphere(width)
+    if root == "graded":
+        core = 4 * THICKNESS * max(1.0, width)
+        radii = np.concatenate([[0.0], core + graded(core, SIZE - core)])
+        heights = -THICKNESS - graded(max(THICKNESS, core / 4), SIZE - THICKNESS)[::-1]
+    else:
+        radii, heights = np.array([0.0, SIZE / 2, SIZE]), np.linspace(-SIZE, -THICKNESS, 5)
+    substrate = layers(radii, heights, order).as_part("substrate")
+    coating = layers(radii, np.array([-THICKNESS, 0.0]), order).as_part("coating")
+    planes = (SymmetryPlane("disc x = 0"), SymmetryPlane("disc y = 0"))
+    ball = RigidSphere((0.0, 0.0, radius), radius)
+    return Scene(
+        name="coated cylinder",
+        mesh=root_mesh_from_shapes({"disc": join(substrate, coating)}),
+        materials={
+            "disc substrate": Material(YOUNG, POISSON),
+            "disc coating": Material(ratio * YOUNG, COATING_POISSON),
+        },
+        dirichlet=(*planes, Dirichlet("disc bottom", z=0.0)),
+        contact=(ContactPair("disc top", ball, (0.0, 0.0, 1.0), moved=(0.0, 0.0, -depth)),),
+        symmetry=4,
+    )
+
+
+def known(width: float, ratio: float) -> float:
+    """The force of the axisymmetric solution on the finest mesh."""
+    rows = read(TOP / "studies/layers/axisymmetric.csv")[1]
+    return [row["force"] for row in rows if (row["width"], row["ratio"]) == (width, ratio)][-1]
+
+
+def measured(width, ratio, root, tolerance):
+    """A row of the table."""
+    steps = [step.record for step in adapt(coated(width, ratio, root), tolerance, allow=("large strain",))]
+    last = steps[-1]
+    return {
+        "width": width,
+        "ratio": ratio,
+        "root": root,
+        "steps": len(steps),
+        "dofs": last.dofs,
+        "estimate": last.estimate,
+        "force": last.force / known(width, ratio) - 1,
+        "iterations": max(max(record.krylov_iterations) for record in steps),
+        "at_the_end": last.preconditioner,
+        "cpu_s": sum(record.cpu_seconds["total"] for record in steps),
+    }
+
+
+def main():
+    """Measure; print the table, and keep that of one rank."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", type=float, nargs="+", choices=RATIOS, default=RATIOS, help="ratios of moduli")
+    parser.add_argument("--tolerance", type=float, default=0.04, help="of the energy norm (%(default)s)")
+    arguments, rows = parser.parse_args(), []
+    points = [(width, ratio, "graded") for width in WIDTHS for ratio in RATIOS] + [(*pair, "flat") for pair in FLAT]
+    for point in points:
+        if point[1] in arguments.only:
+            rows.append(measured(*point, arguments.tolerance))
+            if MPI.COMM_WORLD.size == 1:
+                write(Path("results/layers/table.csv"), rows)
+    if MPI.COMM_WORLD.rank == 0:
+        print(plain(rows))
+
+
+if __name__ == "__main__":
+    main()
