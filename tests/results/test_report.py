@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import pytest
 from conftest import WORLD
 from model_problems import step_record
 
-from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve
+from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve, sweep
 from fx_contact.adaptive import progress_line
 from fx_contact.adaptive.contact_state import ContactTable
 from fx_contact.parallel.timing import STAGES
@@ -118,11 +119,12 @@ def test_forces_of_a_chain():
 
 
 @pytest.mark.ranks(1, 2)
-@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("there", [True, False, "file"])
 def test_live_line(there, capfd, monkeypatch):
-    """One line a step on rank 0, by tqdm or not; unknowns, estimate and target in it; an error ends it."""
+    """One line a step on rank 0, in a terminal by tqdm; unknowns, estimate and target in it; an error ends it."""
     if there:
         pytest.importorskip("tqdm")
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: there != "file")
     else:
         monkeypatch.setattr(progress_line, "find_spec", lambda _: None)
     run = adapt(hertz(order=2, coarse=2), 0.3, WORLD, progress=True)
@@ -138,13 +140,14 @@ def test_live_line(there, capfd, monkeypatch):
     before = (
         f"{step.record.dofs:,} unknowns, error {percent(run.records[-2].estimate)} before, target 30%, estimate, "
     )
-    assert (before in said) == there
+    assert (before in said) == (there is True) and ("\r" in said) == (there is True)
 
 
 @pytest.mark.ranks(1, 2)
-def test_line_of_a_step_that_fails(capfd):
+def test_line_of_a_step_that_fails(capfd, monkeypatch):
     """It is ended, so that the message has a line of its own."""
     pytest.importorskip("tqdm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     options = {"max_steps": 1, "degree": 1, "progress": True}
     with pytest.raises(SolveError):
         solve(hertz(order=2, coarse=2), 0.3, solver=Solver(max_krylov=1), **options)
@@ -162,6 +165,18 @@ def test_run_in_a_notebook():
     assert re.findall("<th>(.*?)</th>", html) == [found.group() for found in columns(table_head())]
     assert re.findall("<td>(.*?)</td>", html) == table_row(step.record).split()
     assert repr(run).splitlines()[1:] == [table_head(), table_row(step.record)]
+
+
+@pytest.mark.ranks(1, 2)
+def test_sweep_in_a_notebook():
+    """A load path is a table too: a row for each point, the parameter's value before the columns of its last step."""
+    path = sweep(lambda moved: stack(cells=(1, 1, 1), displacement=moved), [1e-3, 2e-3], 0.9, degree=1, max_steps=1)
+    assert "0 of 2 points" in repr(path) and path._repr_html_().count("<tr>") == 1
+    last = [point.record.record for point in path][-1]
+    assert repr(path).splitlines()[1:][-1].split() == ["0.002", *table_row(last).split()]
+    html = path._repr_html_()
+    assert html.count("<tr>") == 3 and "2 of 2 points" in html
+    assert re.findall("<td>(.*?)</td>", html)[-13:] == ["0.002", *table_row(last).split()]
 
 
 def test_former_name_of_the_warnings():

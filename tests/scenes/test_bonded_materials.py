@@ -1,20 +1,33 @@
 """Bodies of several materials against exact solutions, with stresses that jump at their interfaces."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import ufl
-from conftest import everywhere
+from conftest import WORLD, everywhere
 from dolfinx import fem
 from model_problems import DISTRIBUTIONS, discrete, grown, roots
 
-from fx_contact import BodyForce, Dirichlet, Material, Pressure, Scene, SymmetryPlane, adapt, results, solve
+from fx_contact import (
+    BodyForce,
+    CheckpointError,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    results,
+    solve,
+)
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_projection import projected_stress
 from fx_contact.parallel.timing import Stages
+from fx_contact.plot import draw_stress, plotter_for
 from fx_contact.problem.shapes import join, root_mesh_from_shapes
 from fx_contact.problem.solids import ball, block, ring
 from fx_contact.problem.swept_shapes import sweep_side
@@ -106,6 +119,33 @@ def test_files_and_grids(degree, folder):
     everywhere(np.abs(moved).max(initial=0) < 1e-9, "another displacement")
     results.write_fields(step, folder)
     assert (folder / "fields.bp").exists()
+
+
+@pytest.mark.ranks(1, 2)
+def test_restart(folder):
+    """A run goes on from a checkpoint with its parts; another material of one of them is refused."""
+    scene = tube((SOFT, HARD))[0]
+    through = list(adapt(scene, 1e-3, max_steps=3, checkpoint=folder / "run"))
+    *_, last = adapt(scene, 1e-3, max_steps=4, restart=folder / "run")
+    *_, whole = adapt(scene, 1e-3, max_steps=4)
+    assert last.record.cells == whole.record.cells > through[-1].record.cells
+    assert last.record.estimate == pytest.approx(whole.record.estimate, rel=1e-6)
+    with pytest.raises(CheckpointError, match="materials"):
+        list(adapt(tube((SOFT, Material(11.0, 0.2)))[0], 1e-3, restart=folder / "run"))
+
+
+@pytest.mark.ranks(1, 2)
+def test_cut(folder):
+    """The section of a picture shows the stress of each layer, both at an interface."""
+    step = solve(layers((SOFT, HARD), 1e-3)[0], 0.1)
+    with plotter_for(folder / "cut.png", 400, 300) if WORLD.rank == 0 else nullcontext() as plotter:
+        draw_stress(step, plotter=plotter)
+        if plotter:
+            section = next(m for m in plotter.meshes if "stress" in m.point_data)
+            at = np.abs(section.points[:, 2] - 1) < 1e-9
+            known = sorted(np.abs(layers((SOFT, HARD), 1e-3)[2]))
+            assert np.unique(section["stress"].round(9)) == pytest.approx(known, rel=1e-5)
+            assert np.unique(section["stress"][at].round(9)) == pytest.approx(known, rel=1e-5)
 
 
 # Manufactured: plane strains grad(psi) on both sides of z = 1, which is free of stress: u_z = c s psi sin(z - 1) with

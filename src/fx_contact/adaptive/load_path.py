@@ -15,6 +15,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_report import html_table, table_head, table_row
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
@@ -26,7 +27,7 @@ from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_path, check_arguments, check_comm, check_number, shown
+from fx_contact.parallel.validation import as_path, check_arguments, check_comm, check_number, percent, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import same_mesh
 from fx_contact.problem.scene import Scene, check_scene
@@ -131,6 +132,20 @@ class Sweep:
 
     def __iter__(self) -> Self:
         return self
+
+    def __repr__(self) -> str:
+        rows = (f"{point.value:>11.5g}  {table_row(point.record)}" for point in self.records)
+        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows])
+
+    def _repr_html_(self) -> str:
+        """Table in notebooks."""
+        records = [point.record for point in self.records]
+        return html_table(self._caption(), records, [point.value for point in self.records])
+
+    def _caption(self) -> str:
+        """Tolerance and state of the load path."""
+        done = f"{len(self.records)} of {len(self._values)} points"
+        return f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
 
     def __getitem__(self, index: object) -> SweepPoint:
         raise SceneError(

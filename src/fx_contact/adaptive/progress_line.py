@@ -16,7 +16,8 @@ from fx_contact.parallel.validation import percent, shown
 class ProgressLine:
     """A live line for each step on standard error: unknowns, stage, estimate and target, seconds.
 
-    Local.  tqdm draws the line at each change of stage; without tqdm it is printed once, when the step is done.
+    Local.  In a terminal or notebook tqdm draws the line at each change of stage.  In a file, or without tqdm, it is
+    printed once, when the step is done.
 
     Attributes:
         unknowns: of the present step, as soon as they are known.
@@ -35,7 +36,7 @@ class ProgressLine:
         """Show the stage that begins."""
         if step != self._step:
             self._step, self._start = step, time.perf_counter()
-            if find_spec("tqdm"):
+            if find_spec("tqdm") and (sys.stderr.isatty() or "ipykernel" in sys.modules):
                 from tqdm import tqdm
 
                 self._bar = tqdm(bar_format="{desc}")
