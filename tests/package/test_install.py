@@ -1,6 +1,7 @@
 """The package can be installed, and declares what it imports."""
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
@@ -60,6 +61,17 @@ def test_all_imports_are_declared():
     for number, names in enumerate(declared()):
         missing = {name for name in modules if FROM.get(name, (name, name))[number] not in names}
         assert not missing, missing
+
+
+def test_conda_recipe():
+    """It has the version, the command, and what the main job needs by environment.yml."""
+    recipe = (TOP / "packaging/conda/meta.yaml").read_text()
+    assert f'set version = "{fx_contact.__version__}"' in recipe
+    assert all(f"- {name} = {place}" in recipe for name, place in PROJECT["scripts"].items())
+    main = (TOP / "environment.yml").read_text().partition("# Pictures")[0]
+    needed = {re.match(r"[\w-]+", line.strip()[2:])[0] for line in main.splitlines() if line.startswith("  - ")}
+    runs = recipe.partition("  run:\n")[2].partition("  run_constrained:")[0]
+    assert needed - {"openmpi"} == set(re.findall(r"- ([\w-]+)", runs)), "mpi4py brings the MPI"
 
 
 @pytest.mark.slow
