@@ -123,6 +123,18 @@ COLUMNS = {
         "set-up and solve, CPU s": "{cpu_s:.1f}",
         "peak memory, kB an unknown": "{kB:.1f}",
     },
+    "studies/layers/table.csv": {
+        "contact radius over thickness": "{width:g}",
+        "modulus, coating over substrate": "{ratio:g}",
+        "root cells": "{root}",
+        "unknowns": "{dofs:,}",
+        "estimate": "{estimate:.1%}",
+        "force, estimated": "{force_estimate:.2%}",
+        "force": "{force:+.2%}",
+        "most iterations": "{iterations:d}",
+        "at the end": "{at_the_end}",
+        "CPU": "{cpu_s:.0f} s",
+    },
     "studies/stability/without.csv": {
         "without": "{without}",
         "scenes": "{scenes:d}",
