@@ -19,7 +19,7 @@ from studies.layers.axisymmetric import COATING_POISSON, POISSON, RATIOS, SIZE, 
 from studies.tables import TOP, plain, read, write
 
 #: Tolerance of the force.
-FORCE = 3e-3
+FORCE = 2e-3
 #: Rows with flat root cells: radius of the contact over the thickness, ratio of moduli.
 FLAT = (10.0, 1e-3), (10.0, 10.0)
 
