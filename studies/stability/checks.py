@@ -70,6 +70,8 @@ class State:
             any, what may be lost [N].
         noise: what linear solver and rounding may change in forces, relative.
         energy_noise: what rounding may change in the energy besides, relative.
+        restraint: energy that errors of the record are relative to, over `energy`, at least 1: with stress-free strains
+            the square of the norm is at least (e omega_0)^2, of those of full restraint times the tolerance [-].
     """
 
     def __init__(self, step, penalty=False):
@@ -111,6 +113,8 @@ class State:
         measured = max(self.force, np.abs(self._load).sum()) or max(np.abs(some).sum() for some in others)
         self.scale = measured or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
+        least = (self.record.tolerance * step.elasticity.restraint_norm()) ** 2
+        self.restraint = max(1.0, least / self.energy) if self.energy > 0 else 1.0
         # Of the strains, where bodies move much further than they deform.
         self.energy_noise = 2 * contact.rounding / np.sqrt(self.energy) if self.energy > 0 else 0.0
 
@@ -131,7 +135,11 @@ class State:
         A run takes the estimate at its word from `trusted_effectivity` on, so the error may be so much larger.
         """
         seen, trusted = self.record.assumed_effectivity, ErrorControl.trusted_effectivity
-        return (self.record.estimate / (trusted * (1.0 if seen >= trusted else seen))) ** 2
+        return self.restraint * (self.record.estimate / (trusted * (1.0 if seen >= trusted else seen))) ** 2
+
+    def asked(self):
+        """What discretisation changes in force and energy if the run is as accurate as it was asked to be, relative."""
+        return self.restraint * self.record.tolerance**2
 
     def bulge(self):
         """What the rim of a round contact changes in them, relative.
@@ -183,7 +191,7 @@ class State:
         """Comparison with a known answer: list of Check."""
         allowed = self.noise + exact.unsure + (self.bulge() if exact.curved else 0.0)
         if not exact.linear:
-            allowed += min(self.stated(), self.record.tolerance**2)
+            allowed += min(self.stated(), self.asked())
         result = []
         if exact.energy == 0:
             stress = np.sqrt(self.energy) / self._step.elasticity.restraint_norm()
@@ -208,7 +216,7 @@ class State:
         size, other_size = ((record.cells, record.active_pairs) for record in (self.record, other.record))
         same = twin.same_mesh and size == other_size
         if not same:
-            allowed += min(self.stated() + other.stated(), self.record.tolerance**2)
+            allowed += min(self.stated() + other.stated(), self.asked())
         if not same and twin.curved:
             allowed += self.bulge() + other.bulge()
         if not twin.same_contact:
