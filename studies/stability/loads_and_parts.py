@@ -86,8 +86,8 @@ def orthotropic():
 def strains():
     """Stress-free strains: free, restrained by contact, beside large expansions, of bonded layers, of rings."""
 
-    def case(value, make, known):
-        return Case("loads", "strains", value, make, known)
+    def case(value, make, known, tolerance=0.16):
+        return Case("loads", "strains", value, make, known, tolerance)
 
     tensor = ((0.01, 0.004, -0.002), (0.004, -0.02, 0.003), (-0.002, 0.003, 0.005))
     yield case("free", partial(shapes.free_block, tensor), Exact(energy=0.0, linear=True))
@@ -98,7 +98,8 @@ def strains():
         yield case(value, partial(shapes.heated_bar, strain, gap, Material(1.0, poisson)), known)
     scene, energy = shapes.bimetal((1.0, 10.0), (1e-4, -2e-4))
     yield case("bimetal", lambda: scene, Exact(energy=energy))
-    yield case("fit", *_fitted((1.0, 1.5, 2.5), 1e-4, 0.01, (PLAIN, Material(3.0, 0.2))))
+    # Errors are relative to e omega_0 at least: 0.02 of the stress of full restraint.
+    yield case("fit", *_fitted((1.0, 1.5, 2.5), 1e-4, 0.01, (PLAIN, Material(3.0, 0.2))), 0.02)
 
 
 def _fitted(radii, misfit, expansion, materials):
