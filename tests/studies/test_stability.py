@@ -207,6 +207,32 @@ def test_the_potential_of_rigid_loads():
 
 
 @alone
+def test_errors_beside_free_expansion():
+    """They are relative to the tolerance times the norm of full restraint; the force of a pair to itself."""
+    *_, step = adapt(NAMED["drawn-loads/loads/heat-2"].scene(), 0.16, comm=stability.MPI.COMM_SELF)
+    state = stability.State(step)
+    assert step.estimate.energy_norm**2 == pytest.approx(state.restraint * state.energy, rel=1e-6)
+    assert state.restraint > 100 and state.asked() == 0.16
+    off = (step.record.estimate * step.estimate.energy_norm) ** 2 / state.energy / (0.8 * 0.4) ** 2
+    assert state.stated() == pytest.approx(off, rel=1e-6)
+
+
+@alone
+def test_errors_of_motions_found_and_prescribed_add_up():
+    """Energies err downwards below loads and upwards where they are prescribed; a modulus off by a tenth is noticed."""
+    case = replace(NAMED["drawn-loads/loads/rigid-2"], degree=1)
+    one = stability.score(case)
+    off = [check[1] for check in one["checks"] if check[0] == "energy against the twin"]
+    assert one["score"] == "right" and 0.25**2 < off[0] < 0.25**2 * (1 + 0.5**2)
+
+    def stiffer():
+        """The scene with another modulus."""
+        return replace(scene := case.scene(), materials={"bar": replace(scene.materials["bar"], young=1.1)})
+
+    assert stability.score(replace(case, scene=stiffer))["score"] == "wrong"
+
+
+@alone
 def test_moved_nodes_keep_the_shape():
     """Cells with inner nodes moved have other maps but the same corners and surfaces."""
     scene = stack([SOFT, SOFT], order=2)
