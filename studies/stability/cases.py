@@ -15,7 +15,8 @@ class Exact:
     Attributes:
         force: of the whole bodies, in each contact pair [N]; None where a load prescribes it.
         approach: of the bodies since they touch [m].
-        energy: stored in the bodies, twice, of the whole [J]; where the force is prescribed.
+        energy: stored in the bodies, without springs, twice, of the whole [J]; where the force is prescribed, or beside
+            it.  0: a free expansion, without stress.
         linear: whether the contact area stays the same and the stress is uniform, which any mesh has exactly.
         curved: whether the contact is round.
         unsure: relative error of the reference itself.
@@ -41,6 +42,7 @@ class Twin:
         curved: whether the contact is round.
         tolerance: of the twin's run, relative to that of the run.
         each: whether the force of each contact pair is compared, to the tolerance: it may be light beside other loads.
+        held: whether it prescribes the motions that tensions and rigid loads find.
     """
 
     scene: Callable[[], Scene]
@@ -52,6 +54,7 @@ class Twin:
     curved: bool = False
     tolerance: float = 1.0
     each: bool = False
+    held: bool = False
 
 
 @dataclass(frozen=True)

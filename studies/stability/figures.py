@@ -91,7 +91,7 @@ def draw_matrix(scores, path, other):
             if one["name"] in other:
                 _draw_strip(axes, width * x, y, width, other[one["name"]], heat)
         y += 1
-    axes.set(xlim=(-6.2, 15), ylim=(height + 0.1, 0))
+    axes.set(xlim=(-6.2, 16), ylim=(height + 2.5, 0))  # with room for the scale
     axes.axis("off")
     handles = []
     for kind in (kind for kind in SCORES if any(one["score"] == kind for one in scores)):
@@ -100,7 +100,7 @@ def draw_matrix(scores, path, other):
         about = f"{letter or 'coloured'}: {meaning} ({count})"
         handles.append(Patch(facecolor=grey, edgecolor=edge, lw=1.5, label=about))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8.5)
-    scale = axes.inset_axes((0.62, 0.02, 0.36, 0.006))
+    scale = axes.inset_axes((0.62, 0.012, 0.36, 0.005))
     figure.colorbar(heat, cax=scale, orientation="horizontal", label="iterations of PCG and contact, all steps")
     below = "; strips: the other degree" * bool(other)
     figure.suptitle(f"{len(scores)} scenes by the value that varies{below}", fontsize=10)

@@ -7,6 +7,7 @@ one rank, with a time limit; a crash and a hang are scores too.
     python3 -m studies.stability.run --quick            # a fifth of the scenes, spread over all rows
     python3 -m studies.stability.run                    # all: ten minutes on two cores
     python3 -m studies.stability.run --only NAME        # one scene, with all its checks
+    python3 -m studies.stability.run --axis parts loads # those of some axes
     python3 -m studies.stability.run --degree 1         # displacements of degree 1
 
 A run goes on where it stopped; delete the folder of results to begin anew. It leaves there scores.jsonl, scores.csv
@@ -215,6 +216,7 @@ def main():
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a seventh of each row, at least one: a fifth of all")
+    parser.add_argument("--axis", nargs="+", help="the scenes of some axes (all)")
     parser.add_argument("--only", metavar="NAME", help="run one scene, whether it has a score or not")
     parser.add_argument("--degree", type=int, choices=(1, 2), default=DEGREE, help="of displacements (%(default)s)")
     parser.add_argument("--list", action="store_true", help="print the names of the scenes chosen")
@@ -222,6 +224,10 @@ def main():
     arguments = parser.parse_args()
     scenes = {name: replace(case, degree=arguments.degree) for name, case in cases().items()}
     chosen = sample(scenes) if arguments.quick else scenes
+    if arguments.axis:
+        chosen = {name: case for name, case in chosen.items() if case.axis in arguments.axis}
+        if not chosen:
+            parser.error(f"no axis {arguments.axis}: give some of {sorted({case.axis for case in scenes.values()})}")
     if arguments.list:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # not PETSc's, for `| head`
         print("\n".join(chosen))
@@ -241,6 +247,7 @@ def main():
     known = read(path)
     scores = [known[name] for name in chosen if name in known]
     made_by = "python3 -m studies.stability.run" + " --quick" * arguments.quick + _option(arguments.degree)
+    made_by += f" --axis {shlex.join(arguments.axis)}" if arguments.axis else ""
     kept = arguments.output / f"scores{suffix}.csv"
     tables.write(kept, list(rows(scores, partial(command, degree=arguments.degree))), made_by)
     _, other = tables.read(tables.TOP / f"studies/stability/scores{'_degree1' * (not suffix)}.csv")

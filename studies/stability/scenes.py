@@ -13,6 +13,7 @@ from fx_contact.scenes import indentation, punch, stack
 from studies.stability.cases import Case, Exact, Twin, exponent
 from studies.stability.drawn import drawn
 from studies.stability.interfaces import interfaces
+from studies.stability.loads_and_parts import loads_and_parts
 from studies.stability.references import HERTZ_A, hertz, hertz_force, punch_force, stack_force, stack_pressed
 from studies.stability.shapes import (
     PLAIN,
@@ -351,7 +352,7 @@ def orders():
 def cases():
     """All scenes, axis by axis: dict name -> Case."""
     axes = [enforcements, ratios, compressibility, aspects, degenerate, depths, units, grading, many_bodies, tilts]
-    axes += [held_by_contact, gaps, between_nodes, other_loads, orders, drawn, interfaces]
+    axes += [held_by_contact, gaps, between_nodes, other_loads, orders, drawn, interfaces, loads_and_parts]
     listed = [case for axis in axes for case in axis()]
     result = {case.name: case for case in listed}
     if len(result) < len(listed):

@@ -17,7 +17,7 @@ from model_problems import (
     with_rows,
 )
 
-from fx_contact import Material
+from fx_contact import ContactPair, Dirichlet, Material, Scene, Tie, block, join, root_mesh_from_shapes, solve
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.projection import Projection
 
@@ -85,3 +85,32 @@ def test_the_softer_body_follows_the_stiffer():
     everywhere(
         np.allclose(u[pairs.entries.node[1::2]], [0.0, 0.0, -0.04], atol=1e-15), "the softer one goes another way"
     )
+
+
+def bonded(kind, cells):
+    """A cap pressed on two bonded parts of different moduli; two cells match theirs."""
+    halves = [block((x, 0, -1), (x + 1, 2, 0), (1, 2, 1), 1).as_part(f"part {x}") for x in (0, 1)]
+    bodies = {"base": join(*halves), "cap": block((0, 0, 0), (2, 2, 1), (cells, cells, 1), 1)}
+    moduli = {"base part 0": 1.0, "base part 1": 100.0, "cap": 2.0}
+    held = Dirichlet("base bottom", 0.0, 0.0, 0.0), Dirichlet("cap top", 0.0, 0.0, -0.01)
+    joint = {"contact": ContactPair, "ties": Tie}[kind]("cap bottom", "base top")
+    materials = {name: Material(young, 0.3) for name, young in moduli.items()}
+    return Scene("bonded", root_mesh_from_shapes(bodies), materials, held, **{kind: joint})
+
+
+@pytest.mark.parametrize("kind", ["contact", "ties"])
+def test_bonded_parts_meshed_apart(kind):
+    """Mortar rows on parts of different moduli share nodes, which have one weight each: P^T is the transpose."""
+    scene = bonded(kind, 3)
+    _, rows, supports = with_rows(scene, grown(roots(scene), 1))
+    jump, prolongation = Jump(rows, supports), rows.prolongation
+    projection = Projection(jump)
+    projection.close(np.ones(len(rows), dtype=bool))
+    x, y = (noisy((prolongation.owned, 3), salt) for salt in (1, 2))
+    projected, transposed = x.copy(), y.copy()
+    projection.apply(projected)
+    projection.apply_transpose(transposed)
+    everywhere(np.abs(jump.matrix.times(projected)[projection.closed]).max(initial=0) < 1e-11, "a closed row moves")
+    assert abs(dot(projected, y) - dot(x, transposed)) < 1e-10 * dot(x, x)
+    one, other = (solve(bonded(kind, cells), 0.3, max_steps=2).record.resultants[0].force for cells in (2, 3))
+    assert one[2] == pytest.approx(other[2], rel=0.03)

@@ -151,6 +151,88 @@ def test_the_judge_sees_a_spoilt_tie():
 
 
 @alone
+@pytest.mark.parametrize(
+    "name", ["parts/bonded/soft", "loads/strains/gap", "loads/springs/1e9", "loads/rigid-faces/far"]
+)
+def test_the_judge_sees_a_wrong_modulus(name):
+    """Parts, stress-free strains, springs and rigid loads: moduli off by 1e-3 are noticed."""
+    case = NAMED[name]
+    assert stability.score(case)["score"] == "right"
+
+    def stiffer():
+        """The scene with other moduli."""
+        scene = case.scene()
+        known = {name: replace(one, young=1.001 * one.young) for name, one in scene.materials.items()}
+        return replace(scene, materials=known)
+
+    assert stability.score(replace(case, scene=stiffer))["score"] == "wrong"
+
+
+@alone
+@pytest.mark.parametrize(
+    "name, failed",
+    [
+        ("loads/rigid-faces/pressed", {"given forces", "balance of each body", "work is stored"}),
+        ("loads/preload/pulled", {"balance of each body", "work is stored"}),
+        ("drawn-loads/loads/bolt-1", {"given forces", "balance of each body", "work is stored"}),
+    ],
+)
+def test_the_judge_sees_spoilt_forces_of_loads(name, failed):
+    """Forces of rigid faces and sections that are not those given, or not in balance, are noticed."""
+    *_, step = adapt(NAMED[name].scene(), 0.2, comm=stability.MPI.COMM_SELF)
+    assert all(c.holds for c in stability.State(step).checks())
+    spoilt = replace(step.solution, tie_force=1.01 * step.solution.tie_force)
+    state = stability.State(replace(step, solution=spoilt))
+    assert {c.name for c in state.checks() if not c.holds} == failed
+
+
+@alone
+def test_the_judge_sees_spoilt_springs_and_strains():
+    """Displacements that are off are noticed in the balance of bodies on springs, and in the stored work."""
+    for name in ("loads/springs/1e9", "loads/strains/gap"):
+        *_, step = adapt(NAMED[name].scene(), 0.2, comm=stability.MPI.COMM_SELF)
+        assert all(c.holds for c in stability.State(step).checks())
+        moved = 1.01 * step.solution.displacement
+        state = stability.State(replace(step, solution=replace(step.solution, displacement=moved)))
+        assert "work is stored" in [c.name for c in state.checks() if not c.holds]
+
+
+@alone
+def test_the_potential_of_rigid_loads():
+    """F . t = a(u, u): the potential, with the loads, is its negative; with the motion prescribed it is the energy."""
+    *_, step = adapt(NAMED["drawn-loads/loads/rigid-2"].scene(), 0.3, comm=stability.MPI.COMM_SELF)
+    state = stability.State(step)
+    assert abs(state.given - 2 * state.energy) < 1e-7 * state.energy and state.energy > 0
+    assert abs(state.potential + state.energy) < 1e-7 * state.energy
+
+
+@alone
+def test_errors_beside_free_expansion():
+    """They are relative to the tolerance times the norm of full restraint; the force of a pair to itself."""
+    *_, step = adapt(NAMED["drawn-loads/loads/heat-2"].scene(), 0.16, comm=stability.MPI.COMM_SELF)
+    state = stability.State(step)
+    assert step.estimate.energy_norm**2 == pytest.approx(state.restraint * state.energy, rel=1e-6)
+    assert state.restraint > 100 and state.asked() == 0.16
+    off = (step.record.estimate * step.estimate.energy_norm) ** 2 / state.energy / (0.8 * 0.4) ** 2
+    assert state.stated() == pytest.approx(off, rel=1e-6)
+
+
+@alone
+def test_errors_of_motions_found_and_prescribed_add_up():
+    """Energies err downwards below loads and upwards where they are prescribed; a modulus off by a tenth is noticed."""
+    case = replace(NAMED["drawn-loads/loads/rigid-2"], degree=1)
+    one = stability.score(case)
+    off = [check[1] for check in one["checks"] if check[0] == "energy against the twin"]
+    assert one["score"] == "right" and 0.25**2 < off[0] < 0.25**2 * (1 + 0.5**2)
+
+    def stiffer():
+        """The scene with another modulus."""
+        return replace(scene := case.scene(), materials={"bar": replace(scene.materials["bar"], young=1.1)})
+
+    assert stability.score(replace(case, scene=stiffer))["score"] == "wrong"
+
+
+@alone
 def test_moved_nodes_keep_the_shape():
     """Cells with inner nodes moved have other maps but the same corners and surfaces."""
     scene = stack([SOFT, SOFT], order=2)

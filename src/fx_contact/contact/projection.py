@@ -12,7 +12,7 @@ from fx_contact.parallel.errors import SolveError
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
-    W weighs each body by its modulus, and by `RowKind.FOLLOWED`: the softer body follows the stiffer one.  P^T K P is
+    W weighs each node by its modulus, and by `RowKind.FOLLOWED`: the softer body follows the stiffer one.  P^T K P is
     then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows, or no component in
     two of ties.  Equal rows share their force by area.
 
@@ -40,7 +40,7 @@ class Projection:
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
         self.rigid = stiffness is None
-        weighted = jump.values / (_followed(rows) * rows.modulus[entries.row, entries.side])[:, None]
+        weighted = jump.values * _compliance(rows)[:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = rows.prolongation.zeros(3)
@@ -112,13 +112,11 @@ class Projection:
         return self._comm.allreduce(np.array([a @ b for a, b in factors]))
 
 
-def _followed(rows: ConstraintRows) -> FloatArray:
-    """`RowKind.FOLLOWED` at the entries (b,), for symmetry the mean at each node.  Collective."""
+def _compliance(rows: ConstraintRows) -> FloatArray:
+    """W^-1 at the entries (b,), the mean at each node: rows of bonded parts share nodes.  Collective."""
     entries, kinds = rows.entries, np.array([[1.0, kind.FOLLOWED] for kind in rows.kinds])
-    factor = kinds[rows.contact[entries.row], entries.side]
-    if (kinds == 1).all():
-        return factor
+    factor = kinds[rows.contact[entries.row], entries.side] * rows.modulus[entries.row, entries.side]
     sums = rows.prolongation.zeros(2)
-    np.add.at(sums, entries.node, np.column_stack([factor, np.ones_like(factor)]))
+    np.add.at(sums, entries.node, np.column_stack([1 / factor, np.ones_like(factor)]))
     total, count = rows.prolongation.ghosted(rows.prolongation.summed(sums))[entries.node].T
     return np.asarray(total / count)

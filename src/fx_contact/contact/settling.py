@@ -122,10 +122,10 @@ def settle(
         jump = Jump(rows, problem.supports)
         system.exchange_rows(jump)
         status.exchange_rows(rows)
+    told = f"the force of its rows differs from the given one by {percent(off)}" if off < 1 else "nothing resists it"
     raise SolveError(
-        f"a rigid obstacle, preloaded section or rigid load does not settle: after {_MOST} solves the force of its "
-        f"rows differs from the given one by {percent(off)}; does the body resist it there, and is the force in the "
-        "units of moduli and lengths?"
+        f"a rigid obstacle, preloaded section or rigid load does not settle: after {_MOST} solves {told}; does the "
+        "body resist it there, does the force pull it out of contact, and is it in the units of moduli and lengths?"
     )
 
 
