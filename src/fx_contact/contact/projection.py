@@ -40,7 +40,7 @@ class Projection:
         self._jump, self._comm = jump, rows.prolongation.comm
         self._compliance = None if stiffness is None else 1 / stiffness
         self.rigid = stiffness is None
-        weighted = jump.values * _compliance(rows)[:, None]
+        weighted = jump.values / _weights(rows)[:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = rows.prolongation.zeros(3)
@@ -112,11 +112,11 @@ class Projection:
         return self._comm.allreduce(np.array([a @ b for a, b in factors]))
 
 
-def _compliance(rows: ConstraintRows) -> FloatArray:
-    """W^-1 at the entries (b,), the mean at each node: rows of bonded parts share nodes.  Collective."""
+def _weights(rows: ConstraintRows) -> FloatArray:
+    """W at the entries (b,), the mean at each node: rows of bonded parts share nodes.  Collective."""
     entries, kinds = rows.entries, np.array([[1.0, kind.FOLLOWED] for kind in rows.kinds])
-    factor = kinds[rows.contact[entries.row], entries.side] * rows.modulus[entries.row, entries.side]
+    weight = kinds[rows.contact[entries.row], entries.side] * rows.modulus[entries.row, entries.side]
     sums = rows.prolongation.zeros(2)
-    np.add.at(sums, entries.node, np.column_stack([1 / factor, np.ones_like(factor)]))
+    np.add.at(sums, entries.node, np.column_stack([weight, np.ones_like(weight)]))
     total, count = rows.prolongation.ghosted(rows.prolongation.summed(sums))[entries.node].T
     return np.asarray(total / count)
