@@ -1,13 +1,15 @@
-"""The pictures of contact in the README, on the home page, in the gallery and in the verification.
+"""The pictures of contact in the README, on the home page, in the gallery, the examples and the verification.
 
-python3 -m studies.pictures.run                              # all of them, into results/pictures: 2 minutes
+python3 -m studies.pictures.run                              # all of them, into results/pictures: 3 minutes
 python3 -m studies.pictures.run --output docs/figures        # those that are kept
 python3 -m studies.pictures.run --only contact               # one; --help lists them
 """
 
 import argparse
+import re
 import runpy
 import sys
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +28,7 @@ from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 
 DEMOS = Path(__file__).parents[2] / "demos"
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
 
 def demo(name):
@@ -40,6 +43,21 @@ def of_demo(name):
     found = runpy.run_path(str(DEMOS / f"{name}.py"))
     sys.path.remove(str(DEMOS))
     return found
+
+
+def program(name):
+    """The program of a page of examples."""
+    page = (EXAMPLES / f"{name}.md").read_text()
+    (code,) = re.findall(r"^```\{code-cell\} python\n(.*?)^```", page, flags=re.M | re.S)
+    return code
+
+
+def example(name):
+    """The last step of a page of examples, whose program prints nothing here."""
+    found = {}
+    with redirect_stdout(None):
+        exec(compile(program(name), f"{name}.md", "exec"), found)
+    return found["step"]
 
 
 def stamp():
@@ -64,9 +82,17 @@ SCENES = {
     "shaft_in_bore": (partial(demo, "shaft_in_bore"), 20),
     "roller_on_block": (partial(demo, "roller_on_block"), 1),
     "rigid_stamp": (stamp, 1),
+    "coated_half_space": (partial(example, "coated_half_space"), 20),
+    "bimetal_strip": (partial(example, "bimetal_strip"), 50),
+    "bolted_flange": (partial(example, "bolted_flange"), 20),
+    "press_fit": (partial(example, "press_fit"), 1),
+    "sandwich_beam": (partial(example, "sandwich_beam"), 20),
+    "rubber_seal": (partial(example, "rubber_seal"), 5),
 }
 #: Magnification where the contact is small beside the bodies.
-ZOOM = {"crossed_cylinders": 3, "shaft_in_bore": 2.5}
+ZOOM = {"crossed_cylinders": 3, "shaft_in_bore": 2.5, "coated_half_space": 18}
+#: Top of the colour scale where the contact is a small part of the surface, or the stress singular.
+TOP = {"coated_half_space": 1200, "rubber_seal": 0.3}
 
 
 def contact(folder, quick):
@@ -82,7 +108,7 @@ def gallery(name, folder, _quick):
     step, factor = SCENES[name][0](), SCENES[name][1]
     apart, zoom = 0.1 * (name in ("stack", "patch")), ZOOM.get(name, 1)
     with plotter_for(folder / f"scene_{name}.png", 640, 480) as plotter:
-        draw_bodies(step, field="stress", factor=factor, apart=apart, zoom=zoom, plotter=plotter)
+        draw_bodies(step, None, "stress", factor=factor, apart=apart, zoom=zoom, top=TOP.get(name), plotter=plotter)
 
 
 def loop(folder, quick):

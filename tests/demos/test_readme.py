@@ -187,7 +187,8 @@ def smaller_block(code):
 
 TEXTS = {page: (TOP / page).read_text() for page in PAGES}
 COMMANDS = [command for text in TEXTS.values() for command in commands(text)]
-BLOCKS = [program for page, text in TEXTS.items() for program in programs(page, text)]
+#: Programs by page; `test_examples` runs those of the examples, as printed.
+BLOCKS = [p for page, text in TEXTS.items() for p in programs(page, text) if not page.startswith("docs/examples/")]
 #: Programs of the README that show what they print, and what that is.
 PRINTED = dict(re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", TEXTS["README.md"], flags=re.S))
 

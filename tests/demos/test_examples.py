@@ -1,0 +1,123 @@
+"""The programs of the pages of examples, as printed: short, and right by their references."""
+
+import io
+import re
+import runpy
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD
+
+TOP = Path(__file__).parents[2]
+PAGES = sorted((TOP / "docs" / "examples").glob("*.md"))
+NAMES = [page.stem for page in PAGES if page.stem != "index"]
+
+serial = pytest.mark.skipif(WORLD.size > 1, reason="programs of one process")
+
+
+def text(name):
+    """A page."""
+    return (TOP / "docs" / "examples" / f"{name}.md").read_text()
+
+
+def program(name):
+    """The program of a page."""
+    (code,) = re.findall(r"^```\{code-cell\} python\n(.*?)^```", text(name), flags=re.M | re.S)
+    return code
+
+
+def numbers(line):
+    """Numbers of a line."""
+    return np.array(re.findall(r"\d[\d.]*(?:e[-+]\d+)?", line), dtype=float)
+
+
+def result(name, folder):
+    """What the program of a page defines, and the numbers of each line that it prints; the list has the same."""
+    path, out = folder / f"{name}.py", io.StringIO()
+    path.write_text(program(name))
+    with redirect_stdout(out):
+        found = runpy.run_path(str(path))
+    lines = [numbers(line) for line in out.getvalue().splitlines()]
+    (row,) = (line for line in text("index").splitlines() if f"]({name}.md)" in line)
+    for value in numbers(row.split("|")[-2]):
+        assert np.isclose(np.concatenate(lines), value, rtol=5e-3).any(), f"{value} in the list"
+    return found, lines
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pages(name):
+    """A program of 40 lines of 88 characters, a picture of its own, a place in the list."""
+    lines = program(name).splitlines()
+    assert len(lines) <= 40 and max(map(len, lines)) <= 88
+    index = text("index")
+    assert f"../figures/scene_{name}.png" in text(name) and f"]({name}.md)" in index and f"\n{name}\n" in index
+
+
+def test_list():
+    """All six."""
+    assert len(NAMES) == 6
+
+
+@serial
+@pytest.mark.slow
+def test_coated_half_space(tmp_path):
+    """The force is between Hertz's, the effective modulus between Reuss' and Voigt's."""
+    found, _ = result("coated_half_space", tmp_path)
+    assert found["step"].record.reached
+    assert found["soft"] < found["force"] / found["hertz"] < found["stiff"]
+    assert found["low"] < found["effective"] < found["high"]
+
+
+@serial
+@pytest.mark.slow
+def test_bimetal_strip(tmp_path):
+    """The free end changes the deflection by less than (h / l)^2."""
+    found, _ = result("bimetal_strip", tmp_path)
+    assert found["step"].record.reached
+    assert abs(found["ratio"] - 1) < (found["h"] / found["length"]) ** 2
+
+
+@serial
+@pytest.mark.slow
+def test_bolted_flange(tmp_path):
+    """Equilibrium; before the joint opens the tension is the diagram's, to a tenth of the squared tolerance.
+
+    The clamping force is 0 at the largest load.  Circles of the mesh take 0.04 % off the load.
+    """
+    found, lines = result("bolted_flange", tmp_path)
+    load, clamp, stud, diagram = np.array(lines).T
+    assert found["step"].record.reached and (load == [10e3, 25e3]).all()
+    assert stud - clamp == pytest.approx(load, rel=5e-4)
+    assert stud[0] == pytest.approx(diagram[0], rel=0.3**2 / 10) and clamp[1] == 0
+
+
+@serial
+@pytest.mark.slow
+def test_press_fit(tmp_path):
+    """Open at first; then Lame's pressure, to the square of the tolerance."""
+    _, lines = result("press_fit", tmp_path)
+    cooled, pressure, lame = np.array(lines).T
+    assert (cooled == [50, 100, 150, 200]).all() and pressure[0] == lame[0] == 0
+    assert pressure[1:] == pytest.approx(lame[1:], rel=0.05**2)
+
+
+@serial
+@pytest.mark.slow
+def test_sandwich_beam(tmp_path):
+    """Below Allen's by the bending of the skins, lambda / l, and what is local to the support, (c / l)^2."""
+    found, _ = result("sandwich_beam", tmp_path)
+    assert found["step"].record.reached
+    thin = np.sqrt(found["young"] * found["t"] ** 3 / 6 / (found["modulus"] * found["d"] ** 2 / found["c"]))
+    assert thin == pytest.approx(3.3, abs=0.05)
+    assert -thin / found["length"] - (found["c"] / found["length"]) ** 2 < found["ratio"] - 1 < 0
+
+
+@serial
+@pytest.mark.slow
+def test_rubber_seal(tmp_path):
+    """Gent and Lindley's modulus, an approximation: to 2 %, twice what a tolerance of 2 % leaves, 0.8 %."""
+    found, _ = result("rubber_seal", tmp_path)
+    assert found["step"].record.reached
+    assert abs(found["ratio"] - 1) < 0.02
