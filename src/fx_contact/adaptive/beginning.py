@@ -156,7 +156,10 @@ def check_approaches(approaches: object, scene: Scene) -> None:
         elif len(contact.loads):
             check_number(f"the approach of {contact.name!r}", distance)
         elif distance is not None:
-            raise SceneError(f"{contact.name!r} has no force, and no approach, got {shown(distance)}")
+            raise SceneError(
+                f"{contact.name!r} has no given force in this scene, and so no approach, got {shown(distance)}: "
+                "dataclasses.replace(beginning, approaches=None) keeps mesh and displacement alone"
+            )
 
 
 def first_forest(scene: Scene, comm: MPI.Intracomm, kind: str) -> Forest:
