@@ -20,7 +20,7 @@ PICTURES = {
 }
 #: What is run instead: coarse meshes, and a run of each kind.
 SMALLER = (
-    (r'^ *"    Point\(.*(reference\(0\.08|--uniform 0 ).*\n', ""),
+    (r'^ *"    Point\(.*(reference\(0\.08|one_level).*\n', ""),
     (r"tolerance=0\.[0-2]\d*", "tolerance=0.1"),
     (r"\bhertz\(", "hertz(coarse=2, "),
     (r"reference\(0\.04", "reference(0.8"),
