@@ -163,6 +163,8 @@ ERRORS = [
     # Meshes.
     (lambda: from_file(SQUARE), GeometryError, "the mesh has no volumes, and surfaces of ['Quadrilateral 4']"),
     (lambda: join([SLAB, 3]), SceneError, "what is joined must be a tuple of Shape"),
+    (lambda: joined(3.0), GeometryError, "nodes in common, but no face of a cell"),
+    (lambda: joined(20 / 3), GeometryError, "without being one of its nodes"),
     # No checkpoint in the folder.
     (lambda: adapt(press(), 0.5, COMM, restart="no/such"), fx_contact.CheckpointError, "No such file"),
 ]
@@ -183,6 +185,12 @@ def beside():
         SymmetryPlane("lower left"),
     )
     return Scene("beside", mesh, {"lower": STEEL, "upper": STEEL}, conditions, symmetry=2)
+
+
+def joined(height):
+    """Two blocks side by side, of height 10 in three cells and of another height in one."""
+    high, low = (block((0, 0, 0), (1, 1, z), (1, 1, n), 1) for z, n in ((10.0, 3), (height, 1)))
+    return root_mesh_from_shapes({"both": join(high, low.shifted(x=1))})
 
 
 @pytest.mark.parametrize("action, kind, words", [pytest.param(*case, id=case[2]) for case in ERRORS])
