@@ -1,5 +1,6 @@
 """Plausible slips: those that would give a wrong result are errors or doubts, calls with one meaning work."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -89,7 +90,7 @@ ERRORS = [
     (lambda: Solver(precondtioner="ilu"), SceneError, "did you mean 'preconditioner'?"),
     (lambda: adapt(press(), tolerence=0.1), SceneError, "unknown argument of adapt 'tolerence'; it has 'scene'"),
     (lambda: solve(press(), tolerence=0.1), SceneError, "did you mean 'tolerance'?"),
-    (lambda: solve(press(), 0.1, goal=()), SceneError, "unknown argument of adapt 'goal'"),
+    (lambda: solve(press(), 0.1, goal=()), SceneError, "did you mean 'goals'?"),
     (lambda: sweep(lambda t: press(), [1.0], 0.1, degre=1), SceneError, "did you mean 'degree'?"),
     # Names.
     (lambda: press(materials={"lower": STEEL, "uper": STEEL}), SceneError, "did you mean 'upper'?"),
@@ -332,6 +333,12 @@ def test_given_names_are_added():
     assert np.array_equal(mesh.surfaces["base"], mesh.surfaces["lower bottom"]) and "upper left" in mesh.surfaces
     mesh = root_mesh_from_shapes({"a": SLAB}, {"a top": "a bottom"})
     assert np.array_equal(mesh.surfaces["a top"], mesh.surfaces["a bottom"])
+
+
+def test_solve_has_the_arguments_of_adapt():
+    """With the same defaults."""
+    ours, theirs = (inspect.signature(one).parameters for one in (solve, adapt))
+    assert [str(one) for one in ours.values()] == [str(one) for one in theirs.values()]
 
 
 def test_stiff_and_soft_are_materials():
