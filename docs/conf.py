@@ -64,7 +64,7 @@ html_static_path = ["static"]
 html_css_files = ["pages.css"]
 #: Pages without others below them have nothing to show at the left.
 ALONE = "install engineers gallery verification effectivity performance partitions limits".split()
-ALONE += "faq choosing glossary records".split()
+ALONE += "faq choosing glossary records new citation".split()
 html_sidebars = {f"docs/{page}": [] for page in ALONE} | {"CHANGELOG": []}
 html_show_sourcelink = False
 html_theme_options = {
