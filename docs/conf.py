@@ -63,7 +63,8 @@ html_title = f"fx_contact {release}"
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
 #: Pages without others below them have nothing to show at the left.
-ALONE = "install gallery verification effectivity performance partitions limits glossary records".split()
+ALONE = "install engineers gallery verification effectivity performance partitions limits".split()
+ALONE += "faq choosing glossary records new citation".split()
 html_sidebars = {f"docs/{page}": [] for page in ALONE} | {"CHANGELOG": []}
 html_show_sourcelink = False
 html_theme_options = {

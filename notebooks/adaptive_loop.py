@@ -32,7 +32,8 @@ for step in adapt(scene, tolerance=0.04):
     records.append(record)
     picture = f"../results/notebooks/step-{record.step}.png"
     pictures.append(draw_mesh(step, picture, zoom=5, colour="level"))
-    print(f"{record.cells:5} cells, {record.active_pairs:3} pairs closed, error {record.estimate:.1%}")
+    print(f"{record.cells:5} cells, {record.active_pairs:3} pairs closed", end=", ")
+    print(f"error {record.estimate:.1%}")
 
 # %% [markdown]
 # ## Refine
@@ -80,7 +81,8 @@ import numpy as np
 error = step.estimate.error
 line = step.record.tolerance * step.estimate.energy_norm / np.sqrt(step.estimate.cells)
 positive = error[error > 0]
-plt.hist(positive, bins=np.geomspace(positive.min(), positive.max(), 40), color="#56B4E9")
+bins = np.geomspace(positive.min(), positive.max(), 40)
+plt.hist(positive, bins=bins, color="#56B4E9")
 plt.axvline(line, color="#D55E00", label=r"$e\,\omega/\sqrt{N}$")
 plt.xscale("log")
 plt.xlabel(r"$\xi_T$ of a cell")
@@ -96,7 +98,8 @@ plt.legend();
 # Each record has the seconds of its stages (compiled kernels are cached on disk).
 
 # %%
-stages = ("partition", "mesh", "hanging", "assemble", "system", "setup", "solve", "estimate", "refine")
+stages = ["partition", "mesh", "hanging", "assemble", "system", "setup"]
+stages += ["solve", "estimate", "refine"]
 bottom = np.zeros(len(records))
 for stage in stages:
     seconds = np.array([record.seconds[stage] for record in records])
@@ -119,7 +122,8 @@ from fx_contact import Beginning
 first = next(adapt(scene, tolerance=0.04))
 for _ in range(3):
     leaf = first.leaf_mesh.leaf
-    centre = compute_midpoints(first.leaf_mesh.mesh, 3, np.arange(len(leaf), dtype=np.int32))
+    cells = np.arange(len(leaf), dtype=np.int32)
+    centre = compute_midpoints(first.leaf_mesh.mesh, 3, cells)
     marked = np.zeros(len(first.forest), dtype=bool)
     marked[leaf] = np.linalg.norm(centre, axis=1) < 0.2
     first = next(adapt(scene, tolerance=0.04, beginning=Beginning.after(first, marked)))

@@ -57,8 +57,8 @@ theory = Hertz.of_equal_spheres(1.0, material, step.record.force)
 Image(draw_pressure(step, "../results/notebooks/pressure.png", theory), width=600)
 
 # %%
-print(f"largest pressure {step.record.max_pressure:.5f} Pa, Hertz {theory.max_pressure:.5f} Pa")
-print(f"contact radius   {step.record.contact_radius:.5f} m,  Hertz {theory.contact_radius:.5f} m")
+for name in "max_pressure", "contact_radius":
+    print(f"{name} {getattr(step.record, name):.5f}, Hertz {getattr(theory, name):.5f}")
 
 # %% [markdown]
 # ## Stress
@@ -87,7 +87,8 @@ for delta in approach:
     force.append(last.record.force)
 
 plt.loglog(approach, force, "o", label="two half-spheres")
-plt.loglog(approach, 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5, label="half-spaces")
+hertzian = 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5
+plt.loglog(approach, hertzian, label="half-spaces")
 plt.xlabel("approach [m]")
 plt.ylabel("force [N]")
 plt.legend();

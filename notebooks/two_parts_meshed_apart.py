@@ -32,17 +32,20 @@ RADIUS, HEIGHT, SIZE = 8.0, 24.0, 3.5
 def column():
     """Half of the column: quadrilaterals, extruded; physical groups name its sides."""
     occ, r = gmsh.model.occ, RADIUS
-    half, _ = occ.intersect([(2, occ.addDisk(0, 0, 0, r, r))], [(2, occ.addRectangle(-r, 0, 0, 2 * r, r))])
+    disk, rectangle = occ.addDisk(0, 0, 0, r, r), occ.addRectangle(-r, 0, 0, 2 * r, r)
+    half, _ = occ.intersect([(2, disk)], [(2, rectangle)])
     occ.extrude(half, 0, 0, HEIGHT, numElements=[4], recombine=True)
     occ.synchronize()
-    gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="column")
+    volumes = [tag for _, tag in gmsh.model.getEntities(3)]
+    gmsh.model.addPhysicalGroup(3, volumes, name="column")
     for _, face in gmsh.model.getEntities(2):
         _, _, bottom, _, back, top = gmsh.model.getBoundingBox(2, face)
-        for side, there in ("bottom", top < 0.1), ("top", bottom > HEIGHT - 0.1), ("cut", back < 0.1):
+        sides = {"bottom": top < 0.1, "top": bottom > HEIGHT - 0.1, "cut": back < 0.1}
+        for side, there in sides.items():
             if there:
                 gmsh.model.addPhysicalGroup(2, [face], name=side)
-    options = {"RecombineAll": 1, "Algorithm": 8, "RecombinationAlgorithm": 2, "MeshSizeMin": SIZE, "MeshSizeMax": SIZE}
-    for name, value in options.items():
+    options = {"RecombineAll": 1, "Algorithm": 8, "RecombinationAlgorithm": 2}
+    for name, value in (options | {"MeshSizeMin": SIZE, "MeshSizeMax": SIZE}).items():
         gmsh.option.setNumber(f"Mesh.{name}", value)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
@@ -65,11 +68,12 @@ from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, s
 
 base = Dirichlet("base bottom", x=0, y=0, z=0)
 planes = SymmetryPlane("base front"), SymmetryPlane("column cut")
+pressed = Dirichlet("column top", x=0, z=lambda x: -0.01 - 0.002 * x[0])
 scene = Scene(
     name="column on base",
     mesh=root_mesh_from_shapes(bodies),
-    materials={"column": Material(young=70e3, poisson=0.33), "base": Material(young=210e3, poisson=0.3)},
-    dirichlet=(base, *planes, Dirichlet("column top", x=0, z=lambda x: -0.01 - 0.002 * x[0])),
+    materials={"column": Material(70e3, 0.33), "base": Material(210e3, 0.3)},
+    dirichlet=(base, *planes, pressed),
     contact=(ContactPair("column bottom", "base top"),),
     symmetry=2,
     contact_centre=(0, 0, 0),
@@ -85,7 +89,8 @@ from IPython.display import Image
 
 from fx_contact.plot import draw_bodies
 
-Image(draw_bodies(step, "../results/notebooks/apart.png", factor=100, apart=0.6), width=700)
+picture = draw_bodies(step, "../results/notebooks/apart.png", factor=100, apart=0.6)
+Image(picture, width=700)
 
 # %% [markdown]
 # The column lifts off on the left. Both sides of the contact are refined; facets of the surface with the rows stay at most
@@ -120,7 +125,8 @@ glued = replace(
     tractions=(Traction("column top", (1, 0, 5)),),
 )
 step = solve(glued, tolerance=0.08)
-Image(draw_bodies(step, "../results/notebooks/glued.png", field="stress", factor=500), width=700)
+file = "../results/notebooks/glued.png"
+Image(draw_bodies(step, file, field="stress", factor=500), width=700)
 
 # %% [markdown]
 # The resultant of the tie is the section force: axial force, shear force and bending moment, here of both halves. Those of

@@ -37,7 +37,8 @@ from fx_contact.scenes import hertz
 comm = MPI.COMM_WORLD
 for step in adapt(hertz(), tolerance=0.08, comm=comm):
     pass
-print(f"rank {comm.rank} of {comm.size} has {len(step.forest):,} of {step.record.cells:,} leaves")
+leaves = f"{len(step.forest):,} of {step.record.cells:,} leaves"
+print(f"rank {comm.rank} of {comm.size} has {leaves}")
 
 # %% [markdown]
 # All ranks must make the calls that the documentation names *collective*, for instance pictures: use a `%%px` cell.
@@ -51,7 +52,8 @@ where = draw_mesh(step, "../results/notebooks/ranks.png")
 # %%
 from IPython.display import Image, display
 
-display(Image("../results/notebooks/partition.png", width=600), Image("../results/notebooks/ranks.png", width=600))
+for name in "partition", "ranks":
+    display(Image(f"../results/notebooks/{name}.png", width=600))
 
 # %% [markdown]
 # Leaves that face each other across the contact are on one rank, so that node pairs need no messages. The record has the

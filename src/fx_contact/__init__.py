@@ -1,12 +1,13 @@
 """Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
 
-from fx_contact.adaptive.adaptive_loop import Run, adapt, solve
+from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.adaptive.contact_line import ContactLine
 from fx_contact.adaptive.contact_state import ContactState, ContactTable
 from fx_contact.adaptive.load_path import Sweep, SweepPoint, sweep
 from fx_contact.adaptive.resultants import Resultant
+from fx_contact.adaptive.solving import solve
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, TrueError
 from fx_contact.adaptive.sweep_record import SweepRecord

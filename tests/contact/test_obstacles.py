@@ -480,7 +480,7 @@ def test_restart(folder):
         (lambda: RigidCylinder((0, 0, 0), (0, 0, 0), 1.0), "axis of a rigid cylinder is zero"),
         (lambda: RigidCylinder((0, 0, 0), (0, 0, 1), np.inf), "finite"),
         (lambda: RigidCone((0, 0, 0), (0, 0, 1), 90), "not 90"),
-        (lambda: RigidCone((0, 0, 0), (0, 0, 1), -5), "positive"),
+        (lambda: RigidCone((0, 0, 0), (0, 0, 1), -5), "0 to 180"),
         (lambda: RigidCone((0, 0, 0), (0, 0, 1), 180), "0 to 180"),
         (lambda: RigidSurface(1.0, lambda x: x), "must be a function"),
         (lambda: ContactPair("a", "b", moved=(0, 0, 1)), "has no obstacle"),

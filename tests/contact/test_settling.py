@@ -320,7 +320,10 @@ def test_bad_beginnings(approaches):
     "scene, message",
     [
         (pressed(force=10.0), "pressed it through the body; reverse the force, or check the place"),
-        (pressed(RigidSurface(lambda x: 0 * x[2] + 0.1, lambda x: 0 * x - [[0], [0], [1]])), "misses the surface"),
+        (
+            pressed(RigidSurface(lambda x: np.maximum(0.1 - x[2], 0.05), lambda x: 0 * x - [[0], [0], [1]])),
+            "misses the surface",
+        ),
     ],
 )
 def test_obstacles_that_do_not_settle(scene, message):

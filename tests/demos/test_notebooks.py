@@ -13,14 +13,16 @@ NAMES = sorted(path.stem for path in (TOP / "notebooks").glob("*.ipynb"))
 #: How many pictures each shows.
 PICTURES = {
     "adaptive_loop": 4,
+    "force_against_approach": 1,
     "hertz_in_five_minutes": 4,
+    "own_part": 1,
     "reading_work_precision": 1,
     "two_parts_meshed_apart": 3,
     "two_ranks": 2,
 }
 #: What is run instead: coarse meshes, and a run of each kind.
 SMALLER = (
-    (r'^ *"    Point\(.*(reference\(0\.08|--uniform 0 ).*\n', ""),
+    (r'^ *"    Point\(.*(reference\(0\.08|one_level).*\n', ""),
     (r"tolerance=0\.[0-2]\d*", "tolerance=0.1"),
     (r"\bhertz\(", "hertz(coarse=2, "),
     (r"reference\(0\.04", "reference(0.8"),
@@ -57,6 +59,24 @@ def test_runs(name, tmp_path):
     assert "Warning" not in said and "Error" not in said, said
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_answers(name, tmp_path):
+    """The programs that answer the exercises run after the cells of the notebook, and are as narrow as those."""
+    text = (TOP / "notebooks" / f"{name}.py").read_text()
+    answers = re.findall(r"^# ```python\n(.*?)^# ```", text, flags=re.M | re.S)
+    if not answers:
+        pytest.skip("no exercises")
+    lines = [line.removeprefix("#")[1:] for answer in answers for line in answer.splitlines()]
+    assert max(map(len, lines)) <= 88
+    cells = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
+    program = re.sub(r"tolerance=0\.[0-2]\d*", "tolerance=0.3", "\n".join([cells, *lines]))
+    (tmp_path / "here").mkdir()
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=tmp_path / "here", env=outside(), capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_both_files_say_the_same(name):
     """The .py for reading and comparing, the .ipynb for Jupyter, without outputs (`jupytext --sync` mends it)."""
@@ -68,4 +88,4 @@ def test_both_files_say_the_same(name):
 
 def test_all_are_known():
     """No notebook without its number of pictures."""
-    assert NAMES == sorted(PICTURES) and len(NAMES) == 5
+    assert NAMES == sorted(PICTURES) and len(NAMES) == 7

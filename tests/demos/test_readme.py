@@ -7,6 +7,7 @@ and demos as they are printed; of tests the names are collected (`--co`).  As it
     ./with-dolfinx python3 -m pytest tests/demos/test_readme.py --as-printed
 """
 
+import json
 import re
 import subprocess
 import sys
@@ -121,9 +122,10 @@ print("\\n", *codes)
 
 
 def commands(text):
-    """Commands of a page: lines of `sh` blocks and code in a line that begins like one."""
-    blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.M | re.S))
-    found = [re.sub(r"\s+# .*", "", line).strip() for line in blocks.splitlines()]
+    """Commands of a page: lines of `sh` blocks, with those that go on after a backslash, and code in a line that
+    begins like one."""
+    blocks = "\n".join(re.findall(r"^ *```sh\n(.*?)^ *```", text, flags=re.M | re.S))
+    found = [re.sub(r"(^|\s+)# .*", "", line).strip() for line in re.sub(r"\\\n *", "", blocks).splitlines()]
     inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S))
     starts = rf"(\./with-dolfinx|mpirun|python3|env|jupyter|jupytext|tests/run|demos/\w+\.py|{ELSEWHERE}) +[^ ]"
     found += [span for span in inline if re.match(starts, span)]
@@ -189,6 +191,8 @@ TEXTS = {page: (TOP / page).read_text() for page in PAGES}
 COMMANDS = [command for text in TEXTS.values() for command in commands(text)]
 #: Programs by page; `test_examples` runs those of the examples, as printed.
 BLOCKS = [p for page, text in TEXTS.items() for p in programs(page, text) if not page.startswith("docs/examples/")]
+#: Most characters of a line of code that the documentation shows without scrolling.
+WIDTH = 88
 #: Programs of the README that show what they print, and what that is.
 PRINTED = dict(re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", TEXTS["README.md"], flags=re.S))
 
@@ -287,6 +291,27 @@ def test_pages_are_short():
     """A page can be read; the README in a minute."""
     lines = {page: len(text.splitlines()) for page, text in TEXTS.items()}
     assert lines["README.md"] <= 150 and max(lines.values()) <= 300, lines
+
+
+def code_lines(text):
+    """Lines of the blocks of code of a page, each with its number."""
+    fence = False
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.lstrip().startswith("```"):
+            fence = not fence
+        elif fence:
+            yield number, line
+
+
+def test_code_is_narrow():
+    """Blocks of code, and cells of notebooks, have the width that the documentation shows without scrolling."""
+    lines = [(page, *line) for page, text in TEXTS.items() for line in code_lines(text)]
+    for path in (TOP / "notebooks").glob("*.ipynb"):
+        cells = json.loads(path.read_text())["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        lines += [(path.name, i, line) for i, text in enumerate(code) for line in text.splitlines()]
+    wide = [f"{page} {number}: {line}" for page, number, line in lines if len(line) > WIDTH]
+    assert len(lines) > 500 and not wide, "\n".join(wide)
 
 
 def test_options_exist():

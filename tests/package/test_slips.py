@@ -1,5 +1,6 @@
 """Plausible slips: those that would give a wrong result are errors or doubts, calls with one meaning work."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -89,7 +90,7 @@ ERRORS = [
     (lambda: Solver(precondtioner="ilu"), SceneError, "did you mean 'preconditioner'?"),
     (lambda: adapt(press(), tolerence=0.1), SceneError, "unknown argument of adapt 'tolerence'; it has 'scene'"),
     (lambda: solve(press(), tolerence=0.1), SceneError, "did you mean 'tolerance'?"),
-    (lambda: solve(press(), 0.1, goal=()), SceneError, "unknown argument of adapt 'goal'"),
+    (lambda: solve(press(), 0.1, goal=()), SceneError, "did you mean 'goals'?"),
     (lambda: sweep(lambda t: press(), [1.0], 0.1, degre=1), SceneError, "did you mean 'degree'?"),
     # Names.
     (lambda: press(materials={"lower": STEEL, "uper": STEEL}), SceneError, "did you mean 'upper'?"),
@@ -163,6 +164,8 @@ ERRORS = [
     # Meshes.
     (lambda: from_file(SQUARE), GeometryError, "the mesh has no volumes, and surfaces of ['Quadrilateral 4']"),
     (lambda: join([SLAB, 3]), SceneError, "what is joined must be a tuple of Shape"),
+    (lambda: joined(3.0), GeometryError, "nodes in common, but no face of a cell"),
+    (lambda: joined(20 / 3), GeometryError, "without being one of its nodes"),
     # No checkpoint in the folder.
     (lambda: adapt(press(), 0.5, COMM, restart="no/such"), fx_contact.CheckpointError, "No such file"),
 ]
@@ -183,6 +186,12 @@ def beside():
         SymmetryPlane("lower left"),
     )
     return Scene("beside", mesh, {"lower": STEEL, "upper": STEEL}, conditions, symmetry=2)
+
+
+def joined(height):
+    """Two blocks side by side, of height 10 in three cells and of another height in one."""
+    high, low = (block((0, 0, 0), (1, 1, z), (1, 1, n), 1) for z, n in ((10.0, 3), (height, 1)))
+    return root_mesh_from_shapes({"both": join(high, low.shifted(x=1))})
 
 
 @pytest.mark.parametrize("action, kind, words", [pytest.param(*case, id=case[2]) for case in ERRORS])
@@ -324,6 +333,12 @@ def test_given_names_are_added():
     assert np.array_equal(mesh.surfaces["base"], mesh.surfaces["lower bottom"]) and "upper left" in mesh.surfaces
     mesh = root_mesh_from_shapes({"a": SLAB}, {"a top": "a bottom"})
     assert np.array_equal(mesh.surfaces["a top"], mesh.surfaces["a bottom"])
+
+
+def test_solve_has_the_arguments_of_adapt():
+    """With the same defaults."""
+    ours, theirs = (inspect.signature(one).parameters for one in (solve, adapt))
+    assert [str(one) for one in ours.values()] == [str(one) for one in theirs.values()]
 
 
 def test_stiff_and_soft_are_materials():

@@ -165,18 +165,6 @@ def _check_start(
         beginning.check(settings.scene, comm)
 
 
-@collective("comm")
-def solve(scene: Scene, tolerance: float, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any) -> Step:
-    """Solve a scene to a prescribed accuracy; only the last step is kept.
-
-    Collective on comm.  Arguments are those of `adapt`; `record.reached` is true where the tolerance is reached.
-
-    Raises:
-        FxContactError: as `adapt`.
-    """
-    return adapt(scene, tolerance, comm, **options).last_step()
-
-
 class Run:
     """A run of the adaptive loop: an iterator of its steps, shown as a table of them.
 

@@ -21,6 +21,8 @@ from fx_contact.parallel.errors import FxContactError, SceneError
 
 #: Smallest tolerance and error: below it rounding is most of the error.
 LEAST_TOLERANCE = 1e-9
+#: Difference of an angle from whole degrees that is rounding [degrees].
+_SAME_ANGLE = 1e-9
 
 
 def check_number(what: str, value: object, positive: bool = False) -> float:
@@ -32,6 +34,15 @@ def check_number(what: str, value: object, positive: bool = False) -> float:
     if not np.isfinite(number) or (positive and number <= 0):
         raise SceneError(f"{what} must be a {'positive' if positive else 'finite'} number, got {shown(value)}")
     return number
+
+
+def check_degrees(what: str, value: object) -> float:
+    """An angle.  Raises SceneError unless it is a finite number, or for whole degrees in radians, to all digits."""
+    angle = check_number(what, value)
+    degrees = np.degrees(angle)
+    if 0 < abs(angle) <= 2 * np.pi and abs(degrees - round(degrees)) < _SAME_ANGLE:
+        raise SceneError(f"{what} is in degrees, got {angle:.10g}, which is {degrees:.0f} degrees in radians")
+    return angle
 
 
 def check_tolerance(what: str, value: object) -> float:

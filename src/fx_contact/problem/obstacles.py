@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_degrees, check_direction, check_number, check_vector, shown
 from fx_contact.problem.boundary_conditions import evaluated
 
 #: Distance from an axis or a centre, relative to that from the apex or the radius, at which directions are rounding.
@@ -158,7 +158,7 @@ class RigidCone(Obstacle):
     def __post_init__(self) -> None:
         check_vector("the apex of a rigid cone", self.apex)
         check_direction("the axis of a rigid cone", self.axis)
-        angle = check_number("the angle of a rigid cone", self.angle, positive=True)
+        angle = check_degrees("the angle of a rigid cone", self.angle)
         if not (0 < angle < 180 and angle != 90):
             raise SceneError(
                 f"the angle of a rigid cone must be 0 to 180 degrees and not 90 (a plane), got {angle:g}"
@@ -192,7 +192,7 @@ class RigidCone(Obstacle):
 class RigidSurface(Obstacle):
     """An obstacle by two functions of positions (3, n) [m].
 
-    Raises SceneError unless both are functions.
+    Raises SceneError unless both are functions; a Scene does unless the gap grows along the normal as the distance.
 
     Attributes:
         gap: gives (n,), the distance along the normal, negative inside [m].

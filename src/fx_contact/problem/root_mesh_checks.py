@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fx_contact.parallel.arrays import Int64Array
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_label, shown
 from fx_contact.problem import hexahedron
@@ -199,14 +200,25 @@ def _check_bodies(mesh: RootMesh) -> None:
             f"{mesh.points[node]}: give each body nodes of its own (bodies meet by contact only), or make them "
             "parts of one body"
         )
-    rows, points = np.repeat(np.arange(len(mesh.cells)), 8), len(mesh.cells) + mesh.corners.ravel()
-    size = len(mesh.cells) + len(mesh.points)
-    graph = coo_matrix((np.ones(len(rows)), (rows, points)), shape=(size, size))
-    _, part = connected_components(graph, directed=False)
-    parts = np.unique(np.stack([mesh.body, part[: len(mesh.cells)]]), axis=1)
-    body = np.bincount(parts[0]).argmax()
-    if len(parts[0]) > len(mesh.bodies):
+    body = _in_pieces(mesh, mesh.corners)
+    if body is not None:
         raise SceneError(f"body {mesh.bodies[body]!r} falls into separate parts: give each part a name of its own")
+    body = _in_pieces(mesh, mesh.faces)
+    if body is not None:
+        raise GeometryError(
+            f"body {mesh.bodies[body]!r} falls into parts that have nodes in common, but no face of a cell: where they "
+            "touch, their cells must have the same faces"
+        )
+
+
+def _in_pieces(mesh: RootMesh, joints: Int64Array) -> int | None:
+    """A body whose cells are not connected by common numbers (ncells, n) of their corners or faces; None: no body."""
+    count = len(mesh.cells)
+    rows, size = np.repeat(np.arange(count), joints.shape[1]), count + int(joints.max()) + 1
+    graph = coo_matrix((np.ones(len(rows)), (rows, count + joints.ravel())), shape=(size, size))
+    _, part = connected_components(graph, directed=False)
+    parts = np.unique(np.stack([mesh.body, part[:count]]), axis=1)
+    return int(np.bincount(parts[0]).argmax()) if len(parts[0]) > len(mesh.bodies) else None
 
 
 def _check_parts(mesh: RootMesh) -> None:

@@ -16,6 +16,7 @@ from fx_contact.problem.hexahedron import face_nodes, grid_points
 from fx_contact.problem.lattice import SIDE
 from fx_contact.problem.materials import Orthotropic
 from fx_contact.problem.mirrors import symmetry_planes
+from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.rigid_motions import resisting_points
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Preload, Tie
@@ -38,6 +39,9 @@ _NOTHING = -2
 #: Largest part of a body's volume inside an obstacle: with the wrong sign of a radius, or the wrong normal, all but an
 #: interference is inside, else the interference.
 _INSIDE = 0.5
+#: Step for the slope of a rigid surface's gap, over the size of all bodies, and largest deviation of that from 1 [-]:
+#: slopes of heights over a tilted surface, instead of distances, are 1.1 at 25 degrees.
+_STEP, _SLOPE = 1e-6, 0.1
 #: Positions relative to the size of all bodies that are rounding [-].
 _ROUNDING = 1e-9
 #: Relative differences of stiffness and strain that are rounding [-].
@@ -206,8 +210,22 @@ def check_obstacles(scene: Scene) -> None:
             raise SceneError(
                 f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
+        if isinstance(contact.obstacle, RigidSurface):
+            _check_slope(contact, scene.samples(contact.first), _STEP * size)
         if contact.force is not None:
             _check_force(scene, contact, towards)
+
+
+def _check_slope(contact: ContactPair, points: FloatArray, step: float) -> None:
+    """Raises SceneError unless the gap at points (n, 3) grows by a step [m] along the normal."""
+    distance, towards = contact.distances(points)
+    slope = float(np.median((contact.distances(points - step * towards)[0] - distance) / step))
+    if abs(slope - 1) > _SLOPE:
+        raise SceneError(
+            f"{contact.name!r}: 1 along the normal of the rigid surface its gap grows by {slope:.3g} (median over the "
+            "contact surface), and should grow by 1: the gap is the distance along the normal, which points out of "
+            "the obstacle"
+        )
 
 
 def _inside(mesh: RootMesh, contact: ContactPair, body: int) -> float:

@@ -21,6 +21,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64A
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import (
     as_tuple,
+    check_degrees,
     check_kinds,
     check_label,
     check_name,
@@ -123,7 +124,7 @@ class Shape:
 
         Raises SceneError for no axis or an angle that is no number, GeometryError for an axis of length zero.
         """
-        return replace(self, points=self.points @ rotation(axis, check_number("an angle", degrees)).T)
+        return replace(self, points=self.points @ rotation(axis, check_degrees("an angle", degrees)).T)
 
     def mirrored(self, axis: str) -> Shape:
         """The shape mirrored across "x", "y" or "z" at the origin.  Raises SceneError for another axis."""

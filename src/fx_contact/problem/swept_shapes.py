@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
-from fx_contact.parallel.validation import check_count, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_count, check_degrees, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.shapes import Axis, Shape, images, join, rotation
 
@@ -78,7 +78,7 @@ def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "
     The angle is counter-clockwise seen from the tip of the axis.  The ends of a full circle, 360 degrees, are joined.
     Raises SceneError for an unknown side, an invalid number or axis, GeometryError for an axis of length zero.
     """
-    whole = abs(check_number("an angle", degrees)) == 360
+    whole = abs(check_degrees("an angle", degrees)) == 360
     rotation(axis, degrees)
     result = sweep_side(shape, side, lambda x, t: rotation(axis, t * degrees) @ x, layers)
     return join(result) if whole else result

@@ -1,0 +1,121 @@
+"""The page of slips: each of its calls is answered as the page says, on all ranks alike."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from test_bad_input import COMM, STEEL, press
+from test_slips import PAIR, held, joined, planes
+
+import fx_contact
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    FxContactError,
+    RigidMotion,
+    Scene,
+    adapt,
+    block,
+    cylinder,
+    root_mesh_from_shapes,
+)
+from fx_contact.adaptive.scene_warnings import warnings_of
+
+pytestmark = pytest.mark.ranks(1, 2)
+
+PAGE = Path(__file__).parents[2] / "docs" / "slips.md"
+ROW = r"^\| `(.+)` \| (\w+): (.*) \|$"
+ROWS = re.findall(ROW, PAGE.read_text(), flags=re.M)
+#: Public classes that the program makes, and those that `press`, `cube` and other tests stand for.
+RESULTS = {"Run", "Step", "StepRecord", "GoalRecord", "Resultant", "ContactLine", "ContactState", "ContactTable"}
+RESULTS |= {"Sweep", "SweepPoint", "SweepRecord", "Beginning", "Checkpoint", "Scene", "RootMesh", "Shape"}
+CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
+
+
+def run(scene=None, tolerance=0.5, comm=COMM, **options):
+    """A run of the two cubes."""
+    return adapt(press() if scene is None else scene, tolerance, comm, **options)
+
+
+def below(obstacle, **options):
+    """A cube below an obstacle."""
+    mesh, contact = root_mesh_from_shapes({"cube": CUBE}), ContactPair("cube top", obstacle, **options)
+    return Scene("below", mesh, {"cube": STEEL}, (Dirichlet("cube bottom", 0, 0, 0),), contact=contact)
+
+
+def down(x):
+    """The direction against z at positions (3, n)."""
+    return np.stack([0 * x[0], 0 * x[0], 0 * x[0] - 1])
+
+
+def sliding():
+    """The lower cube clamped, the upper one held along y and z on top."""
+    return Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", y=0.0, z=-0.01), Dirichlet("upper left", x=0.0)
+
+
+def turned(degrees):
+    """The upper cube pressed down and turned on top."""
+    angle = np.radians(degrees)
+    return held()[0], RigidMotion("top", (0, 0, -0.01), (0, 0, angle), (0.5, 0.5, 2.0))
+
+
+def pins():
+    """Two round bodies with the surfaces of the cubes."""
+    pin = cylinder(1, 1, (1, 1), order=2)
+    names = {"base": "lower bottom", "under": "lower top", "over": "upper bottom", "top": "upper top"}
+    return root_mesh_from_shapes({"lower": pin, "upper": pin.shifted(z=1)}, names | {"round": "upper outside"})
+
+
+NAMES = {name: getattr(fx_contact, name) for name in fx_contact.__all__} | {
+    "np": np,
+    "STEEL": STEEL,
+    "PAIR": PAIR,
+    "PAIR_OF": ContactPair("under", "over"),
+    "cube": CUBE,
+    "press": press,
+    "held": held,
+    "joined": joined,
+    "planes": planes,
+    "run": run,
+    "below": below,
+    "down": down,
+    "up": lambda x: -down(x),
+    "sliding": sliding,
+    "turned": turned,
+    "pins": pins,
+}
+
+
+def answer(call):
+    """Kind of the answer to a call, and its words: an error, doubts of a scene or a step, or none."""
+    try:
+        value = eval(call, dict(NAMES))
+    except FxContactError as error:
+        return type(error).__name__, str(error)
+    doubts = warnings_of(value) if isinstance(value, Scene) else value.record.doubts or ()
+    return ("doubt", ", ".join(one.kind for one in doubts)) if doubts else ("works", "")
+
+
+@pytest.mark.parametrize("call, kind, words", [pytest.param(*row, id=row[0]) for row in ROWS])
+def test_answer(call, kind, words):
+    """As the page says, on all ranks."""
+    told = WORLD.allgather(answer(call))
+    assert len(set(told)) == 1, told
+    assert told[0][0] == kind and (kind == "works" or words in told[0][1]), told[0]
+
+
+def test_all_rows_are_read():
+    """Each row of the tables is a case, and there are many."""
+    rows = [line for line in PAGE.read_text().splitlines() if re.match(r"\| (?!call|---)", line)]
+    assert len(rows) == len(ROWS) > 80
+    assert {kind for _, kind, _ in ROWS} >= {"SceneError", "GeometryError", "PairingError", "doubt", "works"}
+
+
+def test_public_classes_have_rows():
+    """Each public class that users make is in a row."""
+    made = {name for name in fx_contact.__all__ if name[0].isupper() and not name.endswith("Error")} - RESULTS
+    calls = " ".join(call for call, *_ in ROWS)
+    missing = {name for name in made if not re.search(rf"\b{name}\(", calls)}
+    assert not missing and RESULTS <= set(fx_contact.__all__), missing
