@@ -18,7 +18,7 @@
 # # Force against approach
 #
 # A rigid ball is pressed into an elastic block. How does the force grow with the approach? `sweep` solves a scene for a list of values, and
-# begins each point with the displacement and the mesh of the one before.
+# starts each point from the displacement of the previous one, on its coarsened mesh.
 
 # %%
 from fx_contact import ContactPair, Dirichlet, Material, RigidSphere, Scene
@@ -48,8 +48,8 @@ def pressed(approach, obstacle=ball):
 # %% [markdown]
 # ## Path
 #
-# The points may have any order, since frictionless contact has no memory. With the largest approach first, the next points begin on
-# a mesh that is fine enough at their smaller contact.
+# The points may have any order, since frictionless contact has no memory. Here the largest approach is first: each
+# smaller contact lies inside the refined region of the previous one.
 
 # %%
 from fx_contact import sweep
@@ -70,7 +70,7 @@ file = "../results/notebooks/path.png"
 Image(draw_sweep(path, file, label="approach", logarithmic=True), width=600)
 
 # %% [markdown]
-# ## Law
+# ## Comparison with Hertz
 #
 # Hertz: $F = \tfrac43 E^* R^{1/2} d^{3/2}$ on a half-space. The slope in the logarithmic plot is the exponent:
 
@@ -84,12 +84,12 @@ hertz = 4 / 3 * modulus * np.array(values) ** 1.5
 print(f"exponent {exponent:.3f}; force over Hertz", np.round(force / hertz, 3))
 
 # %% [markdown]
-# The block is no half-space: its base is held at a depth of 2, which makes it stiffer, the more the larger the contact. Therefore the exponent is
+# The block is finite: its base is held at a depth of 2. It is stiffer than a half-space, more so for a larger contact. Therefore the exponent is
 # larger than 1.5, and the force is 4 to 9 % above Hertz's.
 #
 # ## Exercises
 #
-# 1. Which exponent has a cone of 70 degrees?
+# 1. What is the exponent for a cone with a half-angle of 70 degrees?
 # 2. The ball is pressed by a force of 1e-3 instead. What is the approach?
 #
 # <details><summary>Answer 1</summary>
@@ -103,7 +103,7 @@ print(f"exponent {exponent:.3f}; force over Hertz", np.round(force / hertz, 3))
 # print(np.log2(force[0] / force[1]))
 # ```
 #
-# 2.0: the force of a cone grows with the square of the approach. At its apex the pressure is infinite, and grows with each mesh.
+# 2.0: the force of a cone grows with the square of the approach. At its apex the pressure is infinite; the computed maximum grows with each mesh.
 #
 # </details>
 #

@@ -15,7 +15,7 @@
 # ---
 
 # %% [markdown]
-# # A part of one's own
+# # Arm on a pin
 #
 # An arm of a polymer is clamped at its left end, lies on a round pin, and is pulled down at its right end by 60 N (N, mm,
 # MPa). Wanted is the force on the pin to 1 %. Half of the arm and the pin, $y \ge 0$, is modelled.
@@ -64,7 +64,7 @@ print(scene)
 # %% [markdown]
 # ## Goal
 #
-# A loose tolerance of the stress, 30 %, and a strict one of the force. The run refines the cells that matter for the force, until its
+# The tolerance is 30 % for the stress and 1 % for the force. The run refines the cells that matter for the force, until its
 # estimated error is below 1 %.
 
 # %%
@@ -77,8 +77,8 @@ for step in adapt(scene, tolerance=0.3, goals=force):
 print(step)
 
 # %% [markdown]
-# Without an error the goal is not estimated yet: the tolerance of the stress comes first. The reactions balance the load: 88 N on the
-# pin, 28 N downwards on the clamp.
+# The error of the goal is estimated once the stress meets its tolerance. The reactions balance the load: the
+# pin carries 88 N, and the clamp pulls the arm down by 28 N.
 #
 # ## Check
 #
@@ -98,7 +98,7 @@ file = "../results/notebooks/arm.png"
 Image(draw_bodies(step, file, field="stress", factor=20), width=700)
 
 # %% [markdown]
-# The estimated error is that of the discretisation. It says nothing about the model: a clamp that yields, or friction on the pin, would
+# The estimated error is that of the discretisation. It says nothing about the model: a compliant clamp, or friction on the pin, would
 # change the force as well.
 #
 # ## Exercises
