@@ -1,6 +1,6 @@
 """A rigid sphere on a coated cylinder: cost and force by the coating's modulus, against `studies.layers.axisymmetric`.
 
-    python3 -m studies.layers.run               # twenty minutes
+    python3 -m studies.layers.run               # twelve minutes
     python3 -m studies.layers.run --only 10     # one ratio of moduli
 
 The coating has a thousandth of the cylinder's size.  "graded" root cells grow from the contact outwards and downwards,

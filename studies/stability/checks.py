@@ -314,7 +314,7 @@ def _of_motions(step):
         given += 2 * float(loads @ contact.approach_from(step.scene.oriented[kind.index]))
         push = -force[ours, None] * ties.normal[ours]  # on the first surface
         if isinstance(contact, RigidFace):
-            moment = np.cross(ties.position[ours] - contact.point, push).sum(axis=0)
+            moment = np.cross(ties.position[ours] - contact.centroid, push).sum(axis=0)
             found = contact.basis.T @ np.concatenate([push.sum(axis=0), moment / contact.size])
         else:
             found = push.sum(axis=0) @ contact.unit_axis

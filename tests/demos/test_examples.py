@@ -82,7 +82,7 @@ def test_bimetal_strip(tmp_path):
 @serial
 @pytest.mark.slow
 def test_bolted_flange(tmp_path):
-    """Equilibrium; before the joint opens the tension is the diagram's, to a tenth of the squared tolerance.
+    """Equilibrium; before the joint opens the tension grows by the load factor, to half of the squared tolerance.
 
     The clamping force is 0 at the largest load.  Circles of the mesh take 0.04 % off the load.
     """
@@ -90,7 +90,7 @@ def test_bolted_flange(tmp_path):
     load, clamp, stud, diagram = np.array(lines).T
     assert found["step"].record.reached and (load == [10e3, 25e3]).all()
     assert stud - clamp == pytest.approx(load, rel=5e-4)
-    assert stud[0] == pytest.approx(diagram[0], rel=0.3**2 / 10) and clamp[1] == 0
+    assert stud[0] - 20e3 == pytest.approx(diagram[0] - 20e3, rel=0.05) and clamp[1] == 0
 
 
 @serial
@@ -117,7 +117,7 @@ def test_sandwich_beam(tmp_path):
 @serial
 @pytest.mark.slow
 def test_rubber_seal(tmp_path):
-    """Gent and Lindley's modulus, an approximation: to 2 %, twice what a tolerance of 2 % leaves, 0.8 %."""
+    """Gent and Lindley's modulus, an approximation, within 2 %; the difference is 0.8 %."""
     found, _ = result("rubber_seal", tmp_path)
     assert found["step"].record.reached
     assert abs(found["ratio"] - 1) < 0.02

@@ -341,6 +341,11 @@ def test_solve_has_the_arguments_of_adapt():
     assert [str(one) for one in ours.values()] == [str(one) for one in theirs.values()]
 
 
+def test_angles_of_rounding():
+    """Are no zero in radians."""
+    assert np.allclose(SLAB.turned("z", 0.1 * 3 - 0.3).points, SLAB.points)
+
+
 def test_stiff_and_soft_are_materials():
     """From a gel in GPa to diamond in dyn/cm^2."""
     assert Material(1e-9, 0.3).young == 1e-9 and Material(1.2e13, 0.1).young == 1.2e13

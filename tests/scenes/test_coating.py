@@ -2,23 +2,24 @@
 
 import pytest
 
-from fx_contact import adapt
+from fx_contact import ContactForce, adapt
 from studies.layers.run import coated, known
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "ratio, tolerance, degree, within",
+    "ratio, goal, degree, within",
     [
-        pytest.param(1e-3, 0.03, 2, 3e-3, marks=pytest.mark.ranks(1, 2, 3)),
-        (10.0, 0.06, 2, 5e-3),
-        (10.0, 0.2, 1, 0.04),
+        pytest.param(1e-3, 2e-3, 2, 3e-3, marks=pytest.mark.ranks(1, 2, 3)),
+        (10.0, 2e-3, 2, 3e-3),
+        (10.0, 0.02, 1, 0.04),
     ],
 )
-def test_force(ratio, tolerance, degree, within):
-    """Within the square of the tolerance and the sampling of a round contact; PCG takes at most four times as many
-    iterations as without a coating.
-    """
-    steps = [step.record for step in adapt(coated(10.0, ratio), tolerance, degree=degree, allow=("large strain",))]
+def test_force(ratio, goal, degree, within):
+    """To 0.3 % at degree 2, with a goal of 0.2 %; PCG takes at most 40 iterations, 27 without a coating."""
+    scene, tolerance = coated(10.0, ratio), 0.05 if degree == 2 else 0.2
+    goals = ContactForce(scene.contact[0].name, goal)
+    run = adapt(scene, tolerance, degree=degree, goals=goals, allow=("large strain",))
+    steps = [step.record for step in run]
     assert steps[-1].reached and steps[-1].force == pytest.approx(known(10.0, ratio), rel=within)
     assert max(max(record.krylov_iterations) for record in steps) <= 40

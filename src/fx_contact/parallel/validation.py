@@ -40,7 +40,7 @@ def check_degrees(what: str, value: object) -> float:
     """An angle.  Raises SceneError unless it is a finite number, or for whole degrees in radians, to all digits."""
     angle = check_number(what, value)
     degrees = np.degrees(angle)
-    if 0 < abs(angle) <= 2 * np.pi and abs(degrees - round(degrees)) < _SAME_ANGLE:
+    if round(degrees) and abs(angle) <= 2 * np.pi and abs(degrees - round(degrees)) < _SAME_ANGLE:
         raise SceneError(f"{what} is in degrees, got {angle:.10g}, which is {degrees:.0f} degrees in radians")
     return angle
 

@@ -192,7 +192,8 @@ class RigidCone(Obstacle):
 class RigidSurface(Obstacle):
     """An obstacle by two functions of positions (3, n) [m].
 
-    Raises SceneError unless both are functions; a Scene does unless the gap grows along the normal as the distance.
+    Raises SceneError unless both are functions; a Scene does unless the gap grows along the normal by the
+    distance, within a tenth (median over the contact surface).
 
     Attributes:
         gap: gives (n,), the distance along the normal, negative inside [m].

@@ -162,13 +162,14 @@ def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
     if not basis.shape[1]:
         raise SceneError(f"{load.what} moves nothing: conditions hold its surface; name another one")
     given = np.concatenate([load.force, (load.moment + np.cross(lever, load.force)) / size])
-    of_point = basis + np.concatenate([np.cross(basis[3:] / size, lever, axis=0), np.zeros(basis[3:].shape)])
-    asked = np.concatenate([load.force, np.array(load.moment) / size])
+    far = max(size, float(np.linalg.norm(lever)))  # a scale of rotations about the point
+    of_point = np.concatenate([basis[:3] + np.cross(basis[3:] / size, lever, axis=0), basis[3:] * far / size])
+    asked = np.concatenate([load.force, np.array(load.moment) / far])
     allowed = np.linalg.qr(of_point)[0]
     lost = asked - allowed @ (allowed.T @ asked)
     if np.linalg.norm(lost) > _ROUNDING[1] * np.linalg.norm(asked):
         raise SceneError(
-            f"{load.what} has the components {np.round(lost * np.repeat([1, size], 3), 6)} of force and moment in "
+            f"{load.what} has the components {lost * np.repeat([1, far], 3)} of force and moment in "
             "directions that symmetry planes or conditions at its rim hold: leave these out, or model the whole"
         )
     return RigidFace(load.surface, centroid, lever, size, basis, given, np.zeros(6))

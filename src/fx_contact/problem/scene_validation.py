@@ -222,9 +222,9 @@ def _check_slope(contact: ContactPair, points: FloatArray, step: float) -> None:
     slope = float(np.median((contact.distances(points - step * towards)[0] - distance) / step))
     if abs(slope - 1) > _SLOPE:
         raise SceneError(
-            f"{contact.name!r}: 1 along the normal of the rigid surface its gap grows by {slope:.3g} (median over the "
-            "contact surface), and should grow by 1: the gap is the distance along the normal, which points out of "
-            "the obstacle"
+            f"{contact.name!r}: its gap grows by {slope:.3g} per unit length along the rigid surface's normal "
+            "(median over the contact surface), and should by 1: the gap is the distance along the normal, which "
+            "points out of the obstacle"
         )
 
 
