@@ -121,3 +121,24 @@ def test_rubber_seal(tmp_path):
     found, _ = result("rubber_seal", tmp_path)
     assert found["step"].record.reached
     assert abs(found["ratio"] - 1) < 0.02
+
+
+@serial
+@pytest.mark.slow
+def test_bolt_through_two_plates(tmp_path):
+    """The guide on preload: the tension to 1e-6, the closing between the bounds of springs in series.
+
+    Bolt and plates as rods, F L / (E A): shank and whole plates are the stiffest, the bolt with its heads (VDI 2230
+    adds half a diameter for each) and a sleeve below the heads the softest.
+    """
+    page = (TOP / "docs/howto/preload.md").read_text()
+    path = tmp_path / "preload.py"
+    path.write_text(re.search(r"^```\{code-cell\} python\n(.*?)^```", page, flags=re.M | re.S)[1])
+    with redirect_stdout(io.StringIO()):
+        found = runpy.run_path(str(path))
+    forces = [one.force[2] for one in found["tightened"].resultants if one.kind in ("contact", "tie")]
+    assert np.abs(forces) == pytest.approx(20e3, rel=1e-6)
+    strain = 20e3 / 210e3 / np.pi
+    stiff = 20 / 4**2 + 20 / (16**2 - 4.5**2)
+    soft = (20 + 2 * 4) / 4**2 + 20 / (7**2 - 4.5**2)
+    assert strain * stiff < found["closing"] < strain * soft
