@@ -29,13 +29,13 @@ THICKNESS, RATIOS, WIDTHS = 1e-3, (1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e3), (1.0, 
 GROWTH = 1.15
 
 
-def sphere(width: float, thickness: float = THICKNESS) -> tuple[float, float]:
+def sphere(width: float) -> tuple[float, float]:
     """Radius R and displacement d of a sphere that meets a plane in a circle of the radius a = width thickness.
 
     Hertz's d = a^2 / R on a half-space, with R = 100 a: strains are small.
     """
-    radius = 100 * width * thickness
-    return radius, width * thickness / 100
+    radius = 100 * width * THICKNESS
+    return radius, width * THICKNESS / 100
 
 
 def graded(first: float, even: float, end: float) -> np.ndarray:
@@ -47,13 +47,13 @@ def graded(first: float, even: float, end: float) -> np.ndarray:
     return places * end / places[-1]
 
 
-def section(width: float, cells: int, thickness: float):
+def section(width: float, cells: int):
     """Half of the section of the cylinder, in `cells` cells along the contact's radius; the surface is z = 0."""
-    size = width * thickness / cells
-    r = graded(size, 2 * width * thickness, SIZE)
-    layer = graded(min(size, thickness / 8), 0.0, thickness / 2)
-    layer = np.concatenate([layer, thickness - layer[-2::-1]])
-    depths = np.concatenate([layer, thickness + graded(layer[1], 0.0, SIZE - thickness)[1:]])
+    size = width * THICKNESS / cells
+    r = graded(size, 2 * width * THICKNESS, SIZE)
+    layer = graded(min(size, THICKNESS / 8), 0.0, THICKNESS / 2)
+    layer = np.concatenate([layer, THICKNESS - layer[-2::-1]])
+    depths = np.concatenate([layer, THICKNESS + graded(layer[1], 0.0, SIZE - THICKNESS)[1:]])
     counts = len(r) - 1, len(depths) - 1
     mesh = create_rectangle(MPI.COMM_SELF, np.array([[0, 0], counts], dtype=float), counts, CellType.quadrilateral)
     x = mesh.geometry.x
@@ -61,16 +61,16 @@ def section(width: float, cells: int, thickness: float):
     return mesh
 
 
-def solved(ratio: float, width: float, cells: int, thickness: float = THICKNESS) -> tuple[float, float]:
+def solved(ratio: float, width: float, cells: int) -> tuple[float, float]:
     """The force, and the radius of the last closed node."""
-    mesh = section(width, cells, thickness)
+    mesh = section(width, cells)
     space = fem.functionspace(mesh, element("Lagrange", "quadrilateral", 2, shape=(2,)))
     x, (u, v) = ufl.SpatialCoordinate(mesh), (ufl.TrialFunction(space), ufl.TestFunction(space))
 
     def coefficient(coating, substrate):
         """Constant in the coating and in the substrate."""
         function = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-        function.interpolate(lambda x: np.where(x[1] > -thickness, coating, substrate))
+        function.interpolate(lambda x: np.where(x[1] > -THICKNESS, coating, substrate))
         return function
 
     young, poisson = coefficient(ratio * YOUNG, YOUNG), coefficient(COATING_POISSON, POISSON)
@@ -88,8 +88,8 @@ def solved(ratio: float, width: float, cells: int, thickness: float = THICKNESS)
     stiffness.assemble()
     place = space.tabulate_dof_coordinates()[:, :2]
     held = np.stack([place[:, 0] < 1e-12, place[:, 1] < 1e-9 - SIZE], axis=1).ravel()
-    radius, depth = sphere(width, thickness)
-    near = np.flatnonzero((place[:, 1] > -1e-12) & (place[:, 0] < 2 * width * thickness))
+    radius, depth = sphere(width)
+    near = np.flatnonzero((place[:, 1] > -1e-12) & (place[:, 0] < 2 * width * THICKNESS))
     gap = radius - np.sqrt(radius**2 - place[near, 0] ** 2) - depth
     matrix = csr_matrix(stiffness.getValuesCSR()[::-1], shape=stiffness.getSize())
     return _pressed(matrix, held, 2 * near + 1, gap, place[near, 0])

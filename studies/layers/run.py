@@ -18,25 +18,26 @@ from fx_contact.problem import cylinder, join, ring, root_mesh_from_shapes
 from studies.layers.axisymmetric import COATING_POISSON, POISSON, RATIOS, SIZE, THICKNESS, WIDTHS, YOUNG, sphere
 from studies.tables import TOP, plain, read, write
 
-#: Tolerance of the force.
-FORCE = 2e-3
+#: Order of the cells; tolerance of the force.
+ORDER, FORCE = 2, 2e-3
 #: Rows with flat root cells: radius of the contact over the thickness, ratio of moduli.
 FLAT = (10.0, 1e-3), (10.0, 10.0)
 
 
-def graded(first: float, end: float) -> np.ndarray:
+def doubled(first: float, end: float) -> np.ndarray:
     """Places from 0 to the end, each cell twice as long as the one before: the first has about this length."""
     count = int(np.ceil(np.log2(end / first)))
     return end * (2.0 ** np.arange(count + 1) - 1) / (2.0**count - 1)
 
 
-def layers(radii, heights, order):
+def layers(radii, heights):
     """A quarter of a cylinder about the z axis, upwards from z = 0: a core of 2 x 2 cells and rings about it."""
     rings, count = len(radii) - 2, len(heights) - 1
-    core = cylinder(1, count, (2, count), order, quarters=1)
-    around = ring(1, 1 + rings, count, (rings, 4, count), order, quarters=1)
+    core = cylinder(1, count, (2, count), ORDER, quarters=1)
+    around = ring(1, 1 + rings, count, (rings, 4, count), ORDER, quarters=1)
 
     def placed(x):
+        """Positions with the given radii and heights."""
         r = np.hypot(x[0], x[1])
         scale = np.interp(r, range(rings + 2), radii) / np.maximum(r, 1e-300)
         return scale * x[0], scale * x[1], np.interp(x[2], range(count + 1), heights)
@@ -44,17 +45,17 @@ def layers(radii, heights, order):
     return join(core, around).placed(placed)
 
 
-def coated(width: float, ratio: float, root: str = "graded", order: int = 2) -> Scene:
+def coated(width: float, ratio: float, root: str = "graded") -> Scene:
     """A quarter of the cylinder below z = 0, on a plane without friction, and the sphere of `sphere`."""
     radius, depth = sphere(width)
     if root == "graded":
         core = 4 * THICKNESS * max(1.0, width)
-        radii = np.concatenate([[0.0], core + graded(core, SIZE - core)])
-        heights = -THICKNESS - graded(max(THICKNESS, core / 4), SIZE - THICKNESS)[::-1]
+        radii = np.concatenate([[0.0], core + doubled(core, SIZE - core)])
+        heights = -THICKNESS - doubled(max(THICKNESS, core / 4), SIZE - THICKNESS)[::-1]
     else:
         radii, heights = np.array([0.0, SIZE / 2, SIZE]), np.linspace(-SIZE, -THICKNESS, 5)
-    substrate = layers(radii, heights, order).as_part("substrate")
-    coating = layers(radii, np.array([-THICKNESS, 0.0]), order).as_part("coating")
+    substrate = layers(radii, heights).as_part("substrate")
+    coating = layers(radii, np.array([-THICKNESS, 0.0])).as_part("coating")
     planes = (SymmetryPlane("disc x = 0"), SymmetryPlane("disc y = 0"))
     ball = RigidSphere((0.0, 0.0, radius), radius)
     return Scene(

@@ -45,10 +45,9 @@ def of_demo(name):
     return found
 
 
-def program(name):
-    """The program of a page of examples."""
-    page = (EXAMPLES / f"{name}.md").read_text()
-    (code,) = re.findall(r"^```\{code-cell\} python\n(.*?)^```", page, flags=re.M | re.S)
+def program(page):
+    """The program of a page that has one."""
+    (code,) = re.findall(r"^```\{code-cell\} python\n(.*?)^```", page.read_text(), flags=re.M | re.S)
     return code
 
 
@@ -56,7 +55,7 @@ def example(name):
     """The last step of a page of examples, whose program prints nothing here."""
     found = {}
     with redirect_stdout(None):
-        exec(compile(program(name), f"{name}.md", "exec"), found)
+        exec(compile(program(EXAMPLES / f"{name}.md"), f"{name}.md", "exec"), found)
     return found["step"]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_contact import Material
 from fx_contact.scenes import punch
+from studies.stability import draws
 from studies.stability.cases import Case, Twin
 from studies.stability.references import hertz_force, stack_force, stack_pressed
 from studies.stability.shapes import beam, corner, films, on_a_base, on_block, plate_over_a_stop
@@ -40,29 +41,15 @@ def drawn():
             yield Case("drawn", row, str(k + 1), *what)
 
 
-def _decades(rng, low, high):
-    """A power of ten, by its exponent."""
-    return 10.0 ** rng.uniform(low, high)
-
-
-def _count(rng, low, high):
-    """An integer, both ends included."""
-    return int(rng.integers(low, high + 1))
-
-
-def _material(rng, decades=1.0):
-    return Material(_decades(rng, -decades, decades), rng.uniform(0.0, 0.45))
-
-
 def _compared(scene, twin, curved=False):
     return scene, Twin(twin, same_mesh=False, same_contact=False, tolerance=0.3, curved=curved, each=True)
 
 
 def _round(rng):
     """A body of two curvatures on a block; its pole is anywhere."""
-    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), _decades(rng, -1.2, -0.8)
-    ratio, depth = rng.uniform(1.0, 3.0), _decades(rng, -3.5, -2)
-    both, cells = (_material(rng), _material(rng)), _count(rng, 2, 4)
+    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), draws.decades(rng, -1.2, -0.8)
+    ratio, depth = rng.uniform(1.0, 3.0), draws.decades(rng, -3.5, -2)
+    both, cells = (draws.material(rng), draws.material(rng)), draws.count(rng, 2, 4)
 
     def height(here, there):
         return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
@@ -73,7 +60,11 @@ def _round(rng):
 
 def _crests(rng, pairs=1):
     """A body with two crests, one higher by about what it is pressed by: the second touches, or nearly does."""
-    high, depth, both = rng.uniform(0.02, 0.05), _decades(rng, -3, -2), (_material(rng), _material(rng))
+    high, depth, both = (
+        rng.uniform(0.02, 0.05),
+        draws.decades(rng, -3, -2),
+        (draws.material(rng), draws.material(rng)),
+    )
     slope, middle = depth * rng.uniform(0.0, 1.5), rng.uniform(0.5, 0.65)
 
     def height(x, y):
@@ -86,55 +77,67 @@ def _crests(rng, pairs=1):
 def _beam(rng):
     """A cantilever that bends towards a block."""
     known = {"poisson": rng.uniform(0.0, 0.4), "thick": rng.uniform(0.7, 1.5)}
-    known |= {"tension": _decades(rng, -4, -2)} if _count(rng, 0, 1) else {}
-    known |= {"near": _decades(rng, -3, -1)} if _count(rng, 0, 1) else {}
+    known |= {"tension": draws.decades(rng, -4, -2)} if draws.count(rng, 0, 1) else {}
+    known |= {"near": draws.decades(rng, -3, -1)} if draws.count(rng, 0, 1) else {}
     scene = partial(beam, rng.uniform(0.05, 0.75), **known)
     return "beam", *_compared(scene, scene)
 
 
 def _neighbours(rng):
     """A light plate beside a heavier one, or beside a pressure."""
-    known = {"thick": rng.uniform(0.3, 1.0), "wide": rng.uniform(2.0, 4.0), "light": _decades(rng, -4, -3)}
-    known |= {"heavy": 1e-2 * _decades(rng, -1, 0)} if _count(rng, 0, 1) else {"pressure": _decades(rng, -3, -1.5)}
+    known = {"thick": rng.uniform(0.3, 1.0), "wide": rng.uniform(2.0, 4.0), "light": draws.decades(rng, -4, -3)}
+    known |= (
+        {"heavy": 1e-2 * draws.decades(rng, -1, 0)}
+        if draws.count(rng, 0, 1)
+        else {"pressure": draws.decades(rng, -3, -1.5)}
+    )
     scene = partial(on_a_base, **known)
     return "plates on a base", *_compared(scene, partial(scene, cells=4))
 
 
 def _plate(rng):
     """A plate held at its rim, bent on a stop below its middle."""
-    thick, share, wide = rng.uniform(0.3, 1.0), rng.uniform(0.0, 0.8), _count(rng, 1, 3)
-    scene = partial(plate_over_a_stop, thick, share, wide, _decades(rng, -1, 1), rng.uniform(0.0, 0.4))
+    thick, share, wide = rng.uniform(0.3, 1.0), rng.uniform(0.0, 0.8), draws.count(rng, 1, 3)
+    scene = partial(plate_over_a_stop, thick, share, wide, draws.decades(rng, -1, 1), rng.uniform(0.0, 0.4))
     return "plate over a stop", *_compared(scene, partial(scene, cells=8))
 
 
 def _stack(rng):
     """Blocks one on another."""
-    blocks = [_material(rng, 3.0) for _ in range(_count(rng, 2, 5))]
-    if _count(rng, 0, 1):
+    blocks = [draws.material(rng, 3.0) for _ in range(draws.count(rng, 2, 5))]
+    if draws.count(rng, 0, 1):
         softest = min(block.young for block in blocks)
         return "stack", *stack_pressed(blocks, 0.01 * softest * rng.uniform(0.1, 1.0))
     gap = rng.uniform(-1.0, 1.0) * 1e-3
-    return "stack", *stack_force(blocks, max(0.0, gap * (len(blocks) - 1)) + _decades(rng, -4, -2), gap=gap)
+    return "stack", *stack_force(blocks, max(0.0, gap * (len(blocks) - 1)) + draws.decades(rng, -4, -2), gap=gap)
 
 
 def _corner(rng):
     """A cube pressed into a corner."""
-    scene = partial(corner, _decades(rng, -4, -2), tuple(_material(rng) for _ in range(3)))
+    scene = partial(corner, draws.decades(rng, -4, -2), tuple(draws.material(rng) for _ in range(3)))
     return "cube in a corner", *_compared(scene, lambda: swapped(scene()))
 
 
 def _spheres(rng):
     """Spheres, or a punch."""
-    if _count(rng, 0, 1):
-        young = _decades(rng, -3, 3)
-        return "spheres and punches", *hertz_force(_decades(rng, -6, -2), *[Material(young, 0.3)] * 2)
-    known = {"displacement": _decades(rng, -5, -1.5), "block": _material(rng), "punch": _material(rng, 2.0)}
+    if draws.count(rng, 0, 1):
+        young = draws.decades(rng, -3, 3)
+        return "spheres and punches", *hertz_force(draws.decades(rng, -6, -2), *[Material(young, 0.3)] * 2)
+    known = {
+        "displacement": draws.decades(rng, -5, -1.5),
+        "block": draws.material(rng),
+        "punch": draws.material(rng, 2.0),
+    }
     scene = partial(punch, order=6, **known)
     return "spheres and punches", *_compared(scene, partial(scene, coarse=6), curved=True)
 
 
 def _films(rng):
     """Thin films pressed on each other, one of them loaded."""
-    known = {"pressure": _decades(rng, -3, -1)} if _count(rng, 0, 1) else {"weight": _decades(rng, -1, 0.5)}
+    known = (
+        {"pressure": draws.decades(rng, -3, -1)}
+        if draws.count(rng, 0, 1)
+        else {"weight": draws.decades(rng, -1, 0.5)}
+    )
     scene = partial(films, order=1, **known)
     return "films", *_compared(scene, partial(scene, cells=4))

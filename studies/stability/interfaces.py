@@ -12,6 +12,7 @@ import numpy as np
 from fx_contact import ContactPair, Material, RigidCone, RigidPlane, RigidSphere, Tie
 from fx_contact.results.analytic import Hertz
 from studies.nonmatching.accuracy import spheres
+from studies.stability import draws
 from studies.stability import interface_shapes as shapes
 from studies.stability.cases import Case, Exact, Twin, exponent
 from studies.stability.shapes import PLAIN, UP, bump, on_block
@@ -166,47 +167,37 @@ def drawn_apart():
             yield Case("drawn apart", row, str(k + 1), *what)
 
 
-def _decades(rng, low, high):
-    """A power of ten, by its exponent."""
-    return 10.0 ** rng.uniform(low, high)
-
-
-def _count(rng, low, high):
-    """An integer, both ends included."""
-    return int(rng.integers(low, high + 1))
-
-
-def _material(rng, decades=1.0):
-    return Material(_decades(rng, -decades, decades), rng.uniform(0.0, 0.45))
-
-
 def _compared(scene, twin, how, curved=False):
     return scene, Twin(twin, **how, curved=curved, each=True), 0.25
 
 
 def _blocks(rng):
     """Blocks of any moduli with ratios of sizes up to 10, one mesh twisted."""
-    both, few, more = (_material(rng, 3.0), _material(rng, 3.0)), _count(rng, 1, 3), _decades(rng, 0.0, 1.0)
-    here, there = _count(rng, 1, 4), _count(rng, 2, 6)
+    both, few, more = (
+        (draws.material(rng, 3.0), draws.material(rng, 3.0)),
+        draws.count(rng, 1, 3),
+        draws.decades(rng, 0.0, 1.0),
+    )
+    here, there = draws.count(rng, 1, 4), draws.count(rng, 2, 6)
     cells = (few, here), (min(10, round(few * more)), there + (there == here))
-    upper, lower = cells[:: 1 if _count(rng, 0, 1) else -1]
+    upper, lower = cells[:: 1 if draws.count(rng, 0, 1) else -1]
     known = {"materials": both, "twist": rng.uniform(0.0, 40.0)}
-    return "blocks", *_compressed(upper, lower, _decades(rng, -4, -2), **known)
+    return "blocks", *_compressed(upper, lower, draws.decades(rng, -4, -2), **known)
 
 
 def _edge(rng):
     """A block over the edge of another one."""
-    covered, both = rng.uniform(0.2, 0.9), (_material(rng), _material(rng))
-    cells = [(_count(rng, 2, 5), _count(rng, 2, 4)) for _ in both]
+    covered, both = rng.uniform(0.2, 0.9), (draws.material(rng), draws.material(rng))
+    cells = [(draws.count(rng, 2, 5), draws.count(rng, 2, 4)) for _ in both]
     twin = partial(shapes.overhanging, covered, materials=both, matched=True)
     return "edge", *_compared(partial(shapes.overhanging, covered, *cells, both), twin, SHARP)
 
 
 def _round(rng):
     """A body of two curvatures on a block; its pole is anywhere."""
-    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), _decades(rng, -1.2, -0.8)
-    ratio, depth, both = rng.uniform(1.0, 3.0), _decades(rng, -3, -2), (_material(rng), _material(rng))
-    cells, other = _count(rng, 2, 5), _count(rng, 2, 4)
+    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), draws.decades(rng, -1.2, -0.8)
+    ratio, depth, both = rng.uniform(1.0, 3.0), draws.decades(rng, -3, -2), (draws.material(rng), draws.material(rng))
+    cells, other = draws.count(rng, 2, 5), draws.count(rng, 2, 4)
 
     def height(here, there):
         return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
@@ -217,10 +208,10 @@ def _round(rng):
 
 def _obstacle(rng):
     """A rigid sphere on a block, at any place, moved or below a force."""
-    x, y, radius, depth = *rng.uniform(-0.5, 0.5, 2), _decades(rng, -0.3, 0.5), _decades(rng, -3, -2)
-    material, cells = _material(rng), _count(rng, 2, 3)
+    x, y, radius, depth = *rng.uniform(-0.5, 0.5, 2), draws.decades(rng, -0.3, 0.5), draws.decades(rng, -3, -2)
+    material, cells = draws.material(rng), draws.count(rng, 2, 3)
     scene = partial(shapes.beneath, RigidSphere((x, y, radius), radius), material=material)
-    if _count(rng, 0, 1):
+    if draws.count(rng, 0, 1):
         scene = partial(scene, moved=(0.0, 0.0, -depth), direction=UP)
         return "sphere", *_compared(partial(scene, cells), partial(scene, cells + 1), SMOOTH, curved=True)
     force = 4 / 3 * material.plane_strain_modulus * radius**0.5 * depth**1.5
@@ -232,8 +223,12 @@ def _obstacle(rng):
 def _tied(rng):
     """A stamp anywhere on a base of two tied layers."""
     place, height = tuple(rng.uniform(0.2, 0.8, 2)), rng.uniform(0.5, 1.5)
-    cells = _count(rng, 2, 4), _count(rng, 2, 4), _count(rng, 1, 3)
-    known = {"depth": _decades(rng, -4, -2), "place": place, "materials": (_material(rng), _material(rng))}
+    cells = draws.count(rng, 2, 4), draws.count(rng, 2, 4), draws.count(rng, 1, 3)
+    known = {
+        "depth": draws.decades(rng, -4, -2),
+        "place": place,
+        "materials": (draws.material(rng), draws.material(rng)),
+    }
     scene = partial(shapes.stamp, cells, height=height, **known)
     return "tied base", *_compared(scene, partial(shapes.stamp, None, **known), SHARP)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_contact import Material, Orthotropic, RigidLoad
 from fx_contact.results.analytic import ShrinkFit
+from studies.stability import draws
 from studies.stability import load_shapes as shapes
 from studies.stability.cases import Case, Exact, Twin
 from studies.stability.interfaces import SHARP, SMOOTH
@@ -185,36 +186,25 @@ def drawn_loads_and_parts():
             yield Case("drawn loads", row, f"{family.__name__[1:]} {k + 1}", *family(rng))
 
 
-def _decades(rng, low, high):
-    """A power of ten, by its exponent."""
-    return 10.0 ** rng.uniform(low, high)
-
-
-def _count(rng, low, high):
-    """An integer, both ends included."""
-    return int(rng.integers(low, high + 1))
-
-
-def _material(rng, decades=1.0):
-    return Material(_decades(rng, -decades, decades), rng.uniform(0.0, 0.45))
-
-
 def _layers(rng):
     """Two to four bonded layers, down to 1:1000, of any moduli; the softest one is strained by up to 1 %."""
-    count = _count(rng, 2, 4)
-    heights, moduli = ([_decades(rng, low, high) for _ in range(count)] for low, high in ((-3, 0), (-3, 3)))
-    base = _decades(rng, -3, 3)
-    pressure = min(*moduli, base) * _decades(rng, -4, -2)
+    count = draws.count(rng, 2, 4)
+    heights, moduli = ([draws.decades(rng, low, high) for _ in range(count)] for low, high in ((-3, 0), (-3, 3)))
+    base = draws.decades(rng, -3, 3)
+    pressure = min(*moduli, base) * draws.decades(rng, -4, -2)
     displacement = pressure * (sum(np.divide(heights, moduli)) + 1 / base)
-    return *_layered(heights, moduli, displacement, base, cells=(_count(rng, 1, 3), _count(rng, 2, 4))), 0.16
+    return (
+        *_layered(heights, moduli, displacement, base, cells=(draws.count(rng, 1, 3), draws.count(rng, 2, 4))),
+        0.16,
+    )
 
 
 def _coat(rng):
     """A rigid sphere on a coated block, at any place."""
-    core, ratio = _material(rng), _decades(rng, -2, 2)
+    core, ratio = draws.material(rng), draws.decades(rng, -2, 2)
     coating = Material(core.young * ratio, rng.uniform(0.0, 0.45))
-    known = {"place": tuple(rng.uniform(-0.5, 0.5, 2)), "depth": _decades(rng, -3, -2)}
-    known |= {"radius": _decades(rng, -0.3, 0.5)}
+    known = {"place": tuple(rng.uniform(-0.5, 0.5, 2)), "depth": draws.decades(rng, -3, -2)}
+    known |= {"radius": draws.decades(rng, -0.3, 0.5)}
     make = partial(shapes.coated, rng.uniform(0.05, 0.4), (core, coating), **known)
     return partial(make, 2), Twin(partial(make, 3), **SMOOTH, curved=True, each=True), 0.25
 
@@ -223,35 +213,40 @@ def _ortho(rng):
     """Two orthotropic blocks whose axes have any directions, moduli to 1:1000."""
     both = []
     for _ in range(2):
-        young = [_decades(rng, -1.5, 1.5) for _ in range(3)]
+        young = [draws.decades(rng, -1.5, 1.5) for _ in range(3)]
         pairs = (0, 1), (0, 2), (1, 2)
         poisson = [rng.uniform(0.0, 0.3) * np.sqrt(young[i] / young[j]) for i, j in pairs]
-        shear = [np.sqrt(young[i] * young[j]) / 2.6 * _decades(rng, -0.3, 0.3) for i, j in pairs]
+        shear = [np.sqrt(young[i] * young[j]) / 2.6 * draws.decades(rng, -0.3, 0.3) for i, j in pairs]
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         both.append(Orthotropic(young, poisson, shear, (axes[:, 0].tolist(), axes[:, 1].tolist())))
-    return *_compressed(both, _decades(rng, -4, -2)), 0.16
+    return *_compressed(both, draws.decades(rng, -4, -2)), 0.16
 
 
 def _heat(rng):
     """Rings of any radii that expand by up to 1 % and differ by up to 0.1 %."""
     middle = 1 + rng.uniform(0.3, 1.0)
     radii = 1.0, middle, middle + rng.uniform(0.3, 1.0)
-    both = _material(rng, 2.0), _material(rng, 2.0)
-    return *_fitted(radii, _decades(rng, -5, -3), _decades(rng, -4, -2) * (2 * _count(rng, 0, 1) - 1), both), 0.16
+    both = draws.material(rng, 2.0), draws.material(rng, 2.0)
+    return (
+        *_fitted(
+            radii, draws.decades(rng, -5, -3), draws.decades(rng, -4, -2) * (2 * draws.count(rng, 0, 1) - 1), both
+        ),
+        0.16,
+    )
 
 
 def _bolt(rng):
     """Two bolts of any moduli, strained by up to 1 %, beside a sleeve."""
-    bolts, sleeve = [_decades(rng, -2, 2) for _ in range(2)], _decades(rng, -1, 1)
-    tensions = [min(young, sleeve) * _decades(rng, -4, -2) for young in bolts]
+    bolts, sleeve = [draws.decades(rng, -2, 2) for _ in range(2)], draws.decades(rng, -1, 1)
+    tensions = [min(young, sleeve) * draws.decades(rng, -4, -2) for young in bolts]
     return *_tightened(tuple(bolts), sleeve, tuple(tensions)), 0.16
 
 
 def _spring(rng):
     """Cubes of any moduli on springs of any stiffness, also beside contact, behind a gap."""
-    moduli = _decades(rng, -3, 3), _decades(rng, -3, 3)
-    below, beside = (_decades(rng, -5, 5) * moduli[0] for _ in range(2))
-    displacement = _decades(rng, -4, -2)
+    moduli = draws.decades(rng, -3, 3), draws.decades(rng, -3, 3)
+    below, beside = (draws.decades(rng, -5, 5) * moduli[0] for _ in range(2))
+    displacement = draws.decades(rng, -4, -2)
     return *_sprung(moduli, below, displacement, beside, displacement * rng.uniform(0.0, 0.5)), 0.16
 
 
@@ -260,10 +255,10 @@ def _rigid(rng):
     length, poisson = rng.uniform(3.0, 30.0), rng.uniform(0.0, 0.4)
     force = rng.normal(size=3) * 2.5e-4 / length**2
     moment = rng.normal(size=3) * 1e-4 / length
-    point = np.array([0.5, 0.5, length]) + rng.normal(size=3) * _decades(rng, -1, 3)
+    point = np.array([0.5, 0.5, length]) + rng.normal(size=3) * draws.decades(rng, -1, 3)
     moment += np.cross([0.5, 0.5, length] - point, force)
     load = RigidLoad("bar top", *(tuple(vector.tolist()) for vector in (force, moment, point)))
-    make = partial(shapes.rod, length, load, Material(1.0, poisson), (1, 1, _count(rng, 3, 8)))
+    make = partial(shapes.rod, length, load, Material(1.0, poisson), (1, 1, draws.count(rng, 3, 8)))
     return make, Twin(partial(shapes.prescribed, make, 0.05), held=True, **SHARP), 0.25
 
 

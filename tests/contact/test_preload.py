@@ -107,20 +107,21 @@ def bolted(cut, load=0.0):
 
 
 @PARALLEL
-def test_tightening_then_loading():
+@DEGREES
+def test_tightening_then_loading(degree):
     """A load P is shared as the stiffnesses k_b = E / 2 of the bolt and k_s = E of the sleeve say, until they part."""
     cut = Preload("bolt bottom", "shank top", axis=(0, 0, -1), tension=TENSION)
-    first = solve(bolted(cut), 0.2, degree=1, solver=EXACT)
+    first = solve(bolted(cut), 0.2, degree=degree, solver=EXACT)
     assert first.record.force == pytest.approx(TENSION, rel=1e-6)
     closing = first.record.approaches[1]
     assert first.record.approaches == [None, closing, None, None]
     assert closing == pytest.approx(TENSION * (2 / YOUNG + 1 / YOUNG), rel=1e-4)
     held = replace(cut, tension=None, closing=closing)
     for load in (0.1, 0.3):
-        step = solve(bolted(held, load), 0.2, degree=1, solver=EXACT)
+        step = solve(bolted(held, load), 0.2, degree=degree, solver=EXACT)
         assert -forces(step)[cut.name][2] == pytest.approx(-TENSION - load / 3, rel=1e-4)
         assert step.record.force == pytest.approx(TENSION - 2 * load / 3, rel=1e-4)
-    apart = solve(bolted(held, 0.6), 0.2, degree=1, solver=EXACT)
+    apart = solve(bolted(held, 0.6), 0.2, degree=degree, solver=EXACT)
     assert apart.record.force == 0 and forces(apart)[cut.name][2] == pytest.approx(0.6, rel=1e-4)
 
 
@@ -140,6 +141,7 @@ def test_together_with_a_settling_obstacle():
     assert step.record.approaches == pytest.approx([0.1 / YOUNG, 2 * TENSION / YOUNG], rel=1e-7)
 
 
+@PARALLEL
 def test_restart_and_path(folder):
     """A path over tensions: closings in proportion; a restart has them."""
     found = [

@@ -205,6 +205,7 @@ def test_bad_rigid_loads():
         bar(two)
 
 
+@PARALLEL
 def test_restart(folder):
     """A run goes on from a checkpoint with its motion; another moment is refused."""
     load = RigidLoad("bar top", FORCE, MOMENT)

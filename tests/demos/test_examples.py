@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from conftest import WORLD
 
+from studies.pictures.run import EXAMPLES, program
+
 TOP = Path(__file__).parents[2]
-PAGES = sorted((TOP / "docs" / "examples").glob("*.md"))
+PAGES = sorted(EXAMPLES.glob("*.md"))
 NAMES = [page.stem for page in PAGES if page.stem != "index"]
 
 serial = pytest.mark.skipif(WORLD.size > 1, reason="programs of one process")
@@ -19,13 +21,7 @@ serial = pytest.mark.skipif(WORLD.size > 1, reason="programs of one process")
 
 def text(name):
     """A page."""
-    return (TOP / "docs" / "examples" / f"{name}.md").read_text()
-
-
-def program(name):
-    """The program of a page."""
-    (code,) = re.findall(r"^```\{code-cell\} python\n(.*?)^```", text(name), flags=re.M | re.S)
-    return code
+    return (EXAMPLES / f"{name}.md").read_text()
 
 
 def numbers(line):
@@ -36,7 +32,7 @@ def numbers(line):
 def result(name, folder):
     """What the program of a page defines, and the numbers of each line that it prints; the list has the same."""
     path, out = folder / f"{name}.py", io.StringIO()
-    path.write_text(program(name))
+    path.write_text(program(EXAMPLES / f"{name}.md"))
     with redirect_stdout(out):
         found = runpy.run_path(str(path))
     lines = [numbers(line) for line in out.getvalue().splitlines()]
@@ -49,7 +45,7 @@ def result(name, folder):
 @pytest.mark.parametrize("name", NAMES)
 def test_pages(name):
     """A program of 40 lines of 88 characters, a picture of its own, a place in the list."""
-    lines = program(name).splitlines()
+    lines = program(EXAMPLES / f"{name}.md").splitlines()
     assert len(lines) <= 40 and max(map(len, lines)) <= 88
     index = text("index")
     assert f"../figures/scene_{name}.png" in text(name) and f"]({name}.md)" in index and f"\n{name}\n" in index
@@ -131,9 +127,8 @@ def test_bolt_through_two_plates(tmp_path):
     Bolt and plates as rods, F L / (E A): shank and whole plates are the stiffest, the bolt with its heads (VDI 2230
     adds half a diameter for each) and a sleeve below the heads the softest.
     """
-    page = (TOP / "docs/howto/preload.md").read_text()
     path = tmp_path / "preload.py"
-    path.write_text(re.search(r"^```\{code-cell\} python\n(.*?)^```", page, flags=re.M | re.S)[1])
+    path.write_text(program(TOP / "docs/howto/preload.md"))
     with redirect_stdout(io.StringIO()):
         found = runpy.run_path(str(path))
     forces = [one.force[2] for one in found["tightened"].resultants if one.kind in ("contact", "tie")]

@@ -93,7 +93,7 @@ def test_free_expansion_of_a_curved_part(material):
     step = solve(tube(materials={"tube": material}), 0.02, geometry_order=2, solver=EXACT)
     position, u = displaced(step)
     everywhere(np.abs(u - ALPHA * HOT * position).max(initial=0) < 1e-10 * ALPHA * HOT, "displacement")
-    everywhere(np.abs(step.nodal_stress).max(initial=0) < 1e-8 * material.young * ALPHA * HOT, "stress")
+    everywhere(np.abs(step.nodal_stress).max(initial=0) < 1e-10 * material.young * ALPHA * HOT, "stress")
     assert step.record.reached and step.record.estimate < 1e-9
 
 
@@ -245,6 +245,7 @@ def test_press_fit_by_cooling():
     assert steps[1].record.force == pytest.approx(lame * np.pi / 2 * radii[1] * 0.5, rel=0.01)
 
 
+@PARALLEL
 def test_temperature_path(folder):
     """A path over temperatures of a bar: reactions in proportion; a restart at another temperature is refused."""
     scene = slab()

@@ -27,7 +27,15 @@ from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_path, check_arguments, check_comm, check_number, percent, shown
+from fx_contact.parallel.validation import (
+    as_path,
+    check_arguments,
+    check_comm,
+    check_number,
+    check_tolerance,
+    percent,
+    shown,
+)
 from fx_contact.problem import hexahedron
 from fx_contact.problem.fingerprint import same_mesh
 from fx_contact.problem.scene import Scene, check_scene
@@ -73,6 +81,7 @@ def sweep(
             raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
         points = _checked(values)
         check_arguments("adapt", signature(adapt), (scene_of, tolerance), options)
+        check_tolerance("the tolerance", tolerance)
         for name in ("checkpoint", "restart"):
             if name in options:
                 raise SceneError(f"a sweep takes no {name!r} of adapt: it keeps its last point in its own folder")

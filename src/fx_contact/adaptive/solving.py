@@ -66,22 +66,4 @@ def solve(
     Raises:
         FxContactError: as `adapt`; the record, forest and displacement of the last solved mesh are its attributes.
     """
-    run = adapt(
-        scene,
-        tolerance,
-        comm,
-        degree=degree,
-        max_steps=max_steps,
-        geometry_order=geometry_order,
-        enforcement=enforcement,
-        solver=solver,
-        control=control,
-        goals=goals,
-        partition_kind=partition_kind,
-        allow=allow,
-        beginning=beginning,
-        checkpoint=checkpoint,
-        restart=restart,
-        progress=progress,
-    )
-    return run.last_step()
+    return adapt(**locals()).last_step()

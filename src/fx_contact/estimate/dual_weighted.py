@@ -8,16 +8,22 @@ J(u) is linear for a fixed set of closed node pairs.  Its dual solution z satisf
     force of a contact pair    d = 1 on its closed node pairs
     reaction at a place        w = 1 there, in its direction.
 
-With the solutions u_h and z_h on a mesh, the gap g and its interpolant g_I between the nodes, the contact pressure
-p_z of z, and the families P of cells T of one parent, |J(u) - J(u_h)| is estimated by
+The estimate of |J(u) - J(u_h)| is
 
     sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA.
+
+P are the families of cells T of one parent, e_u and e_z the estimated errors of u_h and z_h.  The gap g differs from
+its interpolant g_I between the nodes; p_z is the contact pressure of z.
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
 Unknown motions along given forces, of obstacles, sections and rigid faces, give way in dual problems too.  With their
 rates v and the solutions z_v, m_v of `contact.settling` the dual solution is z + c z_v, where v . (m + c m_v) = 0.  The
 force on an obstacle is known: its error is that of the distance times the stiffness.
+
+Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
+reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
+chapter 11.
 """
 
 from dataclasses import dataclass, replace

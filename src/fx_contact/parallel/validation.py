@@ -37,7 +37,7 @@ def check_number(what: str, value: object, positive: bool = False) -> float:
 
 
 def check_degrees(what: str, value: object) -> float:
-    """An angle.  Raises SceneError unless it is a finite number, or for whole degrees in radians, to all digits."""
+    """An angle [degrees].  Raises SceneError for whole degrees in radians, and for what is no finite number."""
     angle = check_number(what, value)
     degrees = np.degrees(angle)
     if round(degrees) and abs(angle) <= 2 * np.pi and abs(degrees - round(degrees)) < _SAME_ANGLE:
