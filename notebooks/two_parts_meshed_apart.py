@@ -148,3 +148,36 @@ for name, found, known in (
 # %% [markdown]
 # They deviate by the area of the quadratic cells from that of the circle. [Non-matching meshes](../docs/howto/nonmatching.md) and
 # [ties](../docs/howto/ties.md) have the rules and the accuracy.
+#
+# ## Exercises
+#
+# 1. Exchange the two materials. Which surface has the rows now, and why is the force larger?
+# 2. How far does the top of the glued column move aside, to 2 %? Compare with beam theory.
+#
+# <details><summary>Answer 1</summary>
+#
+# ```python
+# other = {"column": Material(210e3, 0.3), "base": Material(70e3, 0.33)}
+# swapped = replace(scene, materials=other)
+# print(swapped)
+# print(solve(swapped, tolerance=0.08).record.force)
+# ```
+#
+# The rows are on the base, which is the softer body. The force is 11.45 kN instead of 5.60 kN: the prescribed displacement
+# shortens mainly the column, which is three times as stiff.
+#
+# </details>
+#
+# <details><summary>Answer 2</summary>
+#
+# ```python
+# from fx_contact import Displacement
+#
+# top = Displacement((0, 0, HEIGHT), direction=(1, 0, 0), tolerance=0.02)
+# print(solve(glued, tolerance=0.08, goals=top).record.goals)
+# ```
+#
+# It moves by 5.58 µm, with an estimated error of 0.8 %. A clamped beam moves by $F h^3 / 3 E I = 4.1$ µm by bending and by
+# $F h / \kappa G A = 1.0$ µm by shear ($\kappa = 0.89$); the rest is the base, which gives way.
+#
+# </details>
