@@ -5,9 +5,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.integrate import quad
-from scipy.optimize import brentq
-from scipy.special import elliprd
+import scipy  # loads its modules where they are used
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.problem.materials import Material
@@ -80,8 +78,12 @@ class HertzEllipse:
         k solves R_D(0, 1, k^2) / R_D(0, k^2, 1) = R / R', where R' is the smaller radius.
         """
         least, most = sorted(self.radii)
-        k = brentq(lambda k: least * elliprd(0, 1, k * k) - most * elliprd(0, k * k, 1), 1e-6, 1.0)
-        a = float(np.cbrt(self.force * elliprd(0, k * k, 1) * most / (np.pi * self.modulus)))
+        k = scipy.optimize.brentq(
+            lambda k: least * scipy.special.elliprd(0, 1, k * k) - most * scipy.special.elliprd(0, k * k, 1),
+            1e-6,
+            1.0,
+        )
+        a = float(np.cbrt(self.force * scipy.special.elliprd(0, k * k, 1) * most / (np.pi * self.modulus)))
         return (k * a, a) if self.radii[0] < self.radii[1] else (a, k * a)
 
     @property
@@ -141,11 +143,13 @@ class Persson:
         """b = tan(half angle / 2), at which E* play / Q = 2 (1 - b^2) / (pi b^2) - I(b) / (pi^2 b^2 (1 + b^2)) [-]."""
 
         def excess(b: float) -> float:
-            integral = quad(lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b)[0]
+            integral = scipy.integrate.quad(
+                lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b
+            )[0]
             play = 2 * (1 - b * b) / (np.pi * b * b) - integral / (np.pi * b) ** 2 / (1 + b * b)
             return play - self.modulus * self.play / self.force
 
-        return brentq(excess, 1e-6, 1.0)
+        return scipy.optimize.brentq(excess, 1e-6, 1.0)
 
     @property
     def half_angle(self) -> float:
