@@ -170,10 +170,29 @@ def test_above_contact():
     step = solve(scene, 0.2, solver=EXACT)
     assert step.record.force == pytest.approx(0.3, rel=1e-7)
     assert step.record.approaches[0] is None and step.record.approaches[1][2] < -0.3 / YOUNG * 0.8
-    with pytest.raises(SolveError, match="nothing resists it; .* pull it out of contact"):
+    with pytest.raises(SolveError, match="rigid load 'block top' does not settle: .*nothing resists it, and no contact is closed"):
         solve(replace(scene, rigid_loads=replace(load, force=(0, 0, 0.3))), 0.2, max_steps=1)
     with pytest.raises(SceneError, match="shares nodes with the surface 'block bottom'"):
         replace(scene, rigid_loads=RigidLoad("block right", (0.1, 0, 0)))
+
+
+@PARALLEL
+def test_through_a_body_that_contact_alone_holds():
+    """A rigid load presses a block onto another one that is free along it; pulled, the message says what is wrong."""
+    cubes = {name: block((0, 0, z), (1, 1, z + 1), (2, 2, 2), 1) for z, name in enumerate("abc")}
+    held = [SymmetryPlane(f"{name} {side}") for name in cubes for side in ("left", "front")]
+    scene = Scene(
+        "stack",
+        root_mesh_from_shapes(cubes),
+        dict.fromkeys(cubes, STEEL),
+        (Dirichlet("a bottom", z=0.0), *held),
+        (ContactPair("b bottom", "a top"), ContactPair("c bottom", "b top")),
+        rigid_loads=RigidLoad("c top", (0, 0, -0.3)),
+    )
+    step = solve(scene, 0.3, solver=EXACT, max_steps=2)
+    assert step.record.pair_forces == pytest.approx([0.3, 0.3], rel=1e-7)
+    with pytest.raises(SolveError, match="nothing holds body 'b' once the contact opens"):
+        solve(replace(scene, rigid_loads=RigidLoad("c top", (0, 0, 0.3))), 0.3, max_steps=1)
 
 
 @PARALLEL

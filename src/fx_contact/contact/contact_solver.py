@@ -118,6 +118,7 @@ def solve_system(
         else:
             jump, u, trial, error = settle(problem, jump, system, status, u, options.solver, _find_active_set)
             rows = jump.rows
+        status.check_supported()
         penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
         force = np.where(status.active & jump.movable, trial, 0.0)
         tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
@@ -177,7 +178,6 @@ def _find_active_set(
             tolerance = options.tolerance
             status.reset_cycles()
         else:
-            status.check_supported()
             return u, trial
 
 

@@ -122,10 +122,15 @@ def settle(
         jump = Jump(rows, problem.supports)
         system.exchange_rows(jump)
         status.exchange_rows(rows)
-    told = f"the force of its rows differs from the given one by {percent(off)}" if off < 1 else "nothing resists it"
+    status.check_supported()
+    worst = int((np.abs(excess) / np.maximum(scale, np.finfo(float).tiny)).argmax())
+    label = next(kind.contact.label for kind in rows.kinds if kind.index == rows.pressed[worst])
+    told = f"its force differs from the given one by {percent(off)}" if off < 1 else "nothing resists it"
+    if not (_sum(rows, (status.active & ~rows.equality)[None]) > 0).any():
+        told += ", and no contact is closed"
     raise SolveError(
-        f"a rigid obstacle, preloaded section or rigid load does not settle: after {_MOST} solves {told}; does the "
-        "body resist it there, does the force pull it out of contact, and is it in the units of moduli and lengths?"
+        f"{label} does not settle: after {_MOST} solves {told}; does the body resist it there, does the force pull it "
+        "out of contact, and is it in the units of moduli and lengths?"
     )
 
 

@@ -102,8 +102,8 @@ class RigidFace(Coupling):
 
     @property
     def label(self) -> str:
-        """The name in quotes."""
-        return repr(self.surface)
+        """Name in messages."""
+        return f"rigid load {self.surface!r}"
 
     @property
     def loads(self) -> FloatArray:
