@@ -148,6 +148,8 @@ class Scene:
 
     def __repr__(self) -> str:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"
+        if self.symmetry == 1 and any(isinstance(condition, SymmetryPlane) for condition in self.dirichlet):
+            parts = ", symmetry=1: forces are those of the modelled part"
         materials = ((region, self.materials[region]) for region in self.mesh.regions)
         lists = {
             "materials": [f"{region!r} {material.text}" for region, material in materials],

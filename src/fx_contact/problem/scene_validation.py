@@ -20,12 +20,15 @@ from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.rigid_motions import resisting_points
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.ties import Preload, Tie
+from fx_contact.problem.units import pascals
 
 if TYPE_CHECKING:
     from fx_contact.problem.scene import Scene
 
 #: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
+#: Largest modulus of the softest body in named units, a hundred times that of diamond [Pa].
+_HARDEST = 1e14
 #: Largest ratio of k L and E, and of E and k L, of springs below a body [-].  A cube on springs of k L = 1e-10 E has
 #: their force to 2e-5, on those of 1e-12 E to 1e-3, by the rounding of its rigid motion.
 _SPRINGS = 1e10
@@ -57,6 +60,12 @@ def check_units(scene: Scene) -> None:
         raise SceneError(
             f"{hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
             "precision holds: check the units of the moduli, or make it 1e6 times as stiff, which is as good as rigid"
+        )
+    unit = pascals(scene.units)
+    if unit is not None and young[soft] * unit > _HARDEST:
+        raise SceneError(
+            f"the modulus {young[soft]:.3g} {scene.units[1] if scene.units else ''} of {soft!r} is beyond any material: "
+            "check it, or the names of the units"
         )
     size = np.ptp(mesh.points, axis=0).max()
     for index, name in enumerate(mesh.bodies):

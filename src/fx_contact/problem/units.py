@@ -20,16 +20,26 @@ _FORCES = {
     ("mm", "GPa"): "kN",
     ("in", "psi"): "lbf",
 }
+#: Units of length, and units of stress with their value [Pa].
+_LENGTHS = "m", "mm", "cm", "um", "µm", "nm", "in", "ft"
+_STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N/mm²": 1e6, "N/mm^2": 1e6, "GPa": 1e9, "psi": 6895.0, "ksi": 6.895e6}
+
+
+def pascals(units: Units) -> float | None:
+    """The unit of stress [Pa]; None: it is not known."""
+    return None if units is None else _STRESSES.get(units[1])
 
 
 def check_names_of_units(units: object) -> None:
-    """Raises SceneError unless a value is None or two names."""
+    """Raises SceneError unless a value is None or two names, that of a length first."""
     if units is not None and not (
         isinstance(units, tuple) and len(units) == 2 and all(isinstance(name, str) and name.strip() for name in units)
     ):
         raise SceneError(
             f'units must be the names of those of length and stress, as ("mm", "MPa"), got {shown(units)}'
         )
+    if units is not None and (units[0] in _STRESSES or units[1] in _LENGTHS):
+        raise SceneError(f"units are those of length and stress, in this order, got {shown(units)}")
 
 
 def unit_of(quantity: str, units: Units) -> str:
