@@ -170,7 +170,9 @@ def test_above_contact():
     step = solve(scene, 0.2, solver=EXACT)
     assert step.record.force == pytest.approx(0.3, rel=1e-7)
     assert step.record.approaches[0] is None and step.record.approaches[1][2] < -0.3 / YOUNG * 0.8
-    with pytest.raises(SolveError, match="rigid load 'block top' does not settle: .*nothing resists it, and no contact is closed"):
+    with pytest.raises(
+        SolveError, match="rigid load 'block top' does not settle: .*nothing resists it, and no contact is closed"
+    ):
         solve(replace(scene, rigid_loads=replace(load, force=(0, 0, 0.3))), 0.2, max_steps=1)
     with pytest.raises(SceneError, match="shares nodes with the surface 'block bottom'"):
         replace(scene, rigid_loads=RigidLoad("block right", (0.1, 0, 0)))

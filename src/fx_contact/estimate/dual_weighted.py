@@ -10,10 +10,11 @@ J(u) is linear for a fixed set of closed node pairs.  Its dual solution z satisf
 
 The estimate of |J(u) - J(u_h)| is
 
-    sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA.
+    sum_P |sum_T (e_u, e_z)_T| + int |p_z| |g - g_I| dA + int p |d - B z| dA.
 
 P are the families of cells T of one parent, e_u and e_z the estimated errors of u_h and z_h.  The gap g differs from
-its interpolant g_I between the nodes; p_z is the contact pressure of z.
+its interpolant g_I between the nodes; p_z is the contact pressure of z.  The last term is that of the edge of the
+contact, which the mesh places at nodes (`contact_edge`).
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
@@ -34,6 +35,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.settling import sensitivities
+from fx_contact.estimate.contact_edge import ContactEdge
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.solved_state import SolvedState
@@ -63,6 +65,7 @@ class Functional:
         local: (n,), error at each row that the dual solution does not contain, in the unit of the value; the largest
             one counts.
         fixed: obstacles that settle under forces stay in place.
+        beyond: (n,), d of open rows if they were closed.
     """
 
     value: float
@@ -72,6 +75,7 @@ class Functional:
     prescribed: FloatArray | None = None
     local: FloatArray | None = None
     fixed: bool = False
+    beyond: FloatArray | None = None
 
     def depends(self, comm: MPI.Intracomm) -> bool:
         """True if the dual problem has data on any rank.  Collective."""
@@ -131,6 +135,11 @@ class Goals:
         return GapBetweenNodes(self._state)
 
     @cached_property
+    def edge(self) -> ContactEdge:
+        """The edge of the contact of the step.  Collective at the first call."""
+        return ContactEdge(self._state)
+
+    @cached_property
     def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """z_v (k, owned, 3), m_v and v, both (k, n), of obstacles that settle.  Collective at the first call."""
         solution, system = self._state.solution, self._system
@@ -177,6 +186,8 @@ class Goals:
         pressure = np.zeros(0) if pairs is None else force[: len(pairs)] / pairs.area
         if pairs is not None:
             error = error + self.between.on_cells(pressure)
+            beyond = -pairs.jump(z) if functional.beyond is None else functional.beyond - pairs.jump(z)
+            error = error + self.edge.on_cells(np.where(self._state.solution.active, 0.0, beyond))
         total = self._comm.allreduce(float(error.sum()))
         return Goal(functional.value, error, total, dual.estimate, z, pressure)
 

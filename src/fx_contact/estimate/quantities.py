@@ -96,11 +96,11 @@ class ContactForce(OfPair):
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`."""
         scene, (rows, ours) = state.scene, self.rows(state)
-        closed = ours & state.solution.active
-        share = scene.symmetry * np.where(closed, rows.force_components(np.ones(len(closed))), 0.0)
+        whole = scene.symmetry * np.where(ours, rows.force_components(np.ones(len(ours))), 0.0)
+        share = np.where(state.solution.active, whole, 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
         fixed = any(pair.name == self.pair and pair.force is not None for pair in scene.contact)
-        return Functional(value, abs(value), penetration=share, fixed=fixed)
+        return Functional(value, abs(value), penetration=share, fixed=fixed, beyond=whole)
 
 
 @dataclass(frozen=True)

@@ -61,11 +61,10 @@ def check_units(scene: Scene) -> None:
             f"{hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
             "precision holds: check the units of the moduli, or make it 1e6 times as stiff, which is as good as rigid"
         )
-    unit = pascals(scene.units)
-    if unit is not None and young[soft] * unit > _HARDEST:
+    if young[soft] * pascals(scene.units) > _HARDEST:
         raise SceneError(
-            f"the modulus {young[soft]:.3g} {scene.units[1] if scene.units else ''} of {soft!r} is beyond any material: "
-            "check it, or the names of the units"
+            f"the modulus of {soft!r}, {young[soft] * pascals(scene.units):.3g} Pa, is beyond any material: check it, "
+            "or the names of the units"
         )
     size = np.ptp(mesh.points, axis=0).max()
     for index, name in enumerate(mesh.bodies):

@@ -22,12 +22,21 @@ _FORCES = {
 }
 #: Units of length, and units of stress with their value [Pa].
 _LENGTHS = "m", "mm", "cm", "um", "µm", "nm", "in", "ft"
-_STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N/mm²": 1e6, "N/mm^2": 1e6, "GPa": 1e9, "psi": 6895.0, "ksi": 6.895e6}
+_STRESSES = {
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "N/mm²": 1e6,
+    "N/mm^2": 1e6,
+    "GPa": 1e9,
+    "psi": 6895.0,
+    "ksi": 6.895e6,
+}
 
 
-def pascals(units: Units) -> float | None:
-    """The unit of stress [Pa]; None: it is not known."""
-    return None if units is None else _STRESSES.get(units[1])
+def pascals(units: Units) -> float:
+    """The unit of stress [Pa]; 0 if it is not known."""
+    return 0.0 if units is None else _STRESSES.get(units[1], 0.0)
 
 
 def check_names_of_units(units: object) -> None:

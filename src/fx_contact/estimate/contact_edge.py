@@ -1,0 +1,66 @@
+"""Error of a quantity of interest by the edge of the contact, which the mesh places at nodes.
+
+The adjoint solution z of a fixed set of closed rows has the jump B z = d there.  Where contact of the exact solution
+goes on beyond, with the pressure p, it contributes int p (d - B z) dA, d continued.  Up to an edge at the part s of the
+way from a closed node to an open one, p falls from p_c to 0 as (1 - t/s)^(1/2), and d - B z grows to its value at the
+open node as t^(1/2).  In the mean over all places s of the edge that is
+
+    int_0^1 int_0^s t^(1/2) (1 - t/s)^(1/2) dt ds = pi / 8 int_0^1 s^(3/2) ds = pi / 20.
+
+Source of both profiles: K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, sections 2.8 and 4.2.
+"""
+
+import numpy as np
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.problem.leaf_facets import LeafFacets
+
+#: As above [-].
+_SHARE = np.pi / 20
+
+
+class ContactEdge:
+    """Parts of facets between closed and open nodes.
+
+    Collective on state.forest.comm.
+
+    Args:
+        state: with rows.
+    """
+
+    def __init__(self, state: SolvedState) -> None:
+        assert state.rows is not None
+        self._rows, self._leaves, self._leaf = state.rows, len(state.forest), state.elasticity.leaf_mesh.leaf
+        self._parts = [self._parts_of(state, state.rows, index) for index in range(len(state.rows.kinds))]
+
+    def on_cells(self, jump: FloatArray) -> FloatArray:
+        """int p |d - B z| dA of each cell: (ncells,), by d - B z in the rows (n,), 0 in closed ones.
+
+        Collective.
+        """
+        of_leaf = np.zeros(self._leaves)
+        for kind, (leaf, corners, force) in zip(self._rows.kinds, self._parts):
+            nodal = self._rows.at_nodes(kind.index, np.abs(jump)[:, None])[:, 0]
+            np.add.at(of_leaf, leaf, force * nodal[corners].sum(axis=1))
+        return of_leaf[self._leaf]
+
+    @staticmethod
+    def _parts_of(state: SolvedState, rows: ConstraintRows, index: int) -> tuple[Int64Array, IntArray, FloatArray]:
+        """Leaf (m,), corner nodes (m, 4), and force over the number of open corners (m,) [N] of the parts of a kind."""
+        kind, forest, space = rows.kinds[index], state.forest, rows.prolongation.space
+        leaf, face = kind.facets(forest)
+        side = space.degree + 1
+        square = space.on_faces(leaf, face).reshape(len(leaf), side, side)
+        corners = np.stack([square[:, :-1, :-1], square[:, :-1, 1:], square[:, 1:, :-1], square[:, 1:, 1:]], axis=-1)
+        corners = corners.reshape(len(leaf), space.degree**2, 4)
+
+        active = state.solution.active
+        nodal = rows.at_nodes(kind.index, np.column_stack([state.solution.pressure, active, ~active]))[corners]
+        pressure, closed, left = nodal.sum(axis=2).transpose(2, 0, 1)
+        facet, part = at = np.nonzero((closed > 0) & (left > 0))
+        leaf, face = leaf[facet], face[facet]
+        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        area = np.linalg.norm(facets.mean_outward, axis=1) / space.degree**2
+        return leaf, corners[facet, part], _SHARE * area * pressure[at] / closed[at] / left[at]
