@@ -1,7 +1,7 @@
 # fx_contact in Debian 13, with its dolfinx 0.9:   docker build -t fx_contact .
 # Debian unstable, with a newer dolfinx:           docker build -t fx_contact:sid --build-arg SUITE=sid .
 # Run in the present folder:   docker run --rm -v "$PWD:/work" fx_contact mpirun -n 2 python3 /opt/fx_contact/demos/hertz.py
-# All tests:                   docker run --rm fx_contact /opt/fx_contact/tests/run
+# All tests:                   docker run --rm fx_contact /opt/fx_contact/tests/run --all
 ARG SUITE=trixie
 FROM debian:${SUITE}-slim
 

@@ -7,19 +7,26 @@ import time
 import traceback
 import zlib
 from collections.abc import Generator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 WORLD = MPI.COMM_WORLD
+#: Tests of more than `_SLOW` seconds, as `tests/run --note` has measured them.
+SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text().splitlines())
+_SLOW = 1.0
+#: Parts of names of tests that `tests/run` never leaves out: the programs and the first command of the README.
+_NEVER_SLOW = "README.md", "demos/hertz.py0]"
 
 
 def pytest_addoption(parser):
     """How often the runs of `test_checkpoint` are killed, and how what takes long is run."""
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the pages print to the letter, for hours")
-    parser.addoption("--quick", action="store_true", help="leave out tests that are marked as slow")
+    parser.addoption("--quick", action="store_true", help="leave out the tests of slow.txt")
+    parser.addoption("--note", metavar="FILE", help="append the names of tests of more than a second to a file")
     parser.addoption("--limit", type=float, default=120.0, help="seconds of a test, five times as many of a slow one")
     parser.addoption("--spread", metavar="RANKS", default="", help="numbers of ranks of which one runs each test")
 
@@ -28,7 +35,6 @@ def pytest_configure(config):
     """The marks of these tests, and where the watchdog writes, which no test captures."""
     global _LOG
     _LOG = os.dup(2)
-    config.addinivalue_line("markers", "slow: takes seconds; left out by --quick")
     config.addinivalue_line("markers", "ranks(*numbers): with --spread it runs on these numbers of ranks")
 
 
@@ -41,7 +47,7 @@ def pytest_collection_modifyitems(config, items):
     spread = [int(number) for number in config.getoption("--spread").split()]
 
     def left_out(item):
-        slow, mark = item.get_closest_marker("slow"), item.get_closest_marker("ranks")
+        slow, mark = item.nodeid in SLOW, item.get_closest_marker("ranks")
         if slow and config.getoption("--quick"):
             return True
         if not spread or (mark is None and item.get_closest_marker("skipif")):
@@ -49,9 +55,9 @@ def pytest_collection_modifyitems(config, items):
         one = spread[0 if slow else zlib.crc32(item.nodeid.encode()) % len(spread)]
         return WORLD.size not in (mark.args if mark else [one])
 
-    left = [item for item in items if left_out(item)]
-    config.hook.pytest_deselected(items=left)
-    items[:] = [item for item in items if item not in set(left)]
+    left = [left_out(item) for item in items]
+    config.hook.pytest_deselected(items=[item for item, out in zip(items, left) if out])
+    items[:] = [item for item, out in zip(items, left) if not out]
 
 
 # ---------------------------------------------------------------------------------------- ranks pass and fail together
@@ -121,7 +127,7 @@ def folder(tmp_path):
 
 def _limit(item: pytest.Item) -> float:
     """Seconds that a test may take."""
-    return item.config.getoption("--limit") * (5 if item.get_closest_marker("slow") else 1)
+    return item.config.getoption("--limit") * (5 if item.nodeid in SLOW else 1)
 
 
 def _end(test: str, limit: float) -> None:
@@ -141,11 +147,21 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     timer.daemon = True
     timer.start()
     faulthandler.dump_traceback_later(limit + _BACKSTOP, exit=True, file=_LOG)
+    start = time.monotonic()
     try:
         return (yield)
     finally:
         timer.cancel()
         faulthandler.cancel_dump_traceback_later()
+        _note(item, time.monotonic() - start)
+
+
+def _note(item: pytest.Item, seconds: float) -> None:
+    """Append the name of a slow test to the file of --note."""
+    file = item.config.getoption("--note")
+    if file and WORLD.rank == 0 and seconds > _SLOW and not any(name in item.nodeid for name in _NEVER_SLOW):
+        with Path(file).open("a") as notes:
+            notes.write(item.nodeid + "\n")
 
 
 def outside():

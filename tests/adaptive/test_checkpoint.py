@@ -72,7 +72,6 @@ def by_leaf(forest, *columns):
     return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "writers, readers",
     [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
@@ -134,7 +133,6 @@ def test_fields_go_along(scene, folder):
     assert np.abs(found - expected).max() < 1e-14
 
 
-@pytest.mark.slow
 def test_finished_run(scene, folder):
     """From the last step the same step comes again; with a tighter tolerance the run goes further."""
     list(adapt(scene, 0.5, checkpoint=folder))
@@ -547,7 +545,6 @@ def complete_lines(path):
     return text[: text.rfind("\n") + 1].splitlines()
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="starts runs of its own, on 1, 2 and 3 ranks")
 def test_killed_at_random_moments(tmp_path, request):
     """kill -9 of one rank or of all, restarts on 1 to 3 ranks: no finished step is lost, and the end is the same."""

@@ -340,7 +340,6 @@ def test_growing_pressures(values, warned_of):
     assert not growing_pressures((), [()] * len(records))
 
 
-@pytest.mark.slow
 def test_the_largest_pressure_at_a_corner_grows():
     """A cube on a block: it is infinite there, the goal is not reached, and the last record says that it grows."""
     scene = indentation(coarse=2)

@@ -157,7 +157,6 @@ if MPI.COMM_WORLD.rank == 0: print(sys.argv[0], sys.argv[1:], "from", there)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
 @pytest.mark.parametrize("name", PROGRAMS)
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -173,7 +172,6 @@ def test_programs(name, ranks, tmp_path):
     assert ("of the program" in done.stderr) == (name == "error")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="starts programs")
 def test_no_abort(tmp_path):
     """Help of the command and of a demo on two ranks, once, without a word of MPI."""

@@ -147,7 +147,6 @@ def wave(positions):
     return np.sin(2 * x + y) + x * z
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("order", [2, 3, 6])
 @pytest.mark.parametrize("shells", [False, True])
@@ -219,7 +218,6 @@ def test_only_a_strip(degree, part):
     assert mortar.kept_nodes.sum() >= 5 and condition(mortar) < 500
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
 def test_rims_at_random(degree):
     """Rims that cross facets at any angle, with hanging nodes."""

@@ -54,7 +54,6 @@ def forces(scene, tolerance, degree, **options):
     return step.record.force
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("name", ["a corner, two pairs", "hertz"])
 def test_methods_agree(name, degree):
@@ -427,7 +426,6 @@ COMPARED = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("make", COMPARED)
 def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
@@ -440,7 +438,6 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
     assert max(count) <= 1.2 * min(count), count
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "make, levels",
     [(make, 1) for make in (cylinders, shrink_fit, stack, indentation)] + [(indentation, 2), (shrink_fit, 2)],
@@ -471,7 +468,6 @@ def test_coarse_level_has_the_springs(monkeypatch):
     assert counts[0] < 0.9 * counts[1], counts
 
 
-@pytest.mark.slow
 def test_stiff_penalty_at_degree_2():
     """Of the stiff springs of constrained rows, which are beside the matrix, p-multigrid is to know nothing."""
     scene, enforcements = hertz(order=2), (Enforcement(), Enforcement("penalty", 1e6))
@@ -482,7 +478,6 @@ def test_stiff_penalty_at_degree_2():
     assert exact[-1].active_pairs > 1 and iterations(*stiff) < 1.5 * iterations(*exact)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("make", COMPARED[:2])
 def test_iterations_do_not_depend_on_the_penalty(make):
     """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""

@@ -212,7 +212,6 @@ def test_held_by_planes_alone(turn, degree):
 # ---------------------------------------------------------------------------------------------- Hertz, and stiff twins
 
 
-@pytest.mark.slow
 @all_ranks
 def test_a_ball_on_a_plane():
     """Force, radius and largest pressure of Hertz, E* = E/(1 - nu^2), of the radius; goals are reached."""
@@ -244,7 +243,6 @@ def surface_of_pairs():
     return RigidSurface(height, upward)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, tolerance", [(1, 0.15), (2, 0.03)])
 def test_a_stiff_sphere(degree, tolerance):
     """A half-ball on a rigid surface, and on a half-ball 1e6 times as stiff: forces alike within 0.05 %.
@@ -270,7 +268,6 @@ def test_a_stiff_sphere(degree, tolerance):
     assert 0 < sphere[-1].force / known[-1].force - 1 < 0.02
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, tolerance", [(1, 0.15), (2, 0.1)])
 def test_a_stiff_flat_punch(degree, tolerance):
     """A plane on the footprint of a cube, and that cube 1e6 times as stiff: forces alike within 0.05 %."""
@@ -283,7 +280,6 @@ def test_a_stiff_flat_punch(degree, tolerance):
     assert abs(one.force / known.force - 1) < 5e-4
 
 
-@pytest.mark.slow
 @all_ranks
 def test_a_ball_pressed_into_a_block():
     """Hertz on a block 60 contact radii wide, which is softer by its finite height; E* of the block alone."""
@@ -349,7 +345,6 @@ def test_a_bolt_in_a_bore():
     assert record.force == 0 and record.active_pairs == 0
 
 
-@pytest.mark.slow
 def test_a_cone():
     """Love: F = 2 E* tan(angle) delta^2 / pi, on a block 30 contact radii wide; as a surface by functions the same."""
     depth, angle = 1e-3, 86.0

@@ -97,7 +97,6 @@ def test_uniform_pressure(degree, method):
     assert not model_warnings(record)
 
 
-@pytest.mark.slow
 def test_a_ball_on_a_block():
     """Hertz on a block 60 contact radii wide, approach within the block's compliance; the same as the ball moved."""
     mesh = root_mesh_from_shapes({"block": block((0, 0, -1), (1, 1, 0), (3, 3, 3), 1)})
@@ -205,7 +204,6 @@ def test_from_an_undeformed_fine_mesh():
     assert step.record.active_pairs > 5 and step.record.contact_iterations < 12
 
 
-@pytest.mark.slow
 def test_a_thin_plate():
     """A ball on a clamped plate of 1:200: rounding changes the force by more than the linear solver's error."""
     body = block((0, 0, -0.005), (1, 1, 0), (8, 8, 1), 1)
@@ -221,7 +219,6 @@ def test_a_thin_plate():
 # ---------------------------------------------------------------------------------------------------- errors and goals
 
 
-@pytest.mark.slow
 def test_goals_where_the_obstacle_gives_way():
     """A point below a flat punch moves with it: its estimated error is that of the distance, not that if it is held."""
     scene = punch(force=(0.0, 0.0, -0.02))
@@ -235,7 +232,6 @@ def test_goals_where_the_obstacle_gives_way():
         assert 0.5 < goal.error / abs(goal.value) / error < 4
 
 
-@pytest.mark.slow
 def test_true_error():
     """The over-refined solution settles too."""
     *_, step = adapt(pressed(), 0.2, degree=2, max_steps=2)

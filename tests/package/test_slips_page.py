@@ -5,7 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ufl
 from conftest import WORLD
+from dolfinx import fem
+from dolfinx.mesh import create_unit_cube
 from test_bad_input import COMM, STEEL, press
 from test_slips import PAIR, held, joined, planes
 
@@ -31,6 +34,7 @@ ROWS = re.findall(ROW, PAGE.read_text(), flags=re.M)
 #: Public classes that the program makes, and those that `press`, `cube` and other tests stand for.
 RESULTS = {"Run", "Step", "StepRecord", "GoalRecord", "Resultant", "ContactLine", "ContactState", "ContactTable"}
 RESULTS |= {"Sweep", "SweepPoint", "SweepRecord", "Beginning", "Checkpoint", "Scene", "RootMesh", "Shape"}
+CELL = create_unit_cube(COMM, 1, 1, 1)
 CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
 
 
@@ -69,6 +73,9 @@ def pins():
 
 
 NAMES = {name: getattr(fx_contact, name) for name in fx_contact.__all__} | {
+    "CELL": CELL,
+    "fem": fem,
+    "ufl": ufl,
     "np": np,
     "STEEL": STEEL,
     "PAIR": PAIR,

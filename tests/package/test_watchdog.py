@@ -34,7 +34,6 @@ def test_fails():
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "ranks, name, said",
     [

@@ -213,7 +213,6 @@ ENDS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 @pytest.mark.parametrize("way", ENDS)
 def test_program_of_one_rank_ends(tmp_path, way):
@@ -223,7 +222,6 @@ def test_program_of_one_rank_ends(tmp_path, way):
     assert done.returncode != 0 and all(words in done.stderr for words in said), done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_exit_before_all(tmp_path):
     """A rank that ends before it has used the package is heard of in a program that the package runs."""
@@ -234,7 +232,6 @@ def test_exit_before_all(tmp_path):
     assert done.returncode != 0 and f"has come to {END} by SystemExit, and others do not answer" in done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_rank_that_works_alone_at_the_end(tmp_path):
     """It is waited for, and the program ends well."""
@@ -243,7 +240,6 @@ def test_rank_that_works_alone_at_the_end(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(COMM.size > 1, reason="starts programs")
 def test_messages_of_the_user_stay_apart(tmp_path):
     """A rank that takes any message of the others gets only theirs, though one of them has come to its end."""

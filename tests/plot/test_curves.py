@@ -98,6 +98,13 @@ def test_points_of_a_sweep(axes):
     draw_sweep([SweepPoint(1.0, None, records[1]), records[0]], comm=MPI.COMM_SELF, ax=axes)
     assert np.allclose(axes.lines[0].get_data(), [(0, 1), (2, 3)])
 
+    def twice(record):
+        """A function of a record, whose name is at the axis."""
+        return 2 * record.force
+
+    draw_sweep(records, comm=MPI.COMM_SELF, ax=axes, quantity=twice)
+    assert np.allclose(axes.lines[1].get_data(), [(0, 1), (4, 6)]) and axes.get_ylabel() == "twice"
+
 
 @pytest.mark.parametrize("scale, length", [(1.0, 0.2), (3.0, 1.0), (0.013, 0.005), (240.0, 50.0)])
 def test_scale_bar(scale, length):

@@ -82,7 +82,6 @@ PICTURES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(2)
 @pytest.mark.parametrize("name, degree", [*((name, 1) for name in PICTURES), ("stress near", 2)])
 def test_pictures(name, degree, tmp_path):

@@ -98,7 +98,7 @@ def test_a_box_of_dolfinx():
         "facet_tags are of another mesh": (other, others_tags, facet_tags, {3: "box"}, {}),
         "in no body": (mesh, cell_tags, facet_tags, {4: "box"}, {}),
         "each of them cells": (mesh, cell_tags, facet_tags, {3: "box", 4: "other"}, {}),
-        "at least one row": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
+        "nothing in the mesh has its tag": (mesh, cell_tags, facet_tags, {3: "box"}, {6: "top"}),
         "bodies must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {"box": 3}, {}),
         "surfaces must be a dict of tag -> name": (mesh, cell_tags, facet_tags, {3: "box"}, {"top": 5}),
         "must be MeshTags of dolfinx of dimension 3, got None": (mesh, None, facet_tags, {3: "a", 4: "b"}, {}),

@@ -140,7 +140,6 @@ def test_parts_lie_on_faces():
     assert np.bincount(on.sum(axis=1)).tolist() == [1, 6, 12, 8]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size > 1, reason="the same on every rank")
 def test_most_cells():
     """250,000 cells that share nothing have names, all different, up to the last point; more are refused."""

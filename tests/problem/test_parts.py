@@ -116,7 +116,6 @@ def split(contact=(), ties=(), force=()):
     return Scene("halves", mesh, materials, planes + held, contact, body_forces=force, ties=ties)
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1, 2, 3)
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("rows", ["contact", "tie", "obstacle"])

@@ -16,7 +16,6 @@ from fx_contact.results.reference_values import hertz_a, ssnv104
 from fx_contact.scenes import hertz, indentation, patch, stack
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, steps", [(1, 3), (2, 2)])
 def test_orders_under_uniform_refinement(degree, steps):
     """Manufactured solution on curved cells with hanging nodes: order p in energy, p + 1 in L2."""
@@ -27,7 +26,6 @@ def test_orders_under_uniform_refinement(degree, steps):
     assert degree - 0.15 < energy < degree + 0.1 and degree + 0.9 < l2 < degree + 1.2
 
 
-@pytest.mark.slow
 def test_adaptive_rate_and_effectivity():
     """Energy error like N^(-1/3) from one tolerance to the next; the estimate within 10 % of the truth below 8 %."""
     lasts = []
@@ -42,7 +40,6 @@ def test_adaptive_rate_and_effectivity():
     assert -0.42 < rate < -0.28
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1)
 def test_true_error_of_hertz():
     """At e = 8 % the true error is what was asked for, and estimated within 10 %."""
@@ -52,14 +49,12 @@ def test_true_error_of_hertz():
     assert 0.04 < true < 0.088
 
 
-@pytest.mark.slow
 def test_true_error_sees_the_geometry():
     """Straight cells solve for other bodies, which the estimate cannot see."""
     *_, step = adapt(hertz(order=1), 0.25)
     assert true_error(step, 0.25, hertz(order=6)).relative > 0.5 > 2 * step.record.estimate - 1e-9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, tolerance", [(1, 0.3), (2, 0.25)])
 def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
     """On the same leaves the solution is found again; a finer one is about as far away as was estimated."""
@@ -74,7 +69,6 @@ def test_distance_to_itself_and_to_a_finer_solution(degree, tolerance):
         true_error(step, 0.1, indentation(coarse=4))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("given, degree", [(1, 1), (2, 2), (1, 2), (2, 1)])
 def test_fields_go_along(given, degree):
     """A polynomial carried through refinements and partitions is still that one, from values of either degree."""
@@ -108,7 +102,6 @@ def test_a_mesh_without_free_vertices_is_not_taken_for_right():
     assert errors[1] < 0.2**2 < errors[0]
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
     """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
@@ -119,7 +112,6 @@ def test_tolerance_is_kept_in_nearly_incompressible_columns():
     assert step.record.reached and step.record.assumed_effectivity < 0.8
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
     """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""

@@ -83,7 +83,6 @@ def test_nine_nodes_of_a_facet(order):
         everywhere(np.abs(found - known).max(initial=0) < 1e-12, f"{name} is another")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, order, points", [(1, 2, 3), (2, 1, 3), (2, 2, 3), (2, 3, 4)])
 def test_point_fields(degree, order, points):
     """Cells have the higher one of two orders, and the fields on them are those of the step."""

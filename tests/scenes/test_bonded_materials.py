@@ -199,7 +199,6 @@ def of_parts(step, values):
     return function
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1, 2, 3)
 @DEGREES
 @pytest.mark.parametrize("materials", [(SOFT, HARD), (SOFT, Material(1e3, 0.3)), (Material(1.0, 0.0), SOFT)])
@@ -225,7 +224,6 @@ def energy_error(materials, level, degree):
     return results.field_error(step.elasticity, step.displacement, exact).energy
 
 
-@pytest.mark.slow
 @DEGREES
 @pytest.mark.parametrize("ratio", [1.0, 1e3])
 def test_rates(ratio, degree):
@@ -275,7 +273,6 @@ def spheres(materials, order=4):
     return scene, np.array([[a, 0], [b, c]])
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1, 2, 3)
 @DEGREES
 @pytest.mark.parametrize("make", [tube, spheres])

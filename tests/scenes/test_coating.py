@@ -6,7 +6,6 @@ from fx_contact import ContactForce, adapt
 from studies.layers.run import coated, known
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "ratio, goal, degree, within",
     [

@@ -205,11 +205,11 @@ def test_what_springs_hold():
     """A normal spring below a plane leaves three motions free; a round surface all but the turn about its axis."""
     mesh = root_mesh_from_shapes({"pin": cylinder(1.0, 1.0, (2, 2), 3)})
     material, corner = {"pin": STEEL}, Elastic("pin bottom", 1.0)
-    with pytest.raises(SceneError, match="nothing holds body 'pin': of 3 rigid motions"):
+    with pytest.raises(SceneError, match="nothing holds body 'pin' along x and along y and about z: no"):
         Scene("pin", mesh, material, springs=corner)
-    with pytest.raises(SceneError, match="nothing holds body 'pin': of 1 rigid motions"):
+    with pytest.raises(SceneError, match="nothing holds body 'pin' about z: no"):
         Scene("pin", mesh, material, springs=(corner, Elastic("pin outside", 1.0)))
-    with pytest.raises(SceneError, match="of 1 rigid motions"):
+    with pytest.raises(SceneError, match="nothing holds body .pin. along z: no"):
         Scene("pin", mesh, material, springs=Elastic("pin outside", x=1.0, y=1.0))
     held = Scene("pin", mesh, material, springs=(corner, Elastic("pin outside", x=1.0, y=1.0)))
     assert not len(held.rigid_motions.free)

@@ -50,7 +50,6 @@ def runs(scene, **options):
     return [[summary(step) for step in adapt(scene, comm=comm, **options)] for comm in (WORLD, MPI.COMM_SELF)]
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(2, 3)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_same_run_in_serial(degree):
@@ -72,7 +71,6 @@ def test_same_run_in_serial(degree):
         assert parallel[-1][4].partition.cut_facets > 0
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1)
 def test_default_krylov_tolerance():
     """With the default solver the forces of all steps are those of a much tighter one, to 1e-7."""
@@ -123,7 +121,6 @@ def test_reference_values(scene):
     assert abs(again.relative / record.estimate - 1) < 1e-12
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(1)
 def test_reference_values_at_2_percent(scene):
     """HERTZ-A at 2 % with the default settings: force within 0.2 %, largest pressure 1.5 %, radius 2 %."""
@@ -241,7 +238,6 @@ def test_preconditioner_does_not_matter(solver):
     assert abs(other.record.force / one.record.force - 1) < 1e-7
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
 def test_units_do_not_matter(radius, young):
     """Scaled lengths and moduli give the same cells and scaled forces."""
@@ -267,7 +263,6 @@ def test_root_mesh_is_a_ball():
     assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
 
 
-@pytest.mark.slow
 def test_full_and_quarter_model():
     """The whole half-spheres and a quarter of them have the same results and error estimate on the same mesh."""
     records = []

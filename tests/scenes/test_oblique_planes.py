@@ -57,7 +57,6 @@ TURNED = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degree, poisson", TURNED)
 def test_turned_hertz(degree, poisson):
     """A quarter of two spheres turned by 30 degrees about z is what it was, hanging nodes and rubber too."""
@@ -107,7 +106,6 @@ def sector_of_ball(degrees):
     return place
 
 
-@pytest.mark.slow
 @pytest.mark.ranks(2)
 def test_sector_of_two_spheres():
     """A twelfth gives the force, pressure and radius of the whole that a computation with axial symmetry gives."""

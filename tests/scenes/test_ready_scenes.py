@@ -91,7 +91,6 @@ def test_loads_are_of_the_whole(symmetry, parts):
     assert pressed.symmetry == parts
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "radii", [(1.0, 2.0), (np.inf, 1.0), (-2.0, 1.0)], ids=["unequal", "on a block", "in a socket"]
 )
@@ -154,7 +153,6 @@ def _first_twin(scene):
     return last(scene(), 0.3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "twin, factor",
     [
@@ -213,7 +211,6 @@ def test_arguments(make, message):
         make()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "make, order",
     [
@@ -231,7 +228,6 @@ def test_not_round_enough(make, order):
     assert make(6).mesh.order == 6
 
 
-@pytest.mark.slow
 def test_roundness_decides_the_force():
     """What is refused would be wrong: the computed force is off by about half of what the surfaces are."""
     force = last(hertz(order=3, displacement=1e-4), 0.15).force
@@ -239,7 +235,6 @@ def test_roundness_decides_the_force():
     assert 0.005 < force / exact - 1 < 0.02
 
 
-@pytest.mark.slow
 def test_own_gmsh_model(tmp_path):
     """The demo of an own model is short, and ends with a picture."""
     path = Path(__file__).parents[2] / "demos" / "own_gmsh_model.py"

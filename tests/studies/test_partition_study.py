@@ -31,7 +31,6 @@ def kernels():
     return counted(WORLD, 0.3) | measure(0.3)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="each rank scores a benchmark by itself: two show all")
 def test_study(study, kernels, monkeypatch, tmp_path):
     """It runs; sfc alone splits pairs; sums are of up to P numbers; what is predicted is positive and adds up."""
@@ -72,7 +71,6 @@ def test_bad_options(study, monkeypatch, tmp_path, capsys, options, words):
         assert words in text and "Traceback" not in text
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="two ranks show all")
 def test_kernels(kernels):
     """All kernels are measured to be positive; rows travel as soon as there are two ranks."""

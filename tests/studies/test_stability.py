@@ -28,7 +28,6 @@ SOFT = Material(1.0, 0.3)
 alone = pytest.mark.skipif(WORLD.size > 1, reason="scores on one rank")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(WORLD.size != 2, reason="a minute, on one number of ranks")
 def test_scores():
     """Every fourth of what `--quick` runs, on one rank each: right, rightly refused, or not for the reason kept."""
@@ -108,7 +107,6 @@ def test_the_potential_energy_is_also_that_of_contact(method):
 
 
 @alone
-@pytest.mark.slow
 def test_few_layers_keep_what_was_asked_for():
     """Where the estimate sees half of the error the accuracy is that asked for, and a reference 5 % off is noticed."""
     case = replace(NAMED["aspect/clamped-cubes/10"], degree=1)
@@ -277,7 +275,6 @@ def test_a_twin_on_another_mesh_has_one():
 
 
 @alone
-@pytest.mark.slow
 def test_rules_are_switched_off_for_a_scene_alone():
     """Not for its twin, whose errors would be the same; and they are back afterwards."""
     case, before = NAMED["drawn/two-crests-1-pair/4"], GapBetweenNodes.penetrated
@@ -291,7 +288,6 @@ def test_rules_are_switched_off_for_a_scene_alone():
 
 
 @alone
-@pytest.mark.slow
 def test_processes(tmp_path, monkeypatch):
     """Scenes run in other processes, are not run again, and a hang or a crash is a score; all is drawn."""
     for name in set(os.environ) - set(outside()):  # they are no ranks of an mpirun above

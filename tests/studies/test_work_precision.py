@@ -47,7 +47,6 @@ def test_commands_are_distinct():
     assert all("--true-error" not in point.timing.options for point in full)
 
 
-@pytest.mark.slow
 def test_tables_and_plots(tmp_path):
     """Medians, a failure shown as one, and all plots that the results allow."""
     wanted = points(True)
@@ -112,7 +111,6 @@ def test_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert len(started) == 4
 
 
-@pytest.mark.slow
 def test_a_run_that_fails_or_hangs(tmp_path):
     """Errors of a demo come back as its own sentence; a run that takes too long is stopped."""
     with pytest.raises(RunFailed, match="SceneError: the tolerance must be"):

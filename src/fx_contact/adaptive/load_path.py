@@ -140,6 +140,11 @@ class Sweep:
             self._resume(folder)
 
     def __iter__(self) -> Self:
+        if self._last is not None and len(self.records) == len(self._values):
+            raise SceneError(
+                "the points of this Sweep have been solved and handed out: `records` has the figures of all; "
+                "list(sweep(...)) keeps the points, with their memory"
+            )
         return self
 
     def __repr__(self) -> str:

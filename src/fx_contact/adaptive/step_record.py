@@ -147,7 +147,7 @@ class StepRecord(SolveRecord, ContactFigures):
         true_error: None: not measured.
         effectivity: estimate over true error [-], or None.
         resultants: of contact pairs, loads, conditions, and the balance of each body.
-        goals: of the run; None: it has none.
+        goals: of the run.
         approaches: for each contact pair, then each tie, how far its obstacle has moved from `moved` along the force on
             it, or its section has closed [m], or None; then for each rigid load the motion of its surface, three
             translations [m] and rotations [rad] about its point; None: there is none of them.
@@ -171,7 +171,7 @@ class StepRecord(SolveRecord, ContactFigures):
     true_error: TrueError | None = None
     effectivity: float | None = None
     resultants: tuple[Resultant, ...] | None = None
-    goals: tuple[GoalRecord, ...] | None = None
+    goals: tuple[GoalRecord, ...] = ()
     approaches: list[Any] | None = None
     remote_rows: int = 0
     units: Units = None
@@ -195,6 +195,8 @@ class StepRecord(SolveRecord, ContactFigures):
             TypeError: the entries are no dict, or lack one.
         """
         entries = {_FORMER.get(name, name): value for name, value in entries.items()}
+        if entries.get("goals", ()) is None:  # before goals were a list in each record
+            del entries["goals"]
         known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
         for name, kind in _KINDS.items():
             value = known.get(name)

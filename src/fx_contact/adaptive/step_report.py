@@ -80,7 +80,7 @@ def _lines(r: StepRecord) -> Iterator[str]:
         yield f"{r.active_pairs:,} contact nodes closed, {largest}{radius}"
     yield from _contacts(r)
     yield from _resultants(r)
-    yield from map(str, r.goals or ())
+    yield from map(str, r.goals)
     yield from (f"{warning.kind}: {warning.message}" for warning in r.doubts)
     yield from undirected(r)
 

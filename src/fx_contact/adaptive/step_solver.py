@@ -91,7 +91,7 @@ class _Assessment(NamedTuple):
     state: SolvedState
     history: RefinementHistory
     contact_error: ContactError
-    goals: tuple[GoalRecord, ...] | None
+    goals: tuple[GoalRecord, ...]
     figures: ContactFigures
     resultants: tuple[Resultant, ...]
     warnings: list[ModelWarning]
@@ -272,7 +272,7 @@ def _errors_of_goals(
     history: RefinementHistory,
     duals: Goals,
     met: bool,
-) -> tuple[ContactError, tuple[GoalRecord, ...] | None]:
+) -> tuple[ContactError, tuple[GoalRecord, ...]]:
     """Errors of contact and of the user's goals; those that need adjoint solutions once the tolerance is `met`."""
     control, contacts = settings.control, state.scene.contact
     holds_contact = state.rows is not None and control.of_contact
@@ -284,7 +284,7 @@ def _errors_of_goals(
     of_user = judged[len(forces) :]
     between = duals.between if holds_contact else None
     of_contact = contact_error(state, between, dict(zip(forces, judged)), of_user)
-    return of_contact, tuple(goal.record for goal in of_user) if settings.goals else None
+    return of_contact, tuple(goal.record for goal in of_user)
 
 
 def _record(

@@ -332,6 +332,7 @@ def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[Model
     """Loads that are functions with features inside leaves."""
     scene = state.scene
     loads, warnings = (*scene.tractions, *scene.body_forces), list[ModelWarning]()
+    part = "" if scene.symmetry == 1 else ", the modelled part"
     if not any(callable(force.value) for force in loads):
         return warnings
     sums = np.column_stack([load_totals[:, :, :3].sum(axis=1), finer_totals(scene, state.elasticity)])
@@ -341,9 +342,9 @@ def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[Model
         if callable(force.value) and value > limit:
             total, known = np.linalg.norm(applied), np.linalg.norm(finer)
             message = (
-                f"{force.what} has a total of {total:.4g} on this mesh, and of {known:.4g} by a finer rule of "
-                f"integration: they differ by {value:.3g}, limit {limit:.3g}; refine where it varies, or let cells end "
-                "where it jumps"
+                f"{force.what} has a total of {total:.4g} on this mesh{part}, and of {known:.4g} by a finer rule of "
+                f"integration, which may be wrong too: they differ by {value:.3g}, limit {limit:.3g}; refine where it "
+                "varies, or let cells end where it jumps"
             )
             place = force.body if isinstance(force, BodyForce) else force.surface
             warnings.append(ModelWarning("unresolved load", value, limit, place, message))

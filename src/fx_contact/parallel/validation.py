@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ufl
 from mpi4py import MPI
 
 from fx_contact.parallel.arrays import FloatArray
@@ -62,6 +63,16 @@ def check_count(what: str, value: object, least: int = 1) -> None:
     """Raises SceneError unless a value is a whole number of at least `least` that a 32-bit integer can represent."""
     if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) < 2**31:
         raise SceneError(f"{what} must be a whole number, at least {least} and below 2^31, got {shown(value)}")
+
+
+def is_function(what: str, value: object) -> bool:
+    """True for a function of position.  Raises SceneError for an object of UFL or dolfinx, which can be called too."""
+    if isinstance(value, ufl.core.expr.Expr):
+        raise SceneError(
+            f"{what} must be a number or a function of position, x of shape (3, n), as `Function.interpolate` takes; "
+            f"got {type(value).__name__} of {type(value).__module__.split('.')[0]}"
+        )
+    return callable(value)
 
 
 def check_vector(what: str, value: Any) -> None:

@@ -1,7 +1,8 @@
 """Curves: contact pressure over radius, error over unknowns, force over approach."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -183,7 +184,7 @@ def draw_sweep(
     path: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
-    quantity: str = "force",
+    quantity: "str | Callable[[StepRecord], float]" = "force",
     label: str = "value",
     logarithmic: bool = False,
     ax: "Axes | None" = None,
@@ -194,7 +195,7 @@ def draw_sweep(
     on all ranks.
 
     Args:
-        quantity: entry of a StepRecord that is a number.
+        quantity: entry of a StepRecord that is a number, or a function of the record; its name is at the axis.
         label: of the parameter, with its unit.
         logarithmic: scale of both axes.
 
@@ -209,10 +210,13 @@ def draw_sweep(
         raise OutputError("no curve to draw: there is no point of a sweep, which is solved as it is iterated")
     known = [point.record if isinstance(point, SweepPoint) else point for point in points]
     numbers = [name for name, value in vars(known[0].record).items() if isinstance(value, (int, float))]
-    check_name("entry of a record", quantity, numbers)
-    rows = np.array([(point.value, getattr(point.record, quantity)) for point in known])
+    if isinstance(quantity, str):
+        check_name("entry of a record", quantity, numbers)
+    of = attrgetter(quantity) if isinstance(quantity, str) else quantity
+    name = quantity if isinstance(quantity, str) else quantity.__name__
+    rows = np.array([(point.value, of(point.record)) for point in known], dtype=np.float64)
     units = known[-1].record.units
-    draw = partial(_draw_sweep, rows=rows, quantity=quantity, label=label, logarithmic=logarithmic, units=units)
+    draw = partial(_draw_sweep, rows=rows, quantity=name, label=label, logarithmic=logarithmic, units=units)
     return draw_on_first(comm, path, draw, axes_for, ax)
 
 

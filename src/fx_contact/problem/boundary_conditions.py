@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_label, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_label, check_number, check_vector, is_function, shown
 
 if TYPE_CHECKING:
     from fx_contact.problem.root_mesh import RootMesh
@@ -294,7 +294,7 @@ class BodyForce:
 
 def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None:
     """Raises SceneError unless a value is a function, or so many finite numbers."""
-    if not callable(value):
+    if not is_function(what, value):
         check_number(what, value) if components == 1 else check_vector(what, value)
 
 

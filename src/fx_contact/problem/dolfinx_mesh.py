@@ -58,8 +58,11 @@ def gathered_arrays(
         for name, tags, dimension in (("cell_tags", cell_tags, 3), ("facet_tags", facet_tags, 2)):
             if tags is None and name == "cell_tags" and len(bodies) == 1:
                 continue
+            if tags is None and name == "cell_tags" and not bodies:
+                raise SceneError("bodies is empty: name the only body, {1: 'block'}, or give cell_tags of several")
             if not isinstance(tags, MeshTags) or tags.dim != dimension:
-                raise SceneError(f"{name} must be MeshTags of dolfinx of dimension {dimension}, got {shown(tags)}")
+                got = f"some of dimension {tags.dim}" if isinstance(tags, MeshTags) else shown(tags)
+                raise SceneError(f"{name} must be MeshTags of dolfinx of dimension {dimension}, got {got}")
             if tags._cpp_object.topology is not mesh._cpp_object.topology:  # one C++ object; its wrappers are many
                 raise SceneError(
                     f"{name} are of another mesh, whose entities have other indices: make them with "

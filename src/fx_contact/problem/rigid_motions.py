@@ -11,6 +11,8 @@ from fx_contact.problem.root_mesh import RootMesh
 
 #: Eigenvalues of R^T R below this fraction of the largest are rounding errors.
 _ROUNDING = 1e-10
+#: Names of the six motions, and the part of the largest coefficient from which one is named [-].
+_MOTIONS, _SHARE = ("along x", "along y", "along z", "about x", "about y", "about z"), 0.5
 
 
 class RigidMotions:
@@ -85,19 +87,23 @@ class RigidMotions:
         """As `along`, for each of the free motions: (n, k) [-]."""
         return self.along(points, bodies, direction) @ self.free.reshape(-1, 6 * len(self._mesh.bodies)).T
 
-    def unresisted(self, resistance: FloatArray) -> list[str]:
-        """Names of the bodies that move in a free motion without resistance.
+    def unresisted(self, resistance: FloatArray) -> dict[str, str]:
+        """Bodies that move in a free motion without resistance, by name, and how, as "along x and about z".
 
         The resistance (k + m, k + m) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus
         that of the second one at a point in contact, and then columns of m motions of obstacles.
         """
         if not len(self.free):
-            return []
+            return {}
         strength, vectors = np.linalg.eigh(resistance)
         # For unit vectors: a row of R has a length of about 1, a body that moves has components above 1e-6.
         loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12), : len(self.free)]
-        moves = np.abs(np.tensordot(loose, self.free, axes=1)).max(axis=(0, 2), initial=0.0)
-        return [name for name, size in zip(self._mesh.bodies, moves.tolist()) if size > 1e-6]
+        moves = np.linalg.norm(np.tensordot(loose, self.free, axes=1), axis=0)
+        return {
+            name: " and ".join(text for text, size in zip(_MOTIONS, row) if size > _SHARE * row.max())
+            for name, row in zip(self._mesh.bodies, moves)
+            if row.max() > 1e-6
+        }
 
 
 def resisting_points(mesh: RootMesh, facets: IntArray, direction: FloatArray, along_normals: BoolArray) -> FloatArray:

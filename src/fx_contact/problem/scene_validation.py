@@ -345,9 +345,9 @@ def check_constrained(scene: Scene) -> None:
     loose = motions.unresisted(resisted.T @ resisted)
     if loose:
         raise SceneError(
-            f"nothing holds body {', '.join(map(repr, loose))}: of {len(motions.free)} rigid motions that no "
-            "displacement condition or spring stops, some meet no contact surface either; prescribe displacements that "
-            "stop them (a vertex is enough where no force acts)"
+            f"nothing holds body {', '.join(f'{name!r} {ways}' for name, ways in loose.items())}: no displacement "
+            "condition, spring or contact stops this motion; prescribe displacements that do (a vertex is enough where "
+            "no force acts)"
         )
 
 

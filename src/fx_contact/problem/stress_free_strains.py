@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_label, check_number, shown
+from fx_contact.parallel.validation import check_label, check_number, is_function, shown
 from fx_contact.problem.boundary_conditions import ScalarValue, evaluated
 
 #: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
@@ -42,7 +42,7 @@ class ThermalStrain:
     def __post_init__(self) -> None:
         check_label("the part of a thermal strain", self.part)
         object.__setattr__(self, "expansion", check_number(f"the expansion of {self.part!r}", self.expansion))
-        if not callable(self.change):
+        if not is_function(self.what, self.change):
             check_number(self.what, self.change)
 
     @property
@@ -76,7 +76,7 @@ class InitialStrain:
 
     def __post_init__(self) -> None:
         check_label("the part of an initial strain", self.part)
-        if not callable(self.value):
+        if not is_function(self.what, self.value):
             tensor = _symmetric(self.what, np.array([self.value], dtype=object), self.value)
             object.__setattr__(self, "value", tuple(map(tuple, tensor[0].tolist())))
 
