@@ -219,11 +219,14 @@ def run(words, folder):
     return done.returncode, done.stdout.decode(errors="replace")
 
 
+#: Parts of commands, and of those that make the files which they need.
+MAKERS = {"--restart": "--checkpoint results/kept", "compare.py": "records.py after.json"}
+
+
 def ends_well(command, clone, request):
-    """Run a command, once, and what makes the checkpoint that it goes on from before it."""
-    kept = next(c for c in COMMANDS if "--checkpoint results/kept" in c)
-    if "--restart" in command:
-        ends_well(kept, clone, request)
+    """Run a command, once, and before it the one that makes the files it needs."""
+    if maker := next((made for need, made in MAKERS.items() if need in command), None):
+        ends_well(next(c for c in COMMANDS if maker in c), clone, request)
     text = bare(command) if request.config.getoption("--as-printed") else smaller(command)
     if text is None:
         pytest.skip("minutes: test_arguments has its command line read")
