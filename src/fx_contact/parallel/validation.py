@@ -101,8 +101,11 @@ def check_name(kind: str, name: object, names: Collection[str], there: str = "th
 
 
 def nearest(name: object, names: Collection[str]) -> str:
-    """Question whether the most similar name was meant; empty if none is similar."""
-    near = get_close_matches(name, names, 1) if isinstance(name, str) else []
+    """Question whether the only name that begins so, or the most similar one, was meant; empty if there is none."""
+    if not isinstance(name, str):
+        return ""
+    longer = [one for one in names if name and one.startswith(name)]
+    near = longer if len(longer) == 1 else get_close_matches(name, names, 1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
