@@ -17,8 +17,19 @@ WORLD = MPI.COMM_WORLD
 #: Tests of more than `_SLOW` seconds, as `tests/run --note` has measured them.
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text().splitlines())
 _SLOW = 1.0
-#: Parts of names of tests that `tests/run` never leaves out: the programs and the first command of the README.
-_NEVER_SLOW = "README.md", "demos/hertz.py0]"
+#: Parts of names of slow tests that `tests/run` does not leave out: what the README runs, and a case of each feature.
+_KEPT = (
+    "README.md",
+    "demos/hertz.py0]",
+    "test_checkpoint.py::test_goes_on_as_if_not_stopped[1-1-1]",
+    "test_contact_edge.py::test_integral_at_the_edge",
+    "test_interior_point.py::test_same_solution_as_updates[degree 1]",
+    "test_load_path.py::test_restart_in_the_middle",
+    "test_preload.py::test_rod_between_walls[False-alike-2]",
+    "test_rigid_loads.py::test_above_contact",
+    "test_together.py::test_forces[1-2]",
+    "test_watchdog.py::test_hang[waits]",
+)
 
 
 def pytest_addoption(parser):
@@ -159,7 +170,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 def _note(item: pytest.Item, seconds: float) -> None:
     """Append the name of a slow test to the file of --note."""
     file = item.config.getoption("--note")
-    if file and WORLD.rank == 0 and seconds > _SLOW and not any(name in item.nodeid for name in _NEVER_SLOW):
+    if file and WORLD.rank == 0 and seconds > _SLOW and not any(name in item.nodeid for name in _KEPT):
         with Path(file).open("a") as notes:
             notes.write(item.nodeid + "\n")
 

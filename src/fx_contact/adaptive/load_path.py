@@ -133,6 +133,7 @@ class Sweep:
         self.records: list[SweepRecord] = []
         self._scene_of, self._values, self._tolerance, self._comm = scene_of, values, tolerance, comm
         self._folder, self._options = folder, options
+        self._handed_out = False  # all points, in a loop
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
@@ -140,7 +141,7 @@ class Sweep:
             self._resume(folder)
 
     def __iter__(self) -> Self:
-        if self._last is not None and len(self.records) == len(self._values):
+        if self._handed_out:
             raise SceneError(
                 "the points of this Sweep have been solved and handed out: `records` has the figures of all; "
                 "list(sweep(...)) keeps the points, with their memory"
@@ -169,6 +170,7 @@ class Sweep:
 
     def __next__(self) -> SweepPoint:
         if len(self.records) >= len(self._values):
+            self._handed_out = self._last is not None
             raise StopIteration
         with calling(self._comm, "the next point of sweep"):
             return self._point()

@@ -149,17 +149,17 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
 
-def growing_pressures(
-    goals: Sequence[Quantity], records: Sequence[Sequence[GoalRecord] | None]
-) -> list[ModelWarning]:
+def growing_pressures(goals: Sequence[Quantity], records: Sequence[Sequence[GoalRecord]]) -> list[ModelWarning]:
     """Largest pressures, of goals that are not reached, that have grown on each of the last meshes.  Local.
 
     Args:
-        records: of the goals, of each step so far; steps without an estimated error do not count.
+        records: of the goals, of each step so far; steps before a restart may lack some, and those without an
+            estimated error do not count.
     """
     warnings = []
     for index, goal in enumerate(goals):
-        judged = [record[index] for record in records if record is not None and record[index].error is not None]
+        found = [record[index] for record in records if index < len(record)]
+        judged = [record for record in found if record.error is not None]
         values, limit = [record.value for record in judged[-GROWTHS - 1 :]], float(goal.tolerance) / 2
         if not isinstance(goal, MaxPressure) or len(values) <= GROWTHS or judged[-1].reached:
             continue

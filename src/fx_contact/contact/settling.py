@@ -126,7 +126,7 @@ def settle(
     worst = int((np.abs(excess) / np.maximum(scale, np.finfo(float).tiny)).argmax())
     label = next(kind.contact.label for kind in rows.kinds if kind.index == rows.pressed[worst])
     told = f"its force differs from the given one by {percent(off)}" if off < 1 else "nothing resists it"
-    if not _sum(rows, (status.active & ~rows.equality).astype(float)).any():
+    if not _sum(rows, np.array([(status.active & ~rows.equality).sum()], dtype=np.float64)).any():
         told += ", and no contact is closed"
     raise SolveError(
         f"{label} does not settle: after {_MOST} solves {told}; does the body resist it there, does the force pull it "

@@ -1,6 +1,7 @@
 """Error of a quantity of interest by the edge of the contact, which the mesh places at nodes.
 
-The adjoint solution z of a fixed set of closed rows has the jump B z = d there.  Where contact of the exact solution
+The adjoint solution z of a fixed set of closed rows has the jump B z = d there, with the motions of obstacles that give
+way in d.  Where contact of the exact solution
 goes on beyond, with the pressure p, it contributes int p (d - B z) dA, d continued.  Up to an edge at the part s of the
 way from a closed node to an open one, p falls from p_c to 0 as (1 - t/s)^(1/2), and d - B z grows to its value at the
 open node as t^(1/2).  In the mean over all places s of the edge that is
@@ -43,7 +44,7 @@ class ContactEdge:
         of_leaf = np.zeros(self._leaves)
         for kind, (leaf, corners, force) in zip(self._rows.kinds, self._parts):
             nodal = self._rows.at_nodes(kind.index, np.abs(jump)[:, None])[:, 0]
-            np.add.at(of_leaf, leaf, force * nodal[corners].sum(axis=1))
+            np.add.at(of_leaf, leaf, force * np.maximum(nodal[corners], 0.0).sum(axis=1))
         return of_leaf[self._leaf]
 
     @staticmethod
@@ -58,7 +59,7 @@ class ContactEdge:
 
         active = state.solution.active
         nodal = rows.at_nodes(kind.index, np.column_stack([state.solution.pressure, active, ~active]))[corners]
-        pressure, closed, left = nodal.sum(axis=2).transpose(2, 0, 1)
+        pressure, closed, left = np.maximum(nodal, 0.0).sum(axis=2).transpose(2, 0, 1)  # hanging nodes extrapolate
         facet, part = at = np.nonzero((closed > 0) & (left > 0))
         leaf, face = leaf[facet], face[facet]
         facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)

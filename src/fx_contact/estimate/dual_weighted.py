@@ -106,7 +106,8 @@ class Goal:
 class Goals:
     """Errors of the quantities of interest of a step, each by one adjoint solution.
 
-    Local.  With `bounds` the error is an upper bound where the allowed error permits it.
+    Local.  With `bounds` the error is an upper bound, but for the edge of the contact, where the allowed error
+    permits it.
     """
 
     def __init__(
@@ -165,20 +166,20 @@ class Goals:
         for tolerance in self._tolerances:
             with self._stages("solve"):
                 y, force = self._system.dual(load, penetration, tolerance, y)
-            rows = self._state.solution.rows
+            rows, moved = self._state.solution.rows, None
             if rows is not None and rows.pressed and not functional.fixed:
                 z, m, rates = self._of_obstacles
                 sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
                 share = np.linalg.solve(sums[:, 1:], -sums[:, 0])
-                y, force = y + np.tensordot(share, z, axes=1), force + share @ m
-            goal = self._estimated(functional, y, force)
+                y, force, moved = y + np.tensordot(share, z, axes=1), force + share @ m, share @ rows.rates
+            goal = self._estimated(functional, y, force, moved)
             bound = goal.total + tolerance * self._error.estimate.error_global * goal.dual.energy_norm
             if tolerance == _LOOSE and bound <= allowed:
                 return replace(goal, total=bound)
         return goal
 
-    def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray) -> Goal:
-        """The error by y = z - w, (owned, 3), and the forces of z in all rows, the n of contact first."""
+    def _estimated(self, functional: Functional, y: FloatArray, force: FloatArray, moved: FloatArray | None) -> Goal:
+        """The error by y = z - w, (owned, 3), forces of z and unknown motions in all rows, the n of contact first."""
         elasticity, pairs = self._state.elasticity, self._state.rows
         z = y if functional.prescribed is None else y + functional.prescribed
         dual = self._estimator.error(elasticity.field(z), loaded=False)
@@ -186,8 +187,8 @@ class Goals:
         pressure = np.zeros(0) if pairs is None else force[: len(pairs)] / pairs.area
         if pairs is not None:
             error = error + self.between.on_cells(pressure)
-            beyond = -pairs.jump(z) if functional.beyond is None else functional.beyond - pairs.jump(z)
-            error = error + self.edge.on_cells(np.where(self._state.solution.active, 0.0, beyond))
+            jump = sum(d[: len(pairs)] for d in (functional.beyond, moved) if d is not None) - pairs.jump(z)
+            error = error + self.edge.on_cells(np.where(self._state.solution.active, 0.0, jump))
         total = self._comm.allreduce(float(error.sum()))
         return Goal(functional.value, error, total, dual.estimate, z, pressure)
 

@@ -19,7 +19,7 @@ from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name
+from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name, check_number
 from fx_contact.plot.canvas import axes_for, draw_on_first
 from fx_contact.problem.units import Units, labelled
 from fx_contact.results.analytic import Hertz
@@ -210,11 +210,11 @@ def draw_sweep(
         raise OutputError("no curve to draw: there is no point of a sweep, which is solved as it is iterated")
     known = [point.record if isinstance(point, SweepPoint) else point for point in points]
     numbers = [name for name, value in vars(known[0].record).items() if isinstance(value, (int, float))]
-    if isinstance(quantity, str):
+    if not callable(quantity):
         check_name("entry of a record", quantity, numbers)
-    of = attrgetter(quantity) if isinstance(quantity, str) else quantity
-    name = quantity if isinstance(quantity, str) else quantity.__name__
-    rows = np.array([(point.value, of(point.record)) for point in known], dtype=np.float64)
+    of = quantity if callable(quantity) else attrgetter(quantity)
+    name = getattr(quantity, "__name__", "quantity") if callable(quantity) else quantity
+    rows = np.array([(point.value, check_number(f"the {name} of a record", of(point.record))) for point in known])
     units = known[-1].record.units
     draw = partial(_draw_sweep, rows=rows, quantity=name, label=label, logarithmic=logarithmic, units=units)
     return draw_on_first(comm, path, draw, axes_for, ax)

@@ -167,7 +167,7 @@ def _check_tags(mesh: RootMesh) -> None:
         raise SceneError(f"two surfaces, curves or vertices have one name, among {names}")
     for groups, kind, count in ((mesh.surfaces, "face", 6), (mesh.curves, "edge", 12)):
         for name, rows in groups.items():
-            if not len(rows):
+            if rows.ndim and not len(rows):
                 raise SceneError(f"{name!r} has no {kind} of a root cell: nothing in the mesh has its tag")
             good = rows.ndim == 2 and rows.shape[1] == 2 and len(np.unique(rows, axis=0)) == len(rows) > 0
             if not good or (rows < 0).any() or (rows >= (len(mesh.cells), count)).any():
