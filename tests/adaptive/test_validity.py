@@ -331,7 +331,7 @@ def test_growing_pressures(values, warned_of):
     """More than 2.5 % on each of three refinements, of 5 % allowed; not if it is reached, or nothing is estimated."""
     goals, name = (MaxPressure("one on other", 0.05),), "largest pressure"
     records = [(GoalRecord(name, value, 0.3 * value, 0.05 * value, 0.05, False),) for value in values]
-    found = growing_pressures(goals, [None, *records])
+    found = growing_pressures(goals, [(), *records])
     assert [warning.kind for warning in found] == ["growing pressure"] * warned_of
     if warned_of:
         assert found[0].place == "one on other" and 0.09 < found[0].value < 0.11 and found[0].limit == 0.025
