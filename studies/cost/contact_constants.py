@@ -2,9 +2,10 @@
 
     python3 -m studies.cost.contact_constants    # twelve minutes
 
-Gflop: operations of PETSc, without hypre's, of which relaxation is a part.  `CAP`: factor of the penalty in the matrix of rows that a projection constrains.  "penalty": one of some factor,
-in the matrix, or its closed rows constrained.  `relaxation`: iterations with block Jacobi on the first
-guess, not counted here, times updates of the active set by it.
+Gflop: operations of PETSc, without hypre's, of which relaxation is a part.  `CAP`: factor of the penalty in the matrix
+of rows that a projection constrains.  "penalty": one of some factor, in the matrix, or its closed rows constrained.
+`relaxation`: iterations with block Jacobi on the first guess, not counted in those of PCG, times updates of the active
+set by it.
 """
 
 import argparse
@@ -46,7 +47,14 @@ def row(degree, constant, value, enforced=None):
         steps = adapt(make(), tolerances[degree - 1], **how)  # that judges no penalty
         count[name] = sum(sum(step.record.krylov_iterations) for step in steps)
     work = round((PETSc.Log.getFlops() - before) / 1e9, 2)
-    return {"degree": degree, "constant": constant, "value": value, **count, "all": sum(count.values()), "Gflop": work}
+    return {
+        "degree": degree,
+        "constant": constant,
+        "value": value,
+        **count,
+        "all": sum(count.values()),
+        "Gflop": work,
+    }
 
 
 def measured(degree):
