@@ -15,9 +15,9 @@ from fx_contact.problem.scene import Scene
 
 #: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
 _UNRESISTED = 1e-12
-#: Iterations with block Jacobi before each update of the active set, and most updates.  Operations of PETSc at degree 2
-#: for 0 x 0, 5 x 5, 8 x 5, 15 x 1, 15 x 5: 24.1, 18.6, 19.6, 20.6, 22.2 Gflop (studies/cost/contact_constants.py).
-_RELAXATION, _UPDATES = 5, 5
+#: Iterations with block Jacobi before each update of the active set, and most updates.  Iterations with hypre for
+#: 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5: 238, 181, 185, 176, 173 (studies/cost/contact_constants.py).
+_RELAXATION, _UPDATES = 15, 5
 
 
 def move_bodies(

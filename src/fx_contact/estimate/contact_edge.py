@@ -1,10 +1,9 @@
 """Error of a quantity of interest by the edge of the contact, which the mesh places at nodes.
 
-The adjoint solution z of a fixed set of closed rows has the jump B z = d there, with the motions of obstacles that give
-way in d.  Where contact of the exact solution
-goes on beyond, with the pressure p, it contributes int p (d - B z) dA, d continued.  Up to an edge at the part s of the
-way from a closed node to an open one, p falls from p_c to 0 as (1 - t/s)^(1/2), and d - B z grows to its value at the
-open node as t^(1/2).  In the mean over all places s of the edge that is
+The adjoint solution z of a fixed set of closed rows has the jump B z = d there; d contains the motions of obstacles
+below forces.  Where exact contact goes on beyond, with the pressure p, it contributes int p (d - B z) dA, d continued.
+Let the edge be at the part s of the way from a closed node to an open one.  Up to it p falls from p_c to 0 as
+(1 - t/s)^(1/2).  The jump d - B z grows as t^(1/2) to its value at the open node.  The mean over all s is
 
     int_0^1 int_0^s t^(1/2) (1 - t/s)^(1/2) dt ds = pi / 8 int_0^1 s^(3/2) ds = pi / 20.
 

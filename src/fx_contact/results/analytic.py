@@ -143,6 +143,7 @@ class Persson:
         """b = tan(half angle / 2), at which E* play / Q = 2 (1 - b^2) / (pi b^2) - I(b) / (pi^2 b^2 (1 + b^2)) [-]."""
 
         def excess(b: float) -> float:
+            """Left side less right side [-]."""
             integral = scipy.integrate.quad(
                 lambda y: 2 * np.arctanh(np.sqrt((b * b - y * y) / (1 + b * b))) / (1 + y * y), -b, b
             )[0]
