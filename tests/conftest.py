@@ -180,7 +180,8 @@ def outside():
     above = "OMPI_COMM", "OMPI_FILE", "OMPI_MCA_num", "OMPI_UNIVERSE", "OMPI_WORLD", "PMIX_", "PRTE_LAUNCHED"
     kept = {name: value for name, value in os.environ.items() if not name.startswith(above)}
     # More ranks than cores, folders where those of the mpirun above are: it has taken the launcher's settings away.
-    kept |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    policy = "rmaps_default_mapping_policy" if MPI.Get_library_version().startswith("Open MPI v5") else "mapby"
+    kept |= {f"PRTE_MCA_{policy}": ":oversubscribe"}
     if "PMIX_SERVER_TMPDIR" in os.environ:
         kept |= {"PRTE_MCA_prte_tmpdir_base": os.path.dirname(os.environ["PMIX_SERVER_TMPDIR"])}
     return kept
