@@ -58,7 +58,10 @@ def test_planes_leave_motions_along_them(problem, degree):
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_matrix_of_what_is_free(problem, degree):
-    """K is projected, P K P, on hanging nodes too, and at degree 2 so is the coarse matrix, I^T P K P I."""
+    """K is projected, P K P, on hanging nodes too, and at degree 2 so is the coarse matrix, I^T P K P I.
+
+    Prescribed components keep their diagonal entries, and their displacements load the others.
+    """
     scene, forest = problem
     elasticity = discrete(scene, forest, degree=degree)
     supports = find_supports(scene, forest, elasticity.prolongation)
@@ -71,12 +74,19 @@ def test_matrix_of_what_is_free(problem, degree):
         matrix.mult(x, y)
         return y.array.reshape(-1, 3).copy()
 
-    u, matrix = noise(position), elasticity.stiffness(supports=supports).mat
-    expected = supports.tangential(times(elasticity.stiffness().mat, supports.tangential(u)))
-    size = WORLD.allreduce(float((expected**2).sum())) ** 0.5
-    difference = times(matrix, u) - expected
-    assert WORLD.allreduce(float((difference**2).sum())) ** 0.5 < 1e-13 * size
-    across = u - supports.tangential(u)
+    def equal(one, other):
+        size, error = (WORLD.allreduce(float((values**2).sum())) ** 0.5 for values in (other, one - other))
+        assert error < 1e-13 * size
+
+    u, whole, eliminated = noise(position), elasticity.stiffness().mat, elasticity.stiffness(supports=supports)
+    matrix, free = eliminated.mat, supports.free
+    expected = supports.free_part(times(whole, supports.free_part(u)))
+    diagonal = whole.getDiagonal().array.reshape(-1, 3)
+    equal(times(matrix, u), np.where(free, expected, diagonal * u))
+    moved = find_supports(scene, forest, elasticity.prolongation)
+    moved.prescribed += noise(position)
+    equal(supports.free_part(elasticity.stiffness(supports=moved).held), supports.free_part(times(whole, moved.values)))
+    across = np.where(free, u - supports.tangential(u), 0.0)
     supports.add_normal_part(matrix, matrix.getDiagonal().array.reshape(-1, 3))
     held = times(matrix, across)
     stiffness = (held * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), 1e-30)

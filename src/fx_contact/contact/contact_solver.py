@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fx_contact.contact.active_set import ActiveSet
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -15,7 +14,6 @@ from fx_contact.contact.interior_point import find_closed_rows
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.contact.settling import settle
-from fx_contact.fem.supports import Supports
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import ROUNDING
@@ -99,7 +97,7 @@ def solve_system(
         if jump is not None:
             reserve(matrix, jump)
         matrix.assemble()
-        load, root = _impose(matrix, problem.load, problem.supports)
+        load, root = _impose(problem)
     if rows is None or jump is None:
         system = LinearSystem(problem, options.solver, stages, objects)
         with stages("solve"):
@@ -181,18 +179,15 @@ def _find_active_set(
             return u, trial
 
 
-def _impose(matrix: PETSc.Mat, load: FloatArray, supports: Supports) -> tuple[FloatArray, FloatArray]:
-    """Eliminate prescribed unknowns: the right-hand side [N], and the roots of the diagonal, both (owned, 3)."""
+def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
+    """The right-hand side with prescribed displacements [N], and the roots of the diagonal, both (owned, 3)."""
+    matrix, supports = problem.matrix.mat, problem.supports
+    load = supports.free_part(problem.load - problem.matrix.held)
     with PetscObjects() as objects:
-        x, b = map(objects.add, matrix.createVecs())
-        x.array[:], b.array[:] = supports.values.ravel(), supports.tangential(load).ravel()
-        rows = matrix.getOwnershipRange()[0] + np.flatnonzero(~supports.free.ravel()).astype(np.int32)
-        diagonal = objects.add(matrix.getDiagonal())
-        scale = diagonal.sum() / diagonal.getSize()
-        if not (np.isfinite(scale) and scale > 0 and np.isfinite(b.norm())):
-            raise SolveError(
-                "the stiffness or the load is not a finite number: check the units of moduli and lengths"
-            )
-        supports.add_normal_part(matrix, diagonal.array.reshape(-1, 3))
-        matrix.zeroRowsColumns(rows, diag=scale, x=x, b=b)
-        return b.array.reshape(-1, 3).copy(), np.sqrt(np.abs(diagonal.array)).reshape(-1, 3)
+        vector = objects.add(matrix.getDiagonal())
+        diagonal, total = vector.array.reshape(-1, 3).copy(), vector.sum()
+    finite = bool(np.isfinite(total) and total > 0 and np.isfinite(load).all())
+    if not problem.matrix.comm.allreduce(finite, op=MPI.LAND):
+        raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
+    supports.add_normal_part(matrix, diagonal)
+    return np.where(supports.free, load, diagonal * supports.values), np.sqrt(np.abs(diagonal))

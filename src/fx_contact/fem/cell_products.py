@@ -5,12 +5,15 @@ matrix.  Masters may be nodes of the cell.  Source: P. Munch, K. Ljungkvist, M. 
 LNCS 13289.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from dolfinx import fem
-from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.supports import Supports
+from fx_contact.linalg.matrix import BlockMatrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 
 
@@ -63,9 +66,31 @@ def constrained(matrices: FloatArray, weights: FloatArray) -> FloatArray:
     return (transposed @ half).reshape(n, width, width, 3, 3)
 
 
-def add_cells(mat: PETSc.Mat, matrices: FloatArray, nodes: Int32Array) -> None:
-    """Add cell matrices (n, k, k, 3, 3) to a matrix in blocks of 3, at global nodes (n, k).  Local."""
-    n, k = nodes.shape
-    indptr = np.arange(0, n * k * k + 1, k, dtype=np.int32)
-    columns = np.repeat(nodes, k, axis=0).ravel()
-    mat.setValuesBlockedIJV(indptr, columns, matrices.ravel(), addv=True, rowmap=nodes.ravel())
+class CellSum:
+    """The sum of cell matrices on the unknowns that supports leave free.
+
+    Collective on prolongation.comm.
+
+    Args:
+        matrix: with room for the couplings of the cells.
+        supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
+    """
+
+    def __init__(self, prolongation: Prolongation, matrix: BlockMatrix, supports: Supports | None) -> None:
+        self._prolongation, self._matrix = prolongation, matrix
+        self._supports = None if supports is None else supports.ghosted(prolongation)
+        self._number, self._held = prolongation.numbers, prolongation.zeros(3)
+
+    def add(self, matrices: FloatArray, nodes: IntArray) -> None:
+        """Add cell matrices (n, k, k, 3, 3), which are changed, at positions (n, k) in the index map.  Local."""
+        n, k = nodes.shape
+        if self._supports is not None:
+            cells, forces = self._supports.eliminate(matrices, nodes)
+            np.add.at(self._held, nodes[cells], forces)
+        number = self._number[nodes]
+        indptr, columns = np.arange(0, n * k * k + 1, k, dtype=np.int32), np.repeat(number, k, axis=0).ravel()
+        self._matrix.mat.setValuesBlockedIJV(indptr, columns, matrices.ravel(), addv=True, rowmap=number.ravel())
+
+    def result(self) -> BlockMatrix:
+        """The matrix, not yet assembled, with the forces of prescribed displacements."""
+        return replace(self._matrix, held=self._prolongation.summed(self._held))

@@ -39,8 +39,8 @@ def create_coarse_level(elasticity: Elasticity, supports: Supports) -> CoarseLev
     matrix = elasticity.on(coarse).stiffness(mixed=elasticity.mixed, supports=below).mat
     matrix.assemble()
     diagonal = matrix.getDiagonal()
-    fixed = matrix.getOwnershipRange()[0] + np.flatnonzero(~below.free.ravel()).astype(PETSc.IntType)
-    matrix.zeroRowsColumns(fixed, diag=diagonal.sum() / diagonal.getSize())
+    diagonal.array[~below.free.ravel()] = diagonal.sum() / diagonal.getSize()
+    matrix.setDiagonal(diagonal)
     diagonal.destroy()
     matrix.convert(PETSc.Mat.Type.AIJ)
     return CoarseLevel(matrix, _interpolation(fine, coarse, below), strong_blocks(elasticity))
@@ -88,10 +88,9 @@ def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     count, piece = connected_components(graph, directed=False)
 
     imap, own = prolongation.index_map, prolongation.conforming >= 0
-    number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
     # Blocks with the same number would be solved for as one, which is correct too.
-    draw = hashed(number, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
+    draw = hashed(prolongation.numbers, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
     block: Int64Array = np.full(len(space), np.iinfo(np.int64).max)
     block[own] = draw[prolongation.conforming[own]]
     while True:  # once for each piece of a line that is cut by ranks, and once more

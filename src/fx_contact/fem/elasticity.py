@@ -14,7 +14,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.fem.anisotropy import Anisotropy
-from fx_contact.fem.cell_products import add_cells, cell_constraints, cell_matrices, constrained, node_couplings
+from fx_contact.fem.cell_products import CellSum, cell_constraints, cell_matrices, constrained, node_couplings
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
@@ -272,7 +272,7 @@ class Elasticity:
         Args:
             copied: as in `create_matrix`.
             mixed: without `volume_term`.
-            supports: at the owned conforming nodes, to project on oblique planes; None: not projected.
+            supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
 
         Raises:
             SolveError: the matrix would not fit into the memory.
@@ -280,8 +280,7 @@ class Elasticity:
         comm, imap = self.prolongation.comm, self.prolongation.index_map
         graph = node_couplings(self.prolongation, self.cells)
         matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, copied)
-        number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
-        supports = supports.ghosted(self.prolongation) if supports is not None and supports.oblique else None
+        total = CellSum(self.prolongation, matrix, supports)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
         space = self.discontinuous()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
@@ -295,13 +294,11 @@ class Elasticity:
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self.order])
                     matrices = constrained(matrices, weights)
-                if supports is not None:
-                    matrices = supports.in_cells(matrices, nodes)
-                add_cells(matrix.mat, matrices, number[nodes])
+                total.add(matrices, nodes)
         if self.springs is not None:
-            self.springs.add_to(matrix.mat, number, supports)
+            self.springs.add_to(total)
         give_back()
-        return matrix
+        return total.result()
 
     def discontinuous(self) -> fem.FunctionSpace:
         """Vectors of the displacement's degree in cells that share no node.  Collective."""

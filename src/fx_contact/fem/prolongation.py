@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
 from fx_contact.forest.lattice_points import LatticePoints
-from fx_contact.parallel.arrays import FloatArray, Int8Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory
 from fx_contact.problem import hexahedron
@@ -111,6 +111,13 @@ class Prolongation:
         keys[self.conforming[conforming]] = self.space.keys[conforming]
         keys[size - len(self._away) :] = self._away
         return keys
+
+    @property
+    def numbers(self) -> Int32Array:
+        """(owned + ghosts,), global numbers of the conforming nodes.  Local."""
+        size = self.index_map.size_local + self.index_map.num_ghosts
+        numbers: Int32Array = self.index_map.local_to_global(np.arange(size, dtype=np.int32)).astype(np.int32)
+        return numbers
 
     @property
     def owned(self) -> int:

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from petsc4py import PETSc
 
-from fx_contact.fem.cell_products import add_cells, cell_constraints, constrained
+from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.supports import Supports
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.problem import hexahedron
 from fx_contact.problem.elastic_support import Elastic
 
@@ -120,17 +118,9 @@ class Springs:
             np.add.at(totals[part.support], body, np.concatenate([force.sum(axis=1), moment], axis=1))
         return totals
 
-    def add_to(self, mat: PETSc.Mat, number: Int32Array, supports: Supports | None) -> None:
-        """Add P^T S P, projected on oblique planes, to a matrix with room for the couplings of cells.
-
-        Args:
-            number: global numbers of the conforming nodes, owned and ghosts.
-            supports: at these nodes; None: not projected.
-        """
+    def add_to(self, total: CellSum) -> None:
+        """Add P^T S P."""
         for part in self._faces:
             cells = self._prolongation.space.cells[part.leaves[:, None], part.local]
             nodes, weights = cell_constraints(self._prolongation, cells)
-            matrices = constrained(part.matrices(), weights)
-            if supports is not None:
-                matrices = supports.in_cells(matrices, nodes)
-            add_cells(mat, matrices, number[nodes])
+            total.add(constrained(part.matrices(), weights), nodes)

@@ -1,8 +1,8 @@
 """Displacement conditions at conforming nodes, as orthogonal projectors on the free displacements.
 
 At a node some components are prescribed; on symmetry planes oblique to the axes also N u = 0, with N the projector on
-the span of the normals there, without prescribed components.  With P = I - N and s similar to the diagonal of K, the
-matrix is P K P + s N.
+the span of the normals there, without prescribed components.  With P the projector on what is left free and s similar
+to the diagonal of K, the matrix is P K P + s (I - P), and prescribed displacements u_D load the rest by -P K u_D.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fx_contact.parallel.arrays import FloatArray, IntArray
 class Supports:
     """Displacement conditions at some nodes.
 
-    Local, except for `ghosted` and `add_normal_part`.
+    Local, except for `ghosted`, `eliminate` and `add_normal_part`.
 
     Args:
         prescribed: (n, 3), prescribed displacements [m], NaN where `free`.
@@ -57,16 +57,29 @@ class Supports:
         """Displacement (n, 3) [m] closest to u, node by node, that satisfies the conditions."""
         return self.tangential(np.where(self.free, u, self.prescribed))
 
-    def in_cells(self, matrices: FloatArray, nodes: IntArray) -> FloatArray:
-        """P_i^T K_ij P_j of cell matrices (n, k, k, 3, 3) at nodes (n, k), in place."""
-        if not self.oblique:
-            return matrices
-        place = self._place[nodes]
-        cells = np.flatnonzero((place >= 0).any(axis=1))
-        tangential = self._tangential[place[cells]]
-        half = tangential.swapaxes(2, 3)[:, :, None] @ matrices[cells]
-        matrices[cells] = half @ tangential[:, None]
-        return matrices
+    def eliminate(self, matrices: FloatArray, nodes: IntArray) -> tuple[IntArray, FloatArray]:
+        """P_i^T K_ij P_j of cell matrices (n, k, k, 3, 3) at nodes (n, k), in place.
+
+        The diagonal entries of K stay at prescribed components.
+
+        Returns:
+            cells (m,) with prescribed displacements u_D, and K u_D there, (m, k, 3) [N].
+        """
+        if self.oblique:
+            place = self._place[nodes]
+            cells = np.flatnonzero((place >= 0).any(axis=1))
+            tangential = self._tangential[place[cells]]
+            half = tangential.swapaxes(2, 3)[:, :, None] @ matrices[cells]
+            matrices[cells] = half @ tangential[:, None]
+        cells = np.flatnonzero(~self.free[nodes].all(axis=(1, 2)))
+        held, some = ~self.free[nodes[cells]], matrices[cells]
+        forces = np.einsum("nabij,nbj->nai", some, self.values[nodes[cells]], optimize=True)
+        diagonal = np.einsum("naaii->nai", some)
+        kept = np.where(held, diagonal, 0.0)
+        some[np.broadcast_to(held[:, :, None, :, None] | held[:, None, :, None], some.shape)] = 0.0
+        diagonal += kept  # a view
+        matrices[cells] = some
+        return cells, forces
 
     def add_normal_part(self, mat: PETSc.Mat, diagonal: FloatArray) -> None:
         """Add s N to the diagonal blocks of P K P, assembled, s the mean tangential entry of its diagonal (n, 3) [N/m].

@@ -63,10 +63,8 @@ class VolumeTerm(PressureOperator):
 
     def add_to(self, mat: PETSc.Mat) -> None:
         """As `PressureOperator.add_to`."""
-        imap = self._prolongation.index_map
         rows = self._matrix @ self._supports.ghosted(self._prolongation).projector()
-        number = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32)).astype(np.int32)
-        add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), number)
+        add_blocks(mat, (rows.T @ diags(self.missing) @ rows).tocsr(), self._prolongation.numbers)
         mat.assemble()
 
     def diagonal(self) -> FloatArray:

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix, spmatrix
 
 from fx_contact.linalg.petsc_objects import clear_hypre_errors
-from fx_contact.parallel.arrays import Int32Array
+from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
@@ -31,11 +31,13 @@ class BlockMatrix:
     Attributes:
         mat: BAIJ with blocks of 3.
         row_lengths: two (owned,), blocks of each owned row in columns of this rank and of others.
+        held: (owned, 3), forces K u_D of prescribed displacements, whose unknowns are eliminated [N].
     """
 
     comm: MPI.Intracomm
     mat: PETSc.Mat
     row_lengths: tuple[Int32Array, Int32Array]
+    held: FloatArray
 
     @property
     def entries(self) -> int:
@@ -88,7 +90,7 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied
     mat.setPreallocationNNZ(lengths)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
-    return BlockMatrix(comm, mat, lengths)
+    return BlockMatrix(comm, mat, lengths, np.zeros((imap.size_local, 3)))
 
 
 def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
