@@ -71,7 +71,7 @@ def moved(scene, record):
 def check_alike(step, near=1e-6, **options):
     """The obstacle moved by the distance of a step leads to the same displacement and force on its leaves."""
     record, begin = step.record, Beginning(step.forest, step.nodal_displacement)
-    (other, *_) = adapt(moved(step.scene, record), record.tolerance, degree=record.degree, beginning=begin, **options)
+    other, *_ = adapt(moved(step.scene, record), record.tolerance, degree=record.degree, beginning=begin, **options)
     off = step.solution.displacement - other.solution.displacement
     largest = WORLD.allreduce(float(np.abs(step.solution.displacement).max(initial=0.0)), op=MPI.MAX)
     everywhere(np.abs(off).max(initial=0.0) < near * largest, "other displacements")

@@ -39,7 +39,7 @@ class Problem:
         """ContactProblem, in the mixed form or with the whole stiffness assembled."""
         rows = create_rows(self.scene, self.prolongation, enforcement)
         return ContactProblem(
-            matrix=self.elasticity.stiffness(rows, copied=False, mixed=mixed, supports=self.supports),
+            matrix=self.elasticity.stiffness(rows, symmetric=True, mixed=mixed, supports=self.supports),
             load=np.zeros_like(self.supports.prescribed),
             supports=self.supports,
             energy_norm=self.elasticity.energy_norm,

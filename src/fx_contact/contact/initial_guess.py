@@ -8,6 +8,7 @@ from fx_contact.contact.active_set import ActiveSet
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.supports import Supports
+from fx_contact.linalg.matrix import diagonal_blocks
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray
@@ -106,7 +107,7 @@ def relax(matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray,
         x.array[:] = u.ravel()
         for _ in range(_UPDATES):
             b.array[:] = (load + term.of(status.active).load()).ravel()
-            ksp.setOperators(matrix)
+            ksp.setOperators(matrix, diagonal_blocks(matrix))
             ksp.solve(b, x)
             u = x.array.reshape(-1, 3).copy()
             before, wanted = status.active, status.wanted(term.forces(u), 0.0)

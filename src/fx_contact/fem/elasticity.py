@@ -263,14 +263,14 @@ class Elasticity:
         return bool(self.projects and self.prolongation.space.degree > 1)
 
     def stiffness(
-        self, rows: Rows | None = None, copied: bool = True, mixed: bool = False, supports: Supports | None = None
+        self, rows: Rows | None = None, symmetric: bool = False, mixed: bool = False, supports: Supports | None = None
     ) -> BlockMatrix:
         """P^T K P on the conforming unknowns before `mat.assemble`, with room for the blocks of contact rows.
 
         Collective on mesh.comm.
 
         Args:
-            copied: as in `create_matrix`.
+            symmetric: as in `create_matrix`.
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
 
@@ -279,7 +279,7 @@ class Elasticity:
         """
         comm, imap = self.prolongation.comm, self.prolongation.index_map
         graph = node_couplings(self.prolongation, self.cells)
-        matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, copied)
+        matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, symmetric)
         total = CellSum(self.prolongation, matrix, supports)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
         space = self.discontinuous()

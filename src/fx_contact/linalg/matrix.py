@@ -1,5 +1,6 @@
-"""The conforming matrix: blocks of 3 x 3 for assembly, then hypre's format if hypre is the preconditioner.
+"""The conforming matrix: blocks of 3 x 3, for p-multigrid the diagonal and what is above it, or hypre's format.
 
+PETSc's product takes the time that reading the matrix takes, and of a symmetric one it reads half.
 PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
 Copied into preallocated rows, the matrix exists twice during the copy, and once during the solve.
 """
@@ -20,8 +21,9 @@ from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.mpi import together
 
-#: Memory that a block of 3 x 3 takes in the matrix, in the preconditioner, and in a copy in hypre's format.
-_BLOCK_BYTES, _COPY_BYTES = 76 + 50, 108
+#: Memory that a block of 3 x 3 takes in the preconditioner, with it in the matrix, and in a copy in hypre's format.
+_PRECONDITIONER_BYTES = 50
+_BLOCK_BYTES, _COPY_BYTES = 76 + _PRECONDITIONER_BYTES, 108
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +31,8 @@ class BlockMatrix:
     """A square matrix on the conforming unknowns.
 
     Attributes:
-        mat: BAIJ with blocks of 3.
-        row_lengths: two (owned,), blocks of each owned row in columns of this rank and of others.
+        mat: BAIJ with blocks of 3, or SBAIJ, from whose additions PETSc drops the blocks below the diagonal.
+        row_lengths: two (owned,), blocks stored of each owned row, in columns of this rank and of others.
         held: (owned, 3), forces K u_D of prescribed displacements, whose unknowns are eliminated [N].
     """
 
@@ -41,14 +43,21 @@ class BlockMatrix:
 
     @property
     def entries(self) -> int:
-        """Entries of the matrix on all ranks.  Collective on comm."""
-        return self.comm.allreduce(9 * sum(int(lengths.sum()) for lengths in self.row_lengths))
+        """Entries of the matrix on all ranks, on both sides of the diagonal.  Collective on comm."""
+        stored = sum(int(lengths.sum()) for lengths in self.row_lengths)
+        return self.comm.allreduce(9 * (2 * stored - len(self.held) if self.symmetric else stored))
+
+    @property
+    def symmetric(self) -> bool:
+        """True if the blocks below the diagonal are not stored.  Local."""
+        return is_symmetric(self.mat)
 
     def in_format_of(self, kind: str) -> PETSc.Mat:
         """The matrix in the format of a type of PC, in the place of `mat`.  Collective on comm."""
         if kind == PETSc.PC.Type.MG:
             return self.mat
-        result = self._in_hypre_format() if kind == PETSc.PC.Type.HYPRE else as_aij(self.mat)
+        copied = kind == PETSc.PC.Type.HYPRE and not self.symmetric
+        result = self._in_hypre_format() if copied else as_aij(self.mat)
         self.mat.destroy()
         return result
 
@@ -73,21 +82,24 @@ class BlockMatrix:
         return result
 
 
-def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, copied: bool = True) -> BlockMatrix:
+def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmetric: bool = False) -> BlockMatrix:
     """An empty matrix with room for the couplings of nodes, no more.
 
     Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
-    and ghosts.  With p-multigrid the matrix is not copied.  Raises SolveError if the matrix and its preconditioner
-    would not fit into the memory that the hosts have left.
+    and ghosts.  A `symmetric` one, for p-multigrid, is SBAIJ and not copied.  Raises SolveError if the matrix and its
+    preconditioner would not fit into the memory that the hosts have left.
     """
-    lengths = _row_lengths(comm, graph, imap)
-    needed = (_BLOCK_BYTES + copied * _COPY_BYTES) * sum(int(length.sum()) for length in lengths)
+    lengths = _row_lengths(comm, graph, imap, symmetric)
+    block = _BLOCK_BYTES + (_PRECONDITIONER_BYTES if symmetric else _COPY_BYTES)
+    needed = block * sum(int(length.sum()) for length in lengths)
     what = f"the system of {3 * imap.size_global:,} unknowns"
     check_memory(comm, what, needed, "ask for a larger tolerance, or use more hosts")
     mat = PETSc.Mat().create(comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
-    mat.setType(PETSc.Mat.Type.BAIJ)
+    mat.setType(PETSc.Mat.Type.SBAIJ if symmetric else PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
+    if symmetric:
+        mat.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     return BlockMatrix(comm, mat, lengths, np.zeros((imap.size_local, 3)))
@@ -100,6 +112,30 @@ def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
     columns, add = number[blocks.indices], PETSc.InsertMode.ADD
     mat.setValuesBlockedIJV(indptr, columns, blocks.data, addv=add, rowmap=number[rows])
+
+
+def is_symmetric(mat: PETSc.Mat) -> bool:
+    """True if a matrix is SBAIJ.  Local."""
+    return "sbaij" in mat.type
+
+
+def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
+    """The 3 x 3 blocks on the diagonal of an SBAIJ matrix as BAIJ, whose inverse PETSc provides; other formats as is.
+
+    Collective on mat.comm.
+    """
+    if not is_symmetric(mat):
+        return mat
+    here = mat.getDiagonalBlock()
+    indptr, _ = here.getRowIJ(compressed=True)
+    values, lib = ctypes.c_void_p(), ctypes.CDLL(PETSc.__file__)  # petsc4py lacks the array
+    lib.MatSeqSBAIJGetArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
+    every = np.ctypeslib.as_array(ctypes.cast(values, ctypes.POINTER(ctypes.c_double)), (9 * int(indptr[-1]),))
+    blocks = every.reshape(-1, 9)[indptr[:-1]]  # the diagonal one is the first of its row
+    lib.MatSeqSBAIJRestoreArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
+    first, count = mat.getOwnershipRange()[0] // 3, len(blocks)
+    csr = np.arange(count + 1, dtype=PETSc.IntType), first + np.arange(count, dtype=PETSc.IntType), blocks.ravel()
+    return PETSc.Mat().createBAIJ(mat.getSizes(), 3, csr=csr, comm=mat.comm)
 
 
 def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
@@ -119,15 +155,20 @@ def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
     return copy
 
 
-def _row_lengths(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap) -> tuple[Int32Array, Int32Array]:
-    """Blocks of each owned row in columns of this rank and of others, exactly."""
+def _row_lengths(
+    comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmetric: bool
+) -> tuple[Int32Array, Int32Array]:
+    """Blocks of each owned row in columns of this rank and of others, exactly; symmetric: not below the diagonal."""
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
+    number = imap.local_to_global(np.arange(size, dtype=np.int32))
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
+    if symmetric:
+        above = number[columns] >= number[rows]
+        rows, columns = rows[above], columns[above]
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
 
     # Rows with couplings of several ranks: the union of their columns, by global numbers.
-    number = imap.local_to_global(np.arange(size, dtype=np.int32))
     theirs = rows >= owned
     exchange = Exchange(comm, imap.owners[rows[theirs] - owned])
     first = imap.local_range[0]

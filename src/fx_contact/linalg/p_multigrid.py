@@ -65,7 +65,7 @@ class CoarseLevel:
 
 
 def within_blocks(matrix: PETSc.Mat, blocks: Int64Array) -> PETSc.Mat:
-    """The entries of a BAIJ matrix that couple unknowns of one block of nodes: AIJ of the same layout.  Collective."""
+    """The entries of a matrix that couple unknowns of one block of nodes: AIJ of the same layout.  Collective."""
     aij = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     indptr, indices, values = aij.getValuesCSR()
     aij.destroy()

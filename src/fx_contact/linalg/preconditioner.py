@@ -3,6 +3,7 @@
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fx_contact.linalg.matrix import diagonal_blocks
 from fx_contact.linalg.operator import Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
@@ -30,19 +31,17 @@ class Preconditioner:
         if self.pc.getType() == PETSc.PC.Type.MG and coarse is not None:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
-            if coarse.blocks is not None:
-                self._smooth_blocks(matrix, coarse.blocks)
+            self._smooth(matrix, coarse.blocks)
         with self._options.reading(self._objects):
             self.pc.setUp()
         self._options.check_read()
         self.pc.setReusePreconditioner(True)
 
-    def _smooth_blocks(self, matrix: PETSc.Mat, blocks: Int64Array) -> None:
-        """Block smoother of multigrid, also for blocks with nodes of several ranks."""
-        smoother, inside = self.pc.getMGSmoother(1), within_blocks(matrix, blocks)
-        smoother.setOperators(matrix, inside)
-        inside.destroy()  # the smoother has a reference
-        if self._smooths_blocks:
+    def _smooth(self, matrix: PETSc.Mat, blocks: Int64Array | None) -> None:
+        """Block smoother of multigrid, also for blocks with nodes of several ranks; None: a node is a block."""
+        smoother = self.pc.getMGSmoother(1)
+        smoother.setOperators(matrix, diagonal_blocks(matrix) if blocks is None else within_blocks(matrix, blocks))
+        if blocks is None or self._smooths_blocks:
             return
         self._smooths_blocks = True
         with self._options.reading(self._objects):
