@@ -90,7 +90,7 @@ def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     imap, own = prolongation.index_map, prolongation.conforming >= 0
     owner = np.concatenate([np.full(imap.size_local, comm.rank), imap.owners])
     # Blocks with the same number would be solved for as one, which is correct too.
-    draw = hashed(prolongation.numbers, np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
+    draw = hashed(prolongation.numbers.astype(np.int64), np.iinfo(np.int32).max).astype(np.int64) * comm.size + owner
     block: Int64Array = np.full(len(space), np.iinfo(np.int64).max)
     block[own] = draw[prolongation.conforming[own]]
     while True:  # once for each piece of a line that is cut by ranks, and once more

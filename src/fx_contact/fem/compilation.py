@@ -6,8 +6,8 @@ from mpi4py import MPI
 
 from fx_contact.parallel.errors import CompilationError
 
-#: Flags of the C compiler that allow reordered sums, to vectorise loops over basis functions.  The stiffness of a cell
-#: of degree 2 takes 390 microseconds with -O2, DOLFINx's default, and 135 with these.
+#: Flags of the C compiler that allow reordered sums, to vectorise loops over basis functions.  The internal
+#: forces of a cell of degree 2 take 17 microseconds with -O2, DOLFINx's default, and 9 with these.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-signed-zeros", "-fno-trapping-math", "-fassociative-math"]
 _ARGS = "cffi_extra_compile_args"
 

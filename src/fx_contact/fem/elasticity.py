@@ -14,7 +14,8 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.fem.anisotropy import Anisotropy
-from fx_contact.fem.cell_products import CellSum, cell_constraints, cell_matrices, constrained, node_couplings
+from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained, node_couplings
+from fx_contact.fem.cell_stiffness import CellStiffness
 from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
@@ -282,17 +283,15 @@ class Elasticity:
         matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, symmetric)
         total = CellSum(self.prolongation, matrix, supports)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
-        space = self.discontinuous()
+        kernel, space = self._cell_stiffness(), self.discontinuous()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
             for part in self._chunks(some):
-                unknowns = space.dofmap.list[part]
-                order, matrices = cell_matrices(self._form(part, space), unknowns, unknowns)
-                part = part[order]
+                matrices = kernel.matrices(part)
                 if self.projects:
                     self._add_projected(matrices, part, space, mixed)
-                nodes: IntArray = self.prolongation.conforming[self.cells[part][:, self.order]]
+                nodes: IntArray = self.prolongation.conforming[self.cells[part]]
                 if hangs[part].any():
-                    nodes, weights = cell_constraints(self.prolongation, self.cells[part][:, self.order])
+                    nodes, weights = cell_constraints(self.prolongation, self.cells[part])
                     matrices = constrained(matrices, weights)
                 total.add(matrices, nodes)
         if self.springs is not None:
@@ -323,11 +322,14 @@ class Elasticity:
                 self._integrals[name] = Integral(self.prolongation.comm, form, [self.argument])
         return self._integrals[name]
 
-    def _form(self, cells: IntArray, space: fem.FunctionSpace) -> fem.Form:
-        """Stiffness of some cells, but for projected volume strains."""
-        trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-        stress = self.hooke(trial, self._pointwise * ufl.div(trial) if self.projects else None)
-        return self._compiled(ufl.inner(stress, ufl.sym(ufl.grad(test))), cells)
+    def _cell_stiffness(self) -> CellStiffness:
+        """Stiffness of cells, but for projected volume strains."""
+        materials, material = self._materials
+        moduli = np.array([one.stiffness for one in materials])
+        for number, one in enumerate(materials):
+            if self.projects and one.isotropic.poisson >= LOCKING_POISSON:
+                moduli[number, :3, :3] -= one.isotropic.lame[0]
+        return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
         """The term of the mixed form beside its matrix.  Collective on mesh.comm."""
@@ -354,6 +356,7 @@ class Elasticity:
         first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
         if mixed:
             first = _first_lame(self._of_cells(self.lame[1], some))
+        d = d.reshape(*d.shape[:2], k, 3)[:, :, np.argsort(self.order)].reshape(d.shape)  # nodes as in `cells`
         product = d.transpose(0, 2, 1) @ (first[:, None, None] * self._projection.inverse_mass[some] @ d)
         matrices[place[some]] += product.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
 
