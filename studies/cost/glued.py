@@ -39,7 +39,7 @@ def with_contact(step, forces, supports):
     elasticity, stages = step.elasticity, step.stages
     with stages("assemble"):
         pairs = create_rows(step.scene, elasticity.prolongation, Enforcement())
-        matrix = elasticity.stiffness(pairs)
+        matrix = elasticity.stiffness(pairs, supports=supports)
     problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, pairs, step.scene)
     solve_contact(problem, step.start, SolveOptions(Solver()), stages)
 
@@ -49,7 +49,7 @@ def glued(step, forces, supports):
     elasticity, stages = step.elasticity, step.stages
     pairs = create_rows(step.scene, elasticity.prolongation, Enforcement("penalty"))
     with stages("assemble"):
-        matrix = elasticity.stiffness(pairs)
+        matrix = elasticity.stiffness(pairs, supports=supports)
         reserve(matrix.mat, Jump(pairs, supports))  # hypre's format wants every entry that has room
         for axis in np.eye(3):
             tie = replace(pairs, normal=np.broadcast_to(axis, (len(pairs), 3)), gap=np.zeros(len(pairs)))

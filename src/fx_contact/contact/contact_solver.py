@@ -150,7 +150,7 @@ def _first_guess(
         u = move_bodies(problem.scene, matrix, load, jump, stiffness, u, problem.supports)
     capped.of(status.active).add_to(matrix)
     if carried and problem.volume is None:  # the matrix alone is too soft
-        u = relax(matrix, load, capped, u, status)
+        u = relax(matrix, load, capped, u, status, rows.prolongation.space.degree)
         status.reset_cycles()
     return status, u
 
@@ -182,6 +182,7 @@ def _find_active_set(
 def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
     """The right-hand side with prescribed displacements [N], and the roots of the diagonal, both (owned, 3)."""
     matrix, supports = problem.matrix.mat, problem.supports
+    assert problem.matrix.held is not None, "a matrix made without the supports"
     load = supports.free_part(problem.load - problem.matrix.held)
     with PetscObjects() as objects:
         vector = objects.add(matrix.getDiagonal())

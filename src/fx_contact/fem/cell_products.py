@@ -93,4 +93,5 @@ class CellSum:
 
     def result(self) -> BlockMatrix:
         """The matrix, not yet assembled, with the forces of prescribed displacements."""
-        return replace(self._matrix, held=self._prolongation.summed(self._held))
+        held = None if self._supports is None else self._prolongation.summed(self._held)
+        return replace(self._matrix, held=held)

@@ -63,7 +63,7 @@ class Supports:
         The diagonal entries of K stay at prescribed components.
 
         Returns:
-            cells (m,) with prescribed displacements u_D, and K u_D there, (m, k, 3) [N].
+            cells (m,) with displacements u_D that are prescribed and not 0, and K u_D there, (m, k, 3) [N].
         """
         if self.oblique:
             place = self._place[nodes]
@@ -71,15 +71,17 @@ class Supports:
             tangential = self._tangential[place[cells]]
             half = tangential.swapaxes(2, 3)[:, :, None] @ matrices[cells]
             matrices[cells] = half @ tangential[:, None]
+        values = self.values
+        moved = np.flatnonzero((values[nodes] != 0).any(axis=(1, 2)))
+        forces = np.einsum("nabij,nbj->nai", matrices[moved], values[nodes[moved]], optimize=True)
         cells = np.flatnonzero(~self.free[nodes].all(axis=(1, 2)))
         held, some = ~self.free[nodes[cells]], matrices[cells]
-        forces = np.einsum("nabij,nbj->nai", some, self.values[nodes[cells]], optimize=True)
         diagonal = np.einsum("naaii->nai", some)
         kept = np.where(held, diagonal, 0.0)
         some[np.broadcast_to(held[:, :, None, :, None] | held[:, None, :, None], some.shape)] = 0.0
         diagonal += kept  # a view
         matrices[cells] = some
-        return cells, forces
+        return moved, forces
 
     def add_normal_part(self, mat: PETSc.Mat, diagonal: FloatArray) -> None:
         """Add s N to the diagonal blocks of P K P, assembled, s the mean tangential entry of its diagonal (n, 3) [N/m].

@@ -33,19 +33,19 @@ class BlockMatrix:
     Attributes:
         mat: BAIJ with blocks of 3, or SBAIJ, from whose additions PETSc drops the blocks below the diagonal.
         row_lengths: two (owned,), blocks stored of each owned row, in columns of this rank and of others.
-        held: (owned, 3), forces K u_D of prescribed displacements, whose unknowns are eliminated [N].
+        held: (owned, 3), forces K u_D of prescribed displacements, whose unknowns are eliminated [N]; None: none are.
     """
 
     comm: MPI.Intracomm
     mat: PETSc.Mat
     row_lengths: tuple[Int32Array, Int32Array]
-    held: FloatArray
+    held: FloatArray | None = None
 
     @property
     def entries(self) -> int:
         """Entries of the matrix on all ranks, on both sides of the diagonal.  Collective on comm."""
-        stored = sum(int(lengths.sum()) for lengths in self.row_lengths)
-        return self.comm.allreduce(9 * (2 * stored - len(self.held) if self.symmetric else stored))
+        stored, diagonal = sum(int(lengths.sum()) for lengths in self.row_lengths), len(self.row_lengths[0])
+        return self.comm.allreduce(9 * (2 * stored - diagonal if self.symmetric else stored))
 
     @property
     def symmetric(self) -> bool:
@@ -102,7 +102,7 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmet
         mat.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
-    return BlockMatrix(comm, mat, lengths, np.zeros((imap.size_local, 3)))
+    return BlockMatrix(comm, mat, lengths)
 
 
 def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
