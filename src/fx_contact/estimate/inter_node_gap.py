@@ -119,21 +119,17 @@ class _Facets:
     def _least(self, facets: Int64Array) -> FloatArray:
         """The least gap (k,) [m] of facets (k,) on a grid on each."""
         side = int(np.sqrt(self._apart.shape[1]))
-        finer = hexahedron.lagrange(side - 1, np.linspace(0, 1, self._kind.PARTS + 1))
-
-        def at(values: FloatArray) -> FloatArray:
-            """Values on the grid."""
-            grid = values.reshape(-1, side, side, 3)
-            return np.einsum("qy,pynj->qpnj", finer, np.einsum("px,nyxj->pynj", finer, grid))
-
+        finer = _tensor(hexahedron.lagrange(side - 1, np.linspace(0, 1, self._kind.PARTS + 1)))
         least = np.empty(len(facets))
         for start in range(0, len(least), _CHUNK):
             some = facets[start : start + _CHUNK]
-            position = at(self._here[some])
-            normal = at(self._normal[some])
+            position, normal = finer @ self._here[some], finer @ self._normal[some]
             apart = self._kind.apart_from(position.reshape(-1, 3), normal.reshape(-1, 3))
-            apart = at(self._apart[some]) if apart is None else apart.reshape(position.shape) - at(self._jump[some])
-            least[start : start + _CHUNK] = _normal_part(apart, normal).min(axis=(0, 1))
+            if apart is None:
+                apart = finer @ self._apart[some]
+            else:
+                apart = apart.reshape(position.shape) - finer @ self._jump[some]
+            least[start : start + _CHUNK] = _normal_part(apart, normal).min(axis=1)
         return least + self._kind.contact.clearance
 
     def work(self, pressure: FloatArray) -> FloatArray:
