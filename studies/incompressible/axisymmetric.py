@@ -15,12 +15,16 @@ import ufl
 from basix.ufl import element, mixed_element
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
-from dolfinx.io import gmshio
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from studies.tables import write
+
+try:
+    from dolfinx.io import gmshio as gmsh_models
+except ImportError:  # since 0.10
+    from dolfinx.io import gmsh as gmsh_models
 
 RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
 #: Radius, modulus, displacement of the flat face.
@@ -56,7 +60,7 @@ def half_disc(cells):
             gmsh.option.setNumber(f"Mesh.{option}", 0)
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(2)
-        return gmshio.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)[0]
+        return gmsh_models.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)[0]
     finally:
         gmsh.finalize()
 
@@ -82,9 +86,9 @@ def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:
     matrix.assemble()
 
     vertical, of_vertical = space.sub(0).sub(1).collapse()
-    place, of_vertical = vertical.tabulate_dof_coordinates(), np.array(of_vertical)
+    place, of_vertical = vertical.tabulate_dof_coordinates(), np.ravel(of_vertical)
     radial, of_radial = space.sub(0).sub(0).collapse()
-    on_axis = np.array(of_radial)[np.abs(radial.tabulate_dof_coordinates()[:, 0]) < 1e-12]
+    on_axis = np.ravel(of_radial)[np.abs(radial.tabulate_dof_coordinates()[:, 0]) < 1e-12]
     top = of_vertical[place[:, 1] > RADIUS - 1e-12]
     distance = np.hypot(place[:, 0], place[:, 1] - RADIUS)
     arc = (np.abs(distance - RADIUS) < 1e-6) & (place[:, 0] < 3 * CONTACT)

@@ -163,7 +163,7 @@ def bar(height: float, **more: Any) -> dict[str, Any]:
 def add_note(plotter: "Plotter", text: str) -> None:
     """Write text into the upper right corner, black on white.  Local."""
     size = max(9, int(picture_size(plotter)[1] / 64))
-    note = plotter.add_text(text, "upper_right", font_size=size, color="black")
+    note = plotter.add_text(text, position="upper_right", font_size=size, color="black")
     note.prop.background_color, note.prop.background_opacity = "white", 0.8
 
 

@@ -185,6 +185,8 @@ def _add_legend(plotter: "Plotter", colours: dict[str, Colour]) -> None:
     for row, (name, colour) in enumerate(colours.items()):
         light = np.dot(colour, (0.299, 0.587, 0.114)) > 0.5
         place = (width - line / 2, height - line * (row + 1.5))
-        label = plotter.add_text(f" {name} ", place, font_size=int(line / 3), color="black" if light else "white")
+        label = plotter.add_text(
+            f" {name} ", position=place, font_size=int(line / 3), color="black" if light else "white"
+        )
         label.prop.justification_horizontal = "right"
         label.prop.background_color, label.prop.background_opacity = colour, 1.0
