@@ -113,10 +113,7 @@ BEAMS = {
 }
 
 
-TOO_SMALL = pytest.mark.xfail(strict=True, reason="the estimate has 0.58 of the true error")
-
-
-@pytest.mark.parametrize("name", [*list(BEAMS)[:-1], pytest.param(list(BEAMS)[-1], marks=TOO_SMALL)])
+@pytest.mark.parametrize("name", list(BEAMS))
 def test_forces_of_beams(name):
     """However little energy a force has to do with, it is as right as asked for, and its error is known."""
     make, degree, tolerance, force = BEAMS[name]
