@@ -16,9 +16,9 @@ from fx_contact.problem.scene import Scene
 
 #: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
 _UNRESISTED = 1e-12
-#: Iterations with block Jacobi before each update of the active set, and most updates.  Iterations with hypre for
-#: 0 x 0, 5 x 5, 15 x 1, 15 x 5, 45 x 5: 238, 181, 185, 176, 173 (studies/cost/contact_constants.py).
-_RELAXATION, _UPDATES = 15, 5
+#: Iterations with block Jacobi before each update of the active set by degree, and most updates
+#: (`studies.cost.contact_constants`).
+_RELAXATION, _UPDATES = {1: 15, 2: 5}, 5
 
 
 def move_bodies(
@@ -83,7 +83,9 @@ def _solved(matrix: FloatArray, right_hand_side: FloatArray, diagonal: FloatArra
     return vectors @ ((right_hand_side @ vectors) / values[some])
 
 
-def relax(matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray, status: ActiveSet) -> FloatArray:
+def relax(
+    matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray, status: ActiveSet, degree: int
+) -> FloatArray:
     """Smooth a displacement from a coarser mesh by PCG with block Jacobi, and update the active set by it.
 
     Its error has short wavelengths, at the edge of the contact.  The smoothed one mostly has the final active set.
@@ -95,6 +97,7 @@ def relax(matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray,
         load: (owned, 3), right-hand side without contact [N].
         term: of all rows.
         u: (owned, 3), first guess [m].
+        degree: of the displacements.
     """
     with PetscObjects() as objects:
         ksp = objects.add(PETSc.KSP().create(matrix.comm))
@@ -102,7 +105,7 @@ def relax(matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray,
         ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
         ksp.setNormType(PETSc.KSP.NormType.NONE)
         ksp.setInitialGuessNonzero(True)
-        ksp.setTolerances(max_it=_RELAXATION)
+        ksp.setTolerances(max_it=_RELAXATION[degree])
         x, b = map(objects.add, matrix.createVecs())
         x.array[:] = u.ravel()
         for _ in range(_UPDATES):
