@@ -23,7 +23,7 @@ from fx_contact.fem.nodal_stress import NodalStress
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
 from fx_contact.fem.supports import Supports
-from fx_contact.fem.volume_projection import VolumeProjection
+from fx_contact.fem.volume_projection import VolumeProjection, discontinuous_vectors
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
@@ -283,12 +283,12 @@ class Elasticity:
         matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, symmetric)
         total = CellSum(self.prolongation, matrix, supports)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
-        kernel, space = self._cell_stiffness(), self.discontinuous()
+        kernel = self._cell_stiffness()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
             for part in self._chunks(some):
                 matrices = kernel.matrices(part)
                 if self.projects:
-                    self._add_projected(matrices, part, space, mixed)
+                    self._add_projected(matrices, part, mixed)
                 nodes: IntArray = self.prolongation.conforming[self.cells[part]]
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part])
@@ -301,9 +301,7 @@ class Elasticity:
 
     def discontinuous(self) -> fem.FunctionSpace:
         """Vectors of the displacement's degree in cells that share no node.  Collective."""
-        degree = self.prolongation.space.degree
-        element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
-        return fem.functionspace(self.mesh, element)
+        return discontinuous_vectors(self.mesh, self.prolongation.space.degree)
 
     def measure(self, cells: IntArray | None = None) -> ufl.Measure:
         """Volume of this rank's cells, or some of them, by the Gauss rule of `quadrature_degree`.  Local."""
@@ -333,10 +331,10 @@ class Elasticity:
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
         """The term of the mixed form beside its matrix.  Collective on mesh.comm."""
-        space, cells = self.discontinuous(), []
+        cells: list[IntArray] = []
         parts: list[tuple[IntArray, FloatArray]] = []
         for some in self._chunks(np.flatnonzero(self._soft)):
-            part, d = self._projection.moments(some, space, self._compiled)
+            part, d = self._projection.moments(some, self._compiled)
             orthonormal = np.linalg.cholesky(self._projection.inverse_mass[part]).transpose(0, 2, 1)
             parts.append((self.cells[part][:, self.order], orthonormal @ d))
             cells.append(np.repeat(part, d.shape[1]))
@@ -347,12 +345,12 @@ class Elasticity:
     def _of_cells(self, lame: fem.Function, cells: IntArray) -> FloatArray:
         return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
 
-    def _add_projected(self, matrices: FloatArray, cells: IntArray, space: fem.FunctionSpace, mixed: bool) -> None:
+    def _add_projected(self, matrices: FloatArray, cells: IntArray, mixed: bool) -> None:
         """Add D^T (lambda M^-1) D to the matrices of cells whose volume strain is projected, with m = D u."""
         soft = np.flatnonzero(self._soft[cells])
         place = np.full(len(self._soft), -1)
         place[cells[soft]] = soft
-        some, d = self._projection.moments(cells[soft], space, self._compiled)
+        some, d = self._projection.moments(cells[soft], self._compiled)
         first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
         if mixed:
             first = _first_lame(self._of_cells(self.lame[1], some))

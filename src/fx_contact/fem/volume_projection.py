@@ -12,6 +12,7 @@ J. R. Rice, Comput. Methods Appl. Mech. Eng. 4(2), 1974).  Linear displacements 
 
 from collections.abc import Callable
 
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -38,6 +39,7 @@ class VolumeProjection:
         self.space = fem.functionspace(mesh, ("DPC", degree - 1))
         # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
         self._terms = fem.functionspace(mesh, ("DPC", degree - 1, (3,)))
+        self._displacements = discontinuous_vectors(mesh, degree)
         q, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         order, mass = cell_matrices(compiled(q * test, None), self.space.dofmap.list, self.space.dofmap.list)
         self.inverse_mass = np.empty_like(mass)
@@ -49,15 +51,16 @@ class VolumeProjection:
         result[cells] = np.einsum("nij,nj->ni", self.inverse_mass, moments[cells])
         return result
 
-    def moments(
-        self, cells: IntArray, displacements: fem.FunctionSpace, compiled: Compile
-    ) -> tuple[IntArray, FloatArray]:
-        """Cells (n,) in their new order and their matrices D (n, q, 3 k) with m = D u [m^2].  Collective.
-
-        The displacements are discontinuous, of degree p.
-        """
-        trial, test = ufl.TrialFunction(displacements), ufl.TestFunction(self._terms)
+    def moments(self, cells: IntArray, compiled: Compile) -> tuple[IntArray, FloatArray]:
+        """Cells (n,) in their new order and their matrices D (n, q, 3 k) with m = D u [m^2].  Collective."""
+        trial, test = ufl.TrialFunction(self._displacements), ufl.TestFunction(self._terms)
         form = compiled(sum(test[i] * trial[i].dx(i) for i in range(3)), cells)
-        order, d = cell_matrices(form, self._terms.dofmap.list[cells], displacements.dofmap.list[cells])
+        order, d = cell_matrices(form, self._terms.dofmap.list[cells], self._displacements.dofmap.list[cells])
         n, count, k, *_ = d.shape
         return cells[order], d.sum(axis=3).reshape(n, count, 3 * k)
+
+
+def discontinuous_vectors(mesh: Mesh, degree: int) -> fem.FunctionSpace:
+    """Vectors of a degree in cells that share no node.  Collective on the mesh's communicator."""
+    element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
+    return fem.functionspace(mesh, element)
