@@ -19,7 +19,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction, adapt
-from fx_contact.contact.contact_solver import _impose
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.ladder import FLOPS, analysed
@@ -85,10 +84,9 @@ def factors(name, aspect, side):
     elasticity, iterations = step.elasticity, step.record.krylov_iterations[-1]
     iteration = 1e6 * step.record.cpu_seconds["solve"] / step.record.dofs / iterations
     supports = find_supports(step.scene, step.forest, elasticity.prolongation)
-    blocks = elasticity.stiffness()
+    blocks = elasticity.stiffness(supports=supports)
     matrix, entries = blocks.mat, blocks.entries
     matrix.assemble()
-    _impose(matrix, np.zeros_like(supports.prescribed), supports)
     matrix = matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     pc, stages = PETSc.PC().create(matrix.comm), Stages()

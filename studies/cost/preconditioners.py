@@ -117,14 +117,14 @@ def cost(step, solver, below=create_coarse_level):
     multigrid = solver.preconditioner in (None, "p-multigrid")
     coarse = below(elasticity, supports) if multigrid else None
     forces = load(step.scene, step.forest, elasticity)
-    matrix = elasticity.stiffness(rows, supports=supports)
+    matrix = elasticity.stiffness(rows, multigrid, supports=supports)
     problem = ContactProblem(matrix, forces, supports, elasticity.energy_norm, rows, step.scene, coarse=coarse)
     stages, active = Stages(), step.solution.active
     with PetscObjects(matrix.mat, *([coarse] if multigrid else [])) as objects:
         jump = Jump(rows, supports)
         reserve(matrix.mat, jump)
         matrix.mat.assemble()
-        base, _ = _impose(matrix.mat, forces, supports)
+        base, _ = _impose(problem)
         PenaltyTerm(jump, active * rows.capped_stiffness).add_to(matrix.mat)
         system = ContactSystem(problem, base, jump, active, SolveOptions(solver), stages, objects)
         start = supports.admissible(step.start)
