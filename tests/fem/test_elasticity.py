@@ -38,6 +38,7 @@ from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
+from fx_contact.linalg.matrix import as_aij, diagonal_blocks
 from fx_contact.problem.boundary_conditions import Traction
 from fx_contact.problem.materials import Material
 
@@ -206,6 +207,40 @@ def test_hypre_copy_follows_the_blocks(distribution):
         assert (expected - found).norm() < 1e-14 * expected.norm()
         moved = (expected - reference).norm() > 0.1 * expected.norm()
         assert moved or not change.any()
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_symmetric_storage_holds_the_same_matrix(distribution):
+    """Products, number of entries and diagonal blocks; every row is as long as foreseen, and converts to AIJ."""
+    scene = pressed(two_boxes(margin=1))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
+    elasticity = discrete(scene, forest)
+    prolongation = elasticity.prolongation
+    pairs = create_rows(scene, prolongation, Enforcement())
+    jump = Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan)))
+    whole, half = (elasticity.stiffness(pairs, symmetric) for symmetric in (False, True))
+    for blocks in (whole, half):
+        reserve(blocks.mat, jump)
+        PenaltyTerm(jump, pairs.stiffness).add_to(blocks.mat)
+    assert half.symmetric and not whole.symmetric and half.entries == whole.entries
+    info = half.mat.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+    foreseen = WORLD.allreduce(sum(int(lengths.sum()) for lengths in half.row_lengths))
+    assert info["nz_used"] == info["nz_allocated"] == 9 * foreseen < 0.55 * whole.entries
+
+    x, expected = whole.mat.createVecs()
+    x.array[:] = np.sin(scramble(np.arange(*whole.mat.getOwnershipRange()), 5).astype(float))
+    whole.mat.mult(x, expected)
+    for mat in (half.mat, as_aij(half.mat)):
+        found = expected.duplicate()
+        mat.mult(x, found)
+        assert (found - expected).norm() < 1e-13 * expected.norm()
+    rows, columns = np.arange(*whole.mat.getOwnershipRange()), np.arange(whole.mat.getSize()[0])
+    here, blocks = (
+        mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()).getValues(rows.astype("i4"), columns.astype("i4"))
+        for mat in (whole.mat, diagonal_blocks(half.mat))
+    )
+    expected = np.where(rows[:, None] // 3 == columns // 3, here, 0.0)
+    everywhere(np.abs(blocks - expected).max(initial=0.0) < 1e-14 * np.abs(here).max(initial=1.0), "other blocks")
 
 
 def test_strewn_pairs_are_not_local():
