@@ -153,11 +153,11 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
         cells = create_leaf_mesh(forest, order)
     with stages("assemble"):
         elasticity = Elasticity(cells, [_MATERIAL], np.zeros(len(forest), dtype=np.int32), prolongation, stages)
-        matrix = elasticity.stiffness()
     with stages("system"):
         forces = _load(forest, elasticity, stages)
         supports = Supports(_prescribed(forest, prolongation))
     with stages("assemble"):
+        matrix = elasticity.stiffness(symmetric=space.degree > 1, supports=supports)
         coarse = create_coarse_level(elasticity, supports) if space.degree > 1 else None
     start, exact = np.zeros((prolongation.owned, 3)), ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh)))
     linear = ContactProblem(matrix, forces, supports, elasticity.energy_norm, coarse=coarse)

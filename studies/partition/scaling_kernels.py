@@ -10,6 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt
+from fx_contact.contact.jump import Jump
+from fx_contact.contact.penalty_term import reserve
+from fx_contact.fem.dirichlet import find_supports
 from fx_contact.scenes import hertz
 from studies.partition.scaling_model import KEYS
 
@@ -89,9 +92,11 @@ def _measured(tolerance, degree):
     *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=degree)
     record = step.record
     cells, dofs, seconds, iterations = record.cells, record.dofs, record.cpu_seconds, sum(record.krylov_iterations)
-    blocks = step.elasticity.stiffness(step.rows)
+    supports = find_supports(step.scene, step.forest, step.elasticity.prolongation)
+    blocks = step.elasticity.stiffness(step.rows, degree > 1, supports=supports)
+    reserve(blocks.mat, Jump(step.rows, supports))
     blocks.mat.assemble()
-    matrix = blocks.in_format_of("hypre")
+    matrix = blocks.in_format_of("mg" if degree > 1 else "hypre")
     x, y = matrix.createVecs()
     x.set(1.0)
     start = time.process_time()

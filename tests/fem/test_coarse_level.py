@@ -117,6 +117,7 @@ def test_options_of_the_levels():
     name, count = iterations()
     assert name == "p-multigrid" and 5 < count < 30
     assert iterations(options={"mg_levels_ksp_max_it": 5})[1] < count
+    assert iterations(options={"mg_levels_pc_type": "sor"})[1] < count, "not of the whole matrix"
     assert iterations(options={"mg_coarse_pc_type": "jacobi", "mg_coarse_ksp_type": "preonly"})[1] > 1.5 * count
     with pytest.raises(SceneError, match="mg_levels_ksp_maxit"):
         iterations(options={"mg_levels_ksp_maxit": 5})

@@ -243,6 +243,25 @@ def test_symmetric_storage_holds_the_same_matrix(distribution):
     everywhere(np.abs(blocks - expected).max(initial=0.0) < 1e-14 * np.abs(here).max(initial=1.0), "other blocks")
 
 
+def test_diagonal_blocks_of_a_rank_without_rows():
+    """They are those of the other ranks."""
+    size = 6 if WORLD.rank == 0 else 0
+    mat = PETSc.Mat().create(WORLD)
+    mat.setSizes([[size, 6]] * 2, bsize=3)
+    mat.setType(PETSc.Mat.Type.SBAIJ)
+    mat.setPreallocationNNZ((2, 0))
+    block = np.array([[4.0, 1.0, 0.0], [1.0, 5.0, 2.0], [0.0, 2.0, 6.0]])
+    for row, column in [(0, 0), (0, 1), (1, 1)] if size else []:
+        mat.setValuesBlocked([row], [column], (1 + row + column) * block)
+    mat.assemble()
+    blocks = diagonal_blocks(mat)
+    x, y = blocks.createVecs()
+    x.set(1.0)
+    blocks.mult(x, y)
+    expected = np.concatenate([block.sum(axis=1), 3 * block.sum(axis=1)])
+    everywhere((y.array == expected[: len(y.array)]).all() and len(y.array) == size, "other blocks")
+
+
 def test_strewn_pairs_are_not_local():
     """The check above can fail: on a random partition facing vertices have different owners."""
     if WORLD.size == 1:

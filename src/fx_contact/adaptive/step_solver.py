@@ -145,8 +145,9 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         forces, totals = load_and_totals(scene, forest, elasticity)
     with stages("assemble"):
         mixed = elasticity.mixed and settings.solver.preconditioner != "cholesky"  # factors take all of K
-        matrix = elasticity.stiffness(rows, settings.multigrid, mixed, supports)
         coarse = create_coarse_level(elasticity, supports) if settings.multigrid else None
+        symmetric = coarse is not None and coarse.blocks is None  # PETSc takes blocks of nodes out of BAIJ faster
+        matrix = elasticity.stiffness(rows, symmetric, mixed, supports)
         volume = elasticity.volume_term(supports) if mixed else None
     problem = ContactProblem(
         matrix=matrix,

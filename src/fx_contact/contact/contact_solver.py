@@ -182,7 +182,8 @@ def _find_active_set(
 def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
     """The right-hand side with prescribed displacements [N], and the roots of the diagonal, both (owned, 3)."""
     matrix, supports = problem.matrix.mat, problem.supports
-    assert problem.matrix.held is not None, "a matrix made without the supports"
+    if problem.matrix.held is None:
+        raise SolveError("the matrix is made without supports: Elasticity.stiffness(supports=...) eliminates them")
     load = supports.free_part(problem.load - problem.matrix.held)
     with PetscObjects() as objects:
         vector = objects.add(matrix.getDiagonal())

@@ -92,6 +92,6 @@ class CellSum:
         self._matrix.mat.setValuesBlockedIJV(indptr, columns, matrices.ravel(), addv=True, rowmap=number.ravel())
 
     def result(self) -> BlockMatrix:
-        """The matrix, not yet assembled, with the forces of prescribed displacements."""
+        """The matrix, not yet assembled, with the forces of prescribed displacements.  Collective."""
         held = None if self._supports is None else self._prolongation.summed(self._held)
         return replace(self._matrix, held=held)

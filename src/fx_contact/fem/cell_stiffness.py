@@ -53,6 +53,7 @@ class CellStiffness:
         x, y, z = (axis @ nodes for axis in self._of_map)  # tangents of the map, (n, points, 3)
         dual = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=3)
         volume = np.einsum("nqi,nqi->nq", x, dual[..., 0])
+        # The dual vectors are the gradients of the reference coordinates times the volume, whose sign cancels in K.
         dual *= np.sqrt(self._weights / np.abs(volume))[..., None, None]
         return dual @ self._slopes.swapaxes(0, 1)
 

@@ -33,8 +33,9 @@ from fx_contact.problem.materials import LOCKING_POISSON, Material, Orthotropic
 
 #: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3
-#: Entries of the cell matrices that are assembled at once: 32 MB, four times as much on hanging nodes.
-_CHUNK = 1 << 22
+#: Entries of the cell matrices that are assembled at once: 16 MB, three times as much while they are made, four times
+#: on hanging nodes.
+_CHUNK = 1 << 21
 
 
 class Rows(Protocol):
@@ -275,6 +276,9 @@ class Elasticity:
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
 
+        Returns:
+            the matrix, with its `held` forces if there are supports.
+
         Raises:
             SolveError: the matrix would not fit into the memory.
         """
@@ -326,7 +330,7 @@ class Elasticity:
         moduli = np.array([one.stiffness for one in materials])
         for number, one in enumerate(materials):
             if self.projects and one.isotropic.poisson >= LOCKING_POISSON:
-                moduli[number, :3, :3] -= one.isotropic.lame[0]
+                moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
         return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
@@ -346,7 +350,7 @@ class Elasticity:
         return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
 
     def _add_projected(self, matrices: FloatArray, cells: IntArray, mixed: bool) -> None:
-        """Add D^T (lambda M^-1) D to the matrices of cells whose volume strain is projected, with m = D u."""
+        """Add D^T (lambda M^-1) D, m = D u, to matrices of cells with projected volume strains, nodes as in `cells`."""
         soft = np.flatnonzero(self._soft[cells])
         place = np.full(len(self._soft), -1)
         place[cells[soft]] = soft
@@ -354,7 +358,7 @@ class Elasticity:
         first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
         if mixed:
             first = _first_lame(self._of_cells(self.lame[1], some))
-        d = d.reshape(*d.shape[:2], k, 3)[:, :, np.argsort(self.order)].reshape(d.shape)  # nodes as in `cells`
+        d = d.reshape(*d.shape[:2], k, 3)[:, :, np.argsort(self.order)].reshape(d.shape)
         product = d.transpose(0, 2, 1) @ (first[:, None, None] * self._projection.inverse_mass[some] @ d)
         matrices[place[some]] += product.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
 

@@ -19,7 +19,7 @@ from fx_contact.parallel.arrays import FloatArray, IntArray
 class Supports:
     """Displacement conditions at some nodes.
 
-    Local, except for `ghosted`, `eliminate` and `add_normal_part`.
+    Local, except for `ghosted` and `add_normal_part`.
 
     Args:
         prescribed: (n, 3), prescribed displacements [m], NaN where `free`.
@@ -71,11 +71,10 @@ class Supports:
             tangential = self._tangential[place[cells]]
             half = tangential.swapaxes(2, 3)[:, :, None] @ matrices[cells]
             matrices[cells] = half @ tangential[:, None]
-        values = self.values
-        moved = np.flatnonzero((values[nodes] != 0).any(axis=(1, 2)))
-        forces = np.einsum("nabij,nbj->nai", matrices[moved], values[nodes[moved]], optimize=True)
-        cells = np.flatnonzero(~self.free[nodes].all(axis=(1, 2)))
-        held, some = ~self.free[nodes[cells]], matrices[cells]
+        held, values = ~self.free[nodes], np.nan_to_num(self.prescribed[nodes])
+        moved, cells = (np.flatnonzero(some.any(axis=(1, 2))) for some in (values, held))
+        forces = np.einsum("nabij,nbj->nai", matrices[moved], values[moved], optimize=True)
+        held, some = held[cells], matrices[cells]
         diagonal = np.einsum("naaii->nai", some)
         kept = np.where(held, diagonal, 0.0)
         some[np.broadcast_to(held[:, :, None, :, None] | held[:, None, :, None], some.shape)] = 0.0

@@ -21,7 +21,8 @@ from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.mpi import together
 
-#: Memory that a block of 3 x 3 takes in the preconditioner, with it in the matrix, and in a copy in hypre's format.
+#: Memory that a block of 3 x 3 takes in the preconditioner, with it in the matrix, and in a copy in hypre's format.  A
+#: block of a symmetric matrix stands for two in the preconditioner.
 _PRECONDITIONER_BYTES = 50
 _BLOCK_BYTES, _COPY_BYTES = 76 + _PRECONDITIONER_BYTES, 108
 
@@ -33,7 +34,8 @@ class BlockMatrix:
     Attributes:
         mat: BAIJ with blocks of 3, or SBAIJ, from whose additions PETSc drops the blocks below the diagonal.
         row_lengths: two (owned,), blocks stored of each owned row, in columns of this rank and of others.
-        held: (owned, 3), forces K u_D of prescribed displacements, whose unknowns are eliminated [N]; None: none are.
+        held: (owned, 3), forces K u_D of the prescribed displacements, which are eliminated, where unknowns are free
+            [N]; None: nothing is eliminated.
     """
 
     comm: MPI.Intracomm
@@ -62,7 +64,7 @@ class BlockMatrix:
         return result
 
     def _in_hypre_format(self) -> PETSc.Mat:
-        """A copy in hypre's format, with a fixed sparsity pattern.
+        """A copy of a BAIJ matrix in hypre's format, with a fixed sparsity pattern.
 
         All preallocated entries must be set, zeros too (`penalty_term.reserve`): PETSc reads rows to their allocated
         ends.
@@ -86,8 +88,10 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmet
     """An empty matrix with room for the couplings of nodes, no more.
 
     Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
-    and ghosts.  A `symmetric` one, for p-multigrid, is SBAIJ and not copied.  Raises SolveError if the matrix and its
-    preconditioner would not fit into the memory that the hosts have left.
+    and ghosts.  A `symmetric` matrix, for p-multigrid, is SBAIJ; other preconditioners take a copy in AIJ.
+
+    Raises:
+        SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
     """
     lengths = _row_lengths(comm, graph, imap, symmetric)
     block = _BLOCK_BYTES + (_PRECONDITIONER_BYTES if symmetric else _COPY_BYTES)
@@ -120,9 +124,9 @@ def is_symmetric(mat: PETSc.Mat) -> bool:
 
 
 def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
-    """The 3 x 3 blocks on the diagonal of an SBAIJ matrix as BAIJ, whose inverse PETSc provides; other formats as is.
+    """The 3 x 3 blocks on the diagonal of an SBAIJ matrix as BAIJ, for smoothers; of another format the matrix itself.
 
-    Collective on mat.comm.
+    Collective on mat.comm.  Not to be destroyed by the caller: Python's references do that.
     """
     if not is_symmetric(mat):
         return mat
@@ -130,10 +134,12 @@ def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
     indptr, _ = here.getRowIJ(compressed=True)
     values, lib = ctypes.c_void_p(), ctypes.CDLL(PETSc.__file__)  # petsc4py lacks the array
     lib.MatSeqSBAIJGetArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
-    every = np.ctypeslib.as_array(ctypes.cast(values, ctypes.POINTER(ctypes.c_double)), (9 * int(indptr[-1]),))
-    blocks = every.reshape(-1, 9)[indptr[:-1]]  # the diagonal one is the first of its row
+    count, blocks = len(indptr) - 1, np.zeros((0, 9))
+    if count:  # else there is no array
+        every = np.ctypeslib.as_array(ctypes.cast(values, ctypes.POINTER(ctypes.c_double)), (9 * int(indptr[-1]),))
+        blocks = every.reshape(-1, 9)[indptr[:-1]]  # the diagonal one is the first of its row
     lib.MatSeqSBAIJRestoreArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
-    first, count = mat.getOwnershipRange()[0] // 3, len(blocks)
+    first = mat.getOwnershipRange()[0] // 3
     csr = np.arange(count + 1, dtype=PETSc.IntType), first + np.arange(count, dtype=PETSc.IntType), blocks.ravel()
     return PETSc.Mat().createBAIJ(mat.getSizes(), 3, csr=csr, comm=mat.comm)
 

@@ -3,12 +3,15 @@
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.linalg.matrix import diagonal_blocks
+from fx_contact.linalg.matrix import as_aij, diagonal_blocks
 from fx_contact.linalg.operator import Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS
 from fx_contact.parallel.arrays import Int64Array
+
+#: Types of PC that need the entries between unknowns of one node alone.
+_OF_NODES = ("pbjacobi", "jacobi", "none")
 
 
 class Preconditioner:
@@ -40,8 +43,12 @@ class Preconditioner:
     def _smooth(self, matrix: PETSc.Mat, blocks: Int64Array | None) -> None:
         """Block smoother of multigrid, also for blocks with nodes of several ranks; None: a node is a block."""
         smoother = self.pc.getMGSmoother(1)
-        smoother.setOperators(matrix, diagonal_blocks(matrix) if blocks is None else within_blocks(matrix, blocks))
-        if blocks is None or self._smooths_blocks:
+        if blocks is None:
+            of_nodes = self._options.of_user.get("mg_levels_pc_type", "pbjacobi") in _OF_NODES
+            smoother.setOperators(matrix, diagonal_blocks(matrix) if of_nodes else as_aij(matrix))
+            return
+        smoother.setOperators(matrix, within_blocks(matrix, blocks))
+        if self._smooths_blocks:
             return
         self._smooths_blocks = True
         with self._options.reading(self._objects):
