@@ -74,10 +74,11 @@ class Supports:
         held, values = ~self.free[nodes], np.nan_to_num(self.prescribed[nodes])
         moved, cells = (np.flatnonzero(some.any(axis=(1, 2))) for some in (values, held))
         forces = np.einsum("nabij,nbj->nai", matrices[moved], values[moved], optimize=True)
-        held, some = held[cells], matrices[cells]
+        free, some = (~held[cells]).astype(float), matrices[cells]
         diagonal = np.einsum("naaii->nai", some)
-        kept = np.where(held, diagonal, 0.0)
-        some[np.broadcast_to(held[:, :, None, :, None] | held[:, None, :, None], some.shape)] = 0.0
+        kept = (1 - free) * diagonal
+        some *= free[:, :, None, :, None]
+        some *= free[:, None, :, None]
         diagonal += kept  # a view
         matrices[cells] = some
         return moved, forces
