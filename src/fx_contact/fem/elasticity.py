@@ -23,7 +23,7 @@ from fx_contact.fem.nodal_stress import NodalStress
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
 from fx_contact.fem.supports import Supports
-from fx_contact.fem.volume_projection import VolumeProjection, discontinuous_vectors
+from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
@@ -88,7 +88,8 @@ class Elasticity:
         self.mesh = mesh = leaf_mesh.mesh
         self.prolongation = prolongation
         self.quadrature_degree = 2 * prolongation.space.degree + 1
-        self.function_space = self.nodal_space(3)
+        self._spaces: dict[tuple[tuple[int, ...], bool], fem.FunctionSpace] = {}
+        self.function_space = self.space_of(3)
         constant = fem.functionspace(mesh, ("DG", 0))
         self.leaf_mesh, self._stages = leaf_mesh, stages
         imap = self.function_space.dofmap.index_map
@@ -111,7 +112,9 @@ class Elasticity:
         if self.projects:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
-            self._projection = VolumeProjection(mesh, prolongation.space.degree, self._compiled)
+            self._projection = VolumeProjection(
+                self.space_of(3, discontinuous=True), prolongation.space.degree, self._compiled
+            )
         self._stress_free = None if stress_free is None else self._of_nodes(stress_free)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
@@ -156,9 +159,7 @@ class Elasticity:
 
     def _of_nodes(self, tensors: FloatArray) -> fem.Function:
         """The tensor field, discontinuous, of values (ncells, (p+1)^3, 3, 3) at the nodes of `cells`."""
-        degree = self.prolongation.space.degree
-        element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3, 3), discontinuous=True)
-        function = fem.Function(fem.functionspace(self.mesh, element))
+        function = fem.Function(self.space_of(3, 3, discontinuous=True))
         function.x.array.reshape(-1, 3, 3)[function.function_space.dofmap.list] = tensors[:, self.order]
         return function
 
@@ -167,9 +168,13 @@ class Elasticity:
         springs = None if self.springs is None else self.springs.on(prolongation)
         return Elasticity(self.leaf_mesh, *self._materials, prolongation, self._stages, self._layer, springs)
 
-    def nodal_space(self, components: int) -> fem.FunctionSpace:
-        """Continuous functions of the displacement's degree with some components.  Collective."""
-        return fem.functionspace(self.mesh, ("Lagrange", self.prolongation.space.degree, (components,)))
+    def space_of(self, *shape: int, discontinuous: bool = False) -> fem.FunctionSpace:
+        """Functions of the displacement's degree with components of a shape, made once.  Collective."""
+        if (shape, discontinuous) not in self._spaces:
+            degree = self.prolongation.space.degree
+            element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=shape, discontinuous=discontinuous)
+            self._spaces[shape, discontinuous] = fem.functionspace(self.mesh, element)
+        return self._spaces[shape, discontinuous]
 
     def at_blocks(self, values: FloatArray) -> FloatArray:
         """Array (nblocks * k,) of a Function of a nodal space, of values (m, k) at all nodes.  Local."""
@@ -302,10 +307,6 @@ class Elasticity:
             self.springs.add_to(total)
         give_back()
         return total.result()
-
-    def discontinuous(self) -> fem.FunctionSpace:
-        """Vectors of the displacement's degree in cells that share no node.  Collective."""
-        return discontinuous_vectors(self.mesh, self.prolongation.space.degree)
 
     def measure(self, cells: IntArray | None = None) -> ufl.Measure:
         """Volume of this rank's cells, or some of them, by the Gauss rule of `quadrature_degree`.  Local."""

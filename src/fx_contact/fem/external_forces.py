@@ -93,7 +93,7 @@ def body_force(scene: Scene, elasticity: Elasticity) -> fem.Function | None:
             on = np.isin(np.arange(len(space)), nodes[cells])
             nodal[on] = force.at(space.positions(on))
             density[cells] += nodal[nodes[cells]]
-    function = fem.Function(elasticity.discontinuous())
+    function = fem.Function(elasticity.space_of(3, discontinuous=True))
     function.x.array.reshape(-1, 3)[function.function_space.dofmap.list] = density
     return function
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import basix.ufl
 import numpy as np
 from dolfinx import fem
 from scipy.sparse import csr_matrix
@@ -36,12 +35,7 @@ class NodalStress:
 
     def space(self, *shape: int) -> fem.FunctionSpace:
         """Functions with components of a shape, discontinuous if there are several layers.  Collective."""
-        mesh, degree = self._elasticity.mesh, self._prolongation.space.degree
-        if self._count == 1:
-            return fem.functionspace(mesh, ("Lagrange", degree, shape))
-        return fem.functionspace(
-            mesh, basix.ufl.element("Lagrange", "hexahedron", degree, shape=shape, discontinuous=True)
-        )
+        return self._elasticity.space_of(*shape, discontinuous=self._count > 1)
 
     def restrict(self, moments: FloatArray) -> FloatArray:
         """Sums (owned, count, k) of assembled moments with a space of k components.  Collective."""

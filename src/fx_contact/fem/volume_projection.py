@@ -12,11 +12,9 @@ J. R. Rice, Comput. Methods Appl. Mech. Eng. 4(2), 1974).  Linear displacements 
 
 from collections.abc import Callable
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh
 
 from fx_contact.fem.cell_products import cell_matrices
 from fx_contact.parallel.arrays import FloatArray, IntArray
@@ -30,16 +28,20 @@ class VolumeProjection:
 
     Collective on the mesh's communicator.  Raises CompilationError as `compiled`.
 
+    Args:
+        displacements: vectors of degree p, discontinuous.
+
     Attributes:
         space: discontinuous polynomials of degree p - 1.
         inverse_mass: (ncells, k, k), M^-1 of each cell [1/m^3].
     """
 
-    def __init__(self, mesh: Mesh, degree: int, compiled: Compile) -> None:
+    def __init__(self, displacements: fem.FunctionSpace, degree: int, compiled: Compile) -> None:
+        mesh = displacements.mesh
         self.space = fem.functionspace(mesh, ("DPC", degree - 1))
         # dolfinx assembles square blocks alone: the three terms of the divergence have a row each.
         self._terms = fem.functionspace(mesh, ("DPC", degree - 1, (3,)))
-        self._displacements = discontinuous_vectors(mesh, degree)
+        self._displacements = displacements
         q, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         order, mass = cell_matrices(compiled(q * test, None), self.space.dofmap.list, self.space.dofmap.list)
         self.inverse_mass = np.empty_like(mass)
@@ -58,9 +60,3 @@ class VolumeProjection:
         order, d = cell_matrices(form, self._terms.dofmap.list[cells], self._displacements.dofmap.list[cells])
         n, count, k, *_ = d.shape
         return cells[order], d.sum(axis=3).reshape(n, count, 3 * k)
-
-
-def discontinuous_vectors(mesh: Mesh, degree: int) -> fem.FunctionSpace:
-    """Vectors of a degree in cells that share no node.  Collective on the mesh's communicator."""
-    element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,), discontinuous=True)
-    return fem.functionspace(mesh, element)
