@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 #: Tolerance for the entries of equal rotations, reflections and unit vectors [-].
 _SAME = 1e-6
 
+#: Places of parallel planes along their normal [m], and the bodies with a surface on each.
+_Places = list[tuple[float, set[int]]]
+
 
 @dataclass(frozen=True, eq=False)
 class Mirrors:
@@ -64,11 +67,15 @@ def mirrors_of(scene: Scene) -> Mirrors:
 
     Raises:
         SceneError: `scene.symmetry` is not a multiple of the number of copies that the planes make, other planes
-            without normal displacement (`_other_planes`) do not make the rest, or a plane cuts a body.
+            without normal displacement (`_other_planes`) do not make the rest, a plane cuts a body, or no body has both
+            of two parallel planes.
     """
     mesh = scene.mesh
-    found = _planes(scene)
+    planes = _planes(scene)
+    found = [(normal, [at for at, _ in places]) for normal, places in planes]
     size = np.ptp(mesh.points, axis=0).max()
+    for normal, places in planes if scene.symmetry > 1 else ():
+        _check_slice(normal, places, PLANE * size)
     single = [(normal, np.mean(places)) for normal, places in found if np.ptp(places) <= PLANE * size]
     normals, at_normal = np.array([n for n, _ in single]).reshape(-1, 3), np.array([at for _, at in single])
     mirrors = Mirrors(normals, at_normal, mirror_group(normals, scene.symmetry))
@@ -92,22 +99,34 @@ def mirrors_of(scene: Scene) -> Mirrors:
     return Mirrors(np.zeros((0, 3)), np.zeros(0), np.eye(3)[None])
 
 
-def _planes(scene: Scene) -> list[tuple[FloatArray, list[float]]]:
-    """Different normals (3,) of the symmetry planes of a scene, and the places of their planes along them [m]."""
+def _planes(scene: Scene) -> list[tuple[FloatArray, _Places]]:
+    """Different normals (3,) of the symmetry planes of a scene, with the places and bodies of their planes."""
     mesh = scene.mesh
-    found: list[tuple[FloatArray, list[float]]] = []
+    found: list[tuple[FloatArray, _Places]] = []
     for condition in scene.dirichlet:
         if isinstance(condition, SymmetryPlane):
             plane = condition.on(mesh)
             normal = np.array(plane.normal) if isinstance(plane, ObliquePlane) else plane.held.astype(float)
-            at = float((mesh.facet_points(mesh.surface(condition.surface)) @ normal).mean())
+            facets = mesh.surface(condition.surface)
+            at, bodies = float((mesh.facet_points(facets) @ normal).mean()), set(mesh.body[facets[:, 0]].tolist())
             for other, places in found:
                 if np.linalg.norm(np.cross(normal, other)) < _SAME:
-                    places.append(float(at * np.sign(normal @ other)))
+                    places.append((float(at * np.sign(normal @ other)), bodies))
                     break
             else:
-                found.append((normal, [at]))
+                found.append((normal, [(at, bodies)]))
     return found
+
+
+def _check_slice(normal: FloatArray, places: _Places, rounding: float) -> None:
+    """Raises SceneError for parallel planes at two places if no body has both, as a slice does."""
+    low, high = (end(at for at, _ in places) for end in (min, max))
+    first, last = (set().union(*(own for at, own in places if abs(at - end) <= rounding)) for end in (low, high))
+    if high - low > rounding and not first & last:
+        raise SceneError(
+            f"planes of symmetry with the normal {normal.round(6)} are at {low:.4g} and {high:.4g}, and no body has "
+            "both, as a slice would: name the sides of all bodies on one plane"
+        )
 
 
 def symmetry_planes(scene: Scene) -> list[tuple[str, FloatArray]]:

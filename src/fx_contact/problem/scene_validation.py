@@ -120,8 +120,15 @@ def check_loads(scene: Scene) -> None:
 
 
 def check_mirrored(scene: Scene) -> None:
-    """Raises SceneError for an orthotropic material or a constant strain that changes in a mirror of the scene."""
-    _ = scene.mirrors  # raises an error for an impossible number of copies
+    """Raises SceneError for an orthotropic material, constant strain or body force that a mirror changes."""
+    normals = scene.mirrors.normals  # raises an error for an impossible number of copies
+    for force in scene.body_forces:
+        across = np.zeros(0) if callable(force.value) else normals @ np.array(force.value, dtype=np.float64)
+        for normal in normals[np.flatnonzero(across)]:
+            raise SceneError(
+                f"{force.what} changes in the mirror of the symmetry plane across {normal.round(6)}: model the whole, "
+                "or leave out the component across the plane"
+            )
     for _, normal in symmetry_planes(scene) if scene.symmetry > 1 else ():
         turn, message = (
             np.eye(3) - 2 * np.outer(normal, normal),

@@ -49,6 +49,10 @@ def check_names_of_units(units: object) -> None:
         )
     if units is not None and (units[0] in _STRESSES or units[1] in _LENGTHS):
         raise SceneError(f"units are those of length and stress, in this order, got {shown(units)}")
+    for name, known in zip(units or (), (_LENGTHS, _STRESSES)):
+        for other in known:
+            if name not in known and name.lower() == other.lower():
+                raise SceneError(f"a unit is named {name!r}; did you mean {other!r}?")
 
 
 def unit_of(quantity: str, units: Units) -> str:
