@@ -46,6 +46,8 @@ class GoalRecord:
         size, error = self.allowed / self.tolerance, ""
         if self.known:
             error = ", fixed by equilibrium or conditions, or exact on this mesh: no test of its accuracy"
+        elif self.error is None and self.reached:
+            error = ", open or closed on this mesh: no test of its accuracy"
         elif self.error is not None and size:
             error = f", estimated error {percent(self.error / size)}"
         reached = "reached" if self.reached else "not reached"
