@@ -169,7 +169,7 @@ def test_fallback(monkeypatch, name, most, solver):
     Pairs that close later are added to the matrix in its new format.
     """
     monkeypatch.setattr(ladder, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0))
-    monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, status: u)
+    monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, *_: u)
     monkeypatch.setattr(contact_solver, "move_bodies", lambda scene, matrix, load, jump, stiffness, u, supports: u)
     monkeypatch.setattr(LinearSolver, "is_slow", True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
