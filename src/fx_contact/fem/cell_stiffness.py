@@ -2,9 +2,9 @@
 
 With the gradients g of the functions and the elastic moduli C, constant in a cell,
 
-    K_(ai)(bj) = C_ikjl M_(ak)(bl),    M_(ak)(bl) = int g_ak g_bl,
+    K_(ai)(bj) = C_ikjl M_(ak)(bl),    M_(ak)(bl) = int g_ak g_bl.
 
-so M, a product of matrices, holds all integrals, and a second product applies the law.  An integrand of both, as FFCx
+M is a product of matrices and holds all integrals.  A second product applies the law.  An integrand of both, as FFCx
 compiles it, takes some six times the operations.
 """
 

@@ -2,7 +2,7 @@
 
 At a node some components are prescribed; on symmetry planes oblique to the axes also N u = 0, with N the projector on
 the span of the normals there, without prescribed components.  With P the projector on what is left free and s similar
-to the diagonal of K, the matrix is P K P + s (I - P), and prescribed displacements u_D load the rest by -P K u_D.
+to the diagonal of K, the matrix is P K P + s (I - P).  Prescribed displacements u_D load the rest by -P K u_D.
 """
 
 from __future__ import annotations
