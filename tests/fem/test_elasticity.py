@@ -175,15 +175,21 @@ def test_pairs_are_local_on_the_contact_partition(scene):
     assert (matrix - silent).norm() == 0
 
 
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_hypre_copy_follows_the_blocks(distribution):
-    """Every row is as long as foreseen; the copy in hypre's format is the same matrix, after a change of status too."""
+def free_boxes(distribution):
+    """Elasticity, rows and jump of two boxes with hanging nodes, of which nothing is prescribed."""
     scene = pressed(two_boxes(margin=1))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
     elasticity = discrete(scene, forest)
     prolongation = elasticity.prolongation
     pairs = create_rows(scene, prolongation, Enforcement())
     jump = Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan)))
+    return elasticity, pairs, jump
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_hypre_copy_follows_the_blocks(distribution):
+    """Every row is as long as foreseen; the copy in hypre's format is the same matrix, after a change of status too."""
+    elasticity, pairs, jump = free_boxes(distribution)
     blocks = elasticity.stiffness(pairs)
     reserve(blocks.mat, jump)
     blocks.mat.assemble()
@@ -197,7 +203,9 @@ def test_hypre_copy_follows_the_blocks(distribution):
     x, expected = mat.createVecs()
     found = expected.duplicate()
     x.array[:] = np.sin(scramble(np.arange(*mat.getOwnershipRange()), 5).astype(float))
-    active = scramble(prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    active = (
+        scramble(pairs.prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    )
     term = PenaltyTerm(jump, pairs.stiffness)
     for change in (0.0 * active, 1.0 * active, 1.0 - 2.0 * active):
         reference = expected.copy()
@@ -212,12 +220,7 @@ def test_hypre_copy_follows_the_blocks(distribution):
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 def test_symmetric_storage_holds_the_same_matrix(distribution):
     """Products, number of entries and diagonal blocks; every row is as long as foreseen, and converts to AIJ."""
-    scene = pressed(two_boxes(margin=1))
-    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
-    elasticity = discrete(scene, forest)
-    prolongation = elasticity.prolongation
-    pairs = create_rows(scene, prolongation, Enforcement())
-    jump = Jump(pairs, Supports(np.full((prolongation.owned, 3), np.nan)))
+    elasticity, pairs, jump = free_boxes(distribution)
     whole, half = (elasticity.stiffness(pairs, symmetric) for symmetric in (False, True))
     for blocks in (whole, half):
         reserve(blocks.mat, jump)
