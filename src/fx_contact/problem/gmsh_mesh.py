@@ -18,7 +18,7 @@ from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm
+from fx_contact.parallel.validation import check_comm, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.problem.root_mesh_checks import MAX_ORDER
@@ -35,11 +35,13 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> Roo
 
     Raises:
         GeometryError, SceneError: as `RootMesh`; cells that are not hexahedra, or an order above 6.
-        GeometryError: a call of Gmsh by the function fails.
+        GeometryError: `build` is no function, or a call of Gmsh by it fails.
         Exception: any other error of the function on rank 0, on all ranks.
     """
     check_comm(comm)
     with together(comm):
+        if comm.rank == 0 and not callable(build):
+            raise GeometryError(f"build must be a function without arguments that makes a mesh, got {shown(build)}")
         parts = _with_gmsh(build) if comm.rank == 0 else {}
     parts = comm.bcast(parts, root=0)
     with together(comm):

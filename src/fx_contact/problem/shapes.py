@@ -81,14 +81,18 @@ class Shape:
     def named(self, name: str, *sides: str, where: Predicate | None = None) -> Shape:
         """The shape with one more side, the union of existing `sides` or the whole boundary.
 
+        A side may be named anew among `sides`, or on the whole boundary.
+
         Args:
             where: predicate that all nodes of its facets satisfy; None: any.
 
         Raises:
-            SceneError: an unknown side, or a name that is none.
+            SceneError: an unknown side, a name that is none, or that of another side.
             GeometryError: no facet is there, or `where` is no function that gives truth values.
         """
         check_label("a side", name)
+        if sides and name in self.sides and name not in sides:
+            raise SceneError(f"the shape has a side {name!r} already; take another name, or give it among the sides")
         rows = np.unique(np.concatenate([self.side(side) for side in sides]), axis=0) if sides else self.boundary
         if where is not None:
             inside = _holds(name, where, self.points)
@@ -303,7 +307,12 @@ def images(what: str, place: Placement, points: FloatArray) -> FloatArray:
 
 def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
     """Values (n,) of a user's predicate; GeometryError unless they are truth values."""
-    inside = np.asarray(where(points.T.copy()) if callable(where) else where)
+    try:
+        inside = np.asarray(where(points.T.copy()) if callable(where) else where)
+    except TypeError as error:
+        raise GeometryError(
+            f"the place of {name!r} must be a function of one array (3, n) of positions: {error}"
+        ) from error
     if not callable(where) or inside.shape != (len(points),) or inside.dtype != bool:
         raise GeometryError(
             f"the place of {name!r} must be a function that gives a truth value for each of {len(points)} points, "

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
-from fx_contact.parallel.errors import GeometryError
+from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_degrees, check_vector, shown
 from fx_contact.problem import hexahedron
 from fx_contact.problem.shapes import Axis, Shape, images, join, rotation
@@ -37,9 +37,11 @@ def sweep_side(
             three arrays (n,), or numbers.
         layers: number of cells along the path.
 
-    Raises SceneError for an unknown side or number of layers, GeometryError unless the path is a function that gives
-    positions.
+    Raises SceneError for no shape, an unknown side or number of layers, GeometryError unless the path is a function
+    that gives positions.
     """
+    if not isinstance(shape, Shape):
+        raise SceneError(f"what is swept must be a Shape, got {shown(shape)}")
     check_count("the number of layers", layers)
     if not callable(path):
         raise GeometryError(
@@ -76,9 +78,14 @@ def revolve(shape: Shape, side: str, degrees: float, layers: int, axis: Axis = "
     """`sweep_side` around an axis through the origin that the side does not meet.
 
     The angle is counter-clockwise seen from the tip of the axis.  The ends of a full circle, 360 degrees, are joined.
-    Raises SceneError for an unknown side, an invalid number or axis, GeometryError for an axis of length zero.
+    Raises SceneError for an unknown side, an invalid number or axis, or more than a full circle, GeometryError for an
+    axis of length zero.
     """
-    whole = abs(check_degrees("an angle", degrees)) == 360
+    if abs(check_degrees("an angle", degrees)) > 360:
+        raise SceneError(
+            f"an angle of revolution must be 360 degrees at most, got {degrees:g}: cells would penetrate each other"
+        )
+    whole = abs(degrees) == 360
     rotation(axis, degrees)
     result = sweep_side(shape, side, lambda x, t: rotation(axis, t * degrees) @ x, layers)
     return join(result) if whole else result
