@@ -210,7 +210,7 @@ def warned(scene):
 
 def test_slips_that_are_doubts():
     """A load of which a part is held, and a body left free on a plane of symmetry."""
-    assert not warned(press()) and not warned(press(tractions=(Traction("top", (0.0, 0.0, 0.0)),)))
+    assert not warned(press())
     aslant = Traction("top", (3e-3, 0.0, -4e-3))
     sliding = Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", y=0.0, z=-0.01), Dirichlet("upper left", x=0.0)
     found = warnings_of(press(dirichlet=sliding, tractions=aslant))

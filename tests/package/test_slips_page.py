@@ -1,6 +1,8 @@
 """The page of slips: each of its calls is answered as the page says, on all ranks alike."""
 
+import ast
 import re
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from fx_contact import (
     FxContactError,
     RigidMotion,
     Scene,
+    Shape,
     adapt,
     block,
     cylinder,
@@ -59,6 +62,29 @@ def sliding():
     return Dirichlet("base", 0.0, 0.0, 0.0), Dirichlet("top", y=0.0, z=-0.01), Dirichlet("upper left", x=0.0)
 
 
+def one_plane():
+    """Planes of symmetry by a Dirichlet on the lower cube alone."""
+    return *held(), Dirichlet("lower left", x=0.0)
+
+
+def standing():
+    """The lower cube clamped, the upper one moved down on two sides."""
+    return held()[0], Dirichlet("top", 0.0, 0.0, -0.05), Dirichlet("over", 0.0, 0.0, -0.05)
+
+
+def small_seat(obstacle=None):
+    """A cube pressed against another one, or an obstacle, where a part of its top alone may touch it."""
+    seat = {"where": lambda x: x[0] < 0.6}
+    lower = block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)
+    shapes = {"lower": lower.named("seat", "top", **seat)}
+    held = [Dirichlet("lower bottom", 0.0, 0.0, 0.05)]
+    if obstacle is None:
+        shapes["upper"] = lower.shifted(z=1.01).named("seat", "bottom", **seat)
+        held.append(Dirichlet("upper top", 0.0, 0.0, 0.0))
+    contact = ContactPair("lower seat", "upper seat" if obstacle is None else obstacle)
+    return Scene("seat", root_mesh_from_shapes(shapes), dict.fromkeys(shapes, STEEL), held, contact=contact)
+
+
 def turned(degrees):
     """The upper cube pressed down and turned on top."""
     angle = np.radians(degrees)
@@ -74,6 +100,7 @@ def pins():
 
 NAMES = {name: getattr(fx_contact, name) for name in fx_contact.__all__} | {
     "CELL": CELL,
+    "COMM": COMM,
     "fem": fem,
     "ufl": ufl,
     "np": np,
@@ -90,6 +117,9 @@ NAMES = {name: getattr(fx_contact, name) for name in fx_contact.__all__} | {
     "down": down,
     "up": lambda x: -down(x),
     "sliding": sliding,
+    "one_plane": one_plane,
+    "standing": standing,
+    "small_seat": small_seat,
     "turned": turned,
     "pins": pins,
 }
@@ -120,9 +150,27 @@ def test_all_rows_are_read():
     assert {kind for _, kind, _ in ROWS} >= {"SceneError", "GeometryError", "PairingError", "doubt", "works"}
 
 
-def test_public_classes_have_rows():
-    """Each public class that users make is in a row."""
-    made = {name for name in fx_contact.__all__ if name[0].isupper() and not name.endswith("Error")} - RESULTS
-    calls = " ".join(call for call, *_ in ROWS)
-    missing = {name for name in made if not re.search(rf"\b{name}\(", calls)}
+def arguments(name):
+    """Arguments of a public class or function; of another one None."""
+    made = getattr(fx_contact, name, None) or getattr(Shape, name, None)
+    return list(signature(made).parameters) if callable(made) else None
+
+
+def given(call):
+    """Names of classes and functions, each with an argument that a call gives it."""
+    for node in ast.walk(ast.parse(call, mode="eval")):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "id", getattr(node.func, "attr", None))
+            name = {"press": "Scene", "run": "adapt", "below": "ContactPair"}.get(name, name)
+            names = arguments(name) or ()
+            names = names[1:] if names[:1] == ["self"] else names
+            yield from ((name, one) for one in [*names[: len(node.args)], *(word.arg for word in node.keywords)])
+
+
+def test_public_arguments_have_rows():
+    """Each argument of each public class and function that users call is in a row; `solve` passes on those of adapt."""
+    public = {name for name in fx_contact.__all__ if not name.endswith("Error") and arguments(name)} - RESULTS
+    wanted = {(name, argument) for name in public - {"solve"} for argument in arguments(name)}
+    wanted -= {("sweep", "options"), *(("Scene", name) for name in ("name", "mesh"))}
+    missing = sorted(wanted - {pair for call, *_ in ROWS for pair in given(call)})
     assert not missing and RESULTS <= set(fx_contact.__all__), missing

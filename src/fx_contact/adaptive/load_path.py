@@ -70,7 +70,8 @@ def sweep(
         options: of `adapt`, for each point; a `beginning` is for points that begin anew.
 
     Raises:
-        SceneError: values are no finite numbers, arguments differ between ranks, or as `adapt`.
+        SceneError: values are no finite numbers, arguments differ between ranks, the scenes of the first two values
+            are the same, or as `adapt`.
         CheckpointError: there is nothing to restart from, or it is of other values, another problem or other options.
         OutputError: the folder cannot be written, or has the checkpoint of another run.
         FxContactError: as `adapt`, while a point is solved.
@@ -112,6 +113,9 @@ class SweepPoint:
     step: Step
     record: SweepRecord
 
+    def __str__(self) -> str:
+        return str(self.record)
+
 
 class Sweep:
     """A load path: an iterator of its points, made by `sweep`.  Collective on comm.
@@ -137,6 +141,7 @@ class Sweep:
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
+        self._first: dict[str, Any] | None = None  # the problem of the first point
         if restart and folder is not None:
             self._resume(folder)
 
@@ -219,8 +224,20 @@ class Sweep:
         if self._folder is not None and self._writer is None:
             about = run.settings.problem, run.settings.fixed(), self._before
             self._writer = CheckpointWriter(self._folder, self._comm, *about)
+        with together(self._comm):
+            self._check_second(run.settings.problem)
         run.advance()
         return run
+
+    def _check_second(self, problem: dict[str, Any]) -> None:
+        """Raises SceneError if the scene of the second point is that of the first, and the values differ.  Local."""
+        one, two = (self._values * 2)[:2]
+        if len(self.records) == 1 and one != two and problem == self._first:
+            raise SceneError(
+                f"the scenes of the values {one:g} and {two:g} are the same: scene_of must use its argument"
+            )
+        if not self.records:
+            self._first = problem
 
     def _resume(self, folder: Path) -> None:
         """Continue after the last point in the folder.  Collective."""

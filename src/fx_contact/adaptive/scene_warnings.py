@@ -1,16 +1,25 @@
-"""Model warnings of a scene itself, whatever its solution: loads that conditions hold, bodies left free on a plane."""
+"""Model warnings of a scene itself, whatever its solution: loads that do not act, bodies left free on a plane."""
 
 import numpy as np
 
 from fx_contact.adaptive.validity import LARGE, MISSED, ModelWarning
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
-from fx_contact.problem.boundary_conditions import PLANE, RigidMotion, SymmetryPlane
+from fx_contact.problem.boundary_conditions import PLANE, RigidMotion
+from fx_contact.problem.mirrors import symmetry_planes
 from fx_contact.problem.scene import Scene
+from fx_contact.problem.scene_validation import facet_areas
 
 
 def warnings_of(scene: Scene) -> list[ModelWarning]:
     """Violated assumptions of a scene.  Local."""
-    return [*_held_loads(scene), *_large_rotations(scene), *_free_on_planes(scene)]
+    return [
+        *_held_loads(scene),
+        *_zero_loads(scene),
+        *_loads_on_contact(scene),
+        *_large_rotations(scene),
+        *_free_on_planes(scene),
+    ]
 
 
 def _large_rotations(scene: Scene) -> list[ModelWarning]:
@@ -41,22 +50,46 @@ def _held_loads(scene: Scene) -> list[ModelWarning]:
     ]
 
 
-def _free_on_planes(scene: Scene) -> list[ModelWarning]:
-    """Bodies with facets on a mirror of the scene, none of which has a SymmetryPlane."""
+def _zero_loads(scene: Scene) -> list[ModelWarning]:
+    """Loads, and stress-free strains, that are zero everywhere."""
+    return [
+        ModelWarning("zero load", 0.0, 0.0, place, f"{what} is zero everywhere and has no effect; check its value")
+        for what, place in scene.zero_loads
+    ]
+
+
+def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
+    """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
     mesh, warnings = scene.mesh, list[ModelWarning]()
-    if scene.mirrors.parts == 1:
-        return warnings
+    joined = (scene.contact_surfaces.contact >= 0) & (scene.contact_surfaces.contact < scene.joins)
+    for load in (*scene.tractions, *scene.springs):
+        facets = mesh.surface(load.surface)
+        area = facet_areas(mesh.facet_points(facets, order=1))
+        share = float(area @ joined[tuple(facets.T)] / area.sum())
+        if share > MISSED:
+            message = (
+                f"{load.what} acts by {share:.0%} of its area on contact or tied surfaces, also where they are closed; "
+                f"limit {MISSED:.0%}: name another surface"
+            )
+            warnings.append(ModelWarning("load on contact", share, MISSED, load.surface, message))
+    return warnings
+
+
+def _free_on_planes(scene: Scene) -> list[ModelWarning]:
+    """Bodies with facets on a plane of symmetry, none of which a condition holds along its normal."""
+    mesh, warnings = scene.mesh, list[ModelWarning]()
     outside = np.argwhere(mesh.face_neighbours == 1)
     rounding = PLANE * np.ptp(mesh.points, axis=0).max()
-    held = np.zeros(mesh.faces.shape, dtype=bool)
-    for condition in scene.dirichlet:
-        if isinstance(condition, SymmetryPlane):
-            held[tuple(mesh.surface(condition.surface).T)] = True
-    for normal, at in zip(scene.mirrors.normals, scene.mirrors.at):
+    across: FloatArray = np.zeros((*mesh.faces.shape, 3, 3))
+    for condition in scene.conditions:
+        if condition.where in mesh.surfaces:
+            across[tuple(mesh.surface(condition.where).T)] += condition.across
+    for normal, at in _planes_of_symmetry(scene):
         heights = mesh.facet_points(outside, order=1) @ normal - at
         there = outside[(np.abs(heights) <= rounding).all(axis=1)]
+        held = np.einsum("i,nij,j->n", normal, across[tuple(there.T)], normal) > PLANE
         bodies = mesh.body[there[:, 0]]
-        for body in np.setdiff1d(bodies, bodies[held[tuple(there.T)]]):
+        for body in np.setdiff1d(bodies, bodies[held]):
             count, name = int((bodies == body).sum()), mesh.bodies[body]
             message = (
                 f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
@@ -64,3 +97,12 @@ def _free_on_planes(scene: Scene) -> list[ModelWarning]:
             )
             warnings.append(ModelWarning("free on a plane", float(count), 0.0, name, message))
     return warnings
+
+
+def _planes_of_symmetry(scene: Scene) -> list[tuple[FloatArray, float]]:
+    """Normals (3,) and places [m] of the mirrors, or of all planes that may make the copies where these are too few."""
+    mesh, mirrors = scene.mesh, scene.mirrors
+    if mirrors.parts == scene.symmetry:
+        return list(zip(mirrors.normals, mirrors.at)) if mirrors.parts > 1 else []
+    planes = ((mesh.facet_points(mesh.surface(name), order=1), normal) for name, normal in symmetry_planes(scene))
+    return [(normal, float((points @ normal).mean())) for points, normal in planes]

@@ -40,6 +40,11 @@ class SweepRecord:
     cpu_seconds: float
     record: StepRecord
 
+    def __str__(self) -> str:
+        begun = f"begun {'on a coarse mesh' if self.begun == 'coarse' else self.begun}, {self.solves} steps"
+        head = f"point {self.point}, value {self.value:.6g}: {begun}, {self.cpu_seconds:.1f} s of CPU time"
+        return f"{head}\n{self.record}"
+
     def as_json(self) -> dict[str, Any]:
         """The entries.  Local."""
         return asdict(self) | {"record": self.record.as_json()}

@@ -72,7 +72,8 @@ class ModelWarning:
 
     Attributes:
         kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load",
-            "growing pressure", "uncovered", "no load", "held load" or "free on a plane".
+            "growing pressure", "uncovered", "oblique direction", "penetration", "no load", "zero load", "held load",
+            "load on contact" or "free on a plane".
         value: found, in the unit that the message says.
         limit: exceeded by the value; for "no contact" and "no load" reached.
         place: a point, undeformed [m], or the name of a body, a surface or the scene.
@@ -145,7 +146,7 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
-        warnings += _cut_off(state, rows)
+        warnings += [*_cut_off(state, rows), *_oblique(state, rows)]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
 
@@ -312,6 +313,32 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
                 f"force, limit {MISSED:g}; let the surface be larger"
             )
             warnings.append(ModelWarning("uncovered", part, MISSED, place, message))
+    return warnings
+
+
+def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts whose direction is far from the normals of their closed facets."""
+    forest, warnings = state.forest, []
+    for kind in rows.kinds:
+        direction = kind.contact.unit_direction
+        if direction is None or kind.contact.obstacle is not None:
+            continue
+        leaf, face = kind.facets(forest)
+        closed = rows.at_nodes(kind.index, state.solution.active[:, None].astype(float))
+        share = closed[rows.prolongation.space.on_faces(leaf, face), 0].mean(axis=1)
+        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        outward = facets.mean_outward
+        along, area = forest.comm.allreduce(
+            np.array([share @ (outward @ direction), share @ np.linalg.norm(outward, axis=1)])
+        )
+        if along < (1 - LARGE) * area:
+            value, limit = float(np.arccos(along / area)), float(np.arccos(1 - LARGE))
+            message = (
+                f"the direction of {kind.contact.label} is {np.degrees(value):.0f} degrees from the normals of its "
+                f"closed facets, by their mean cosine: forces act along it, and so along the surface too, as friction "
+                f"would; limit {np.degrees(limit):.0f} degrees; leave `direction` away"
+            )
+            warnings.append(ModelWarning("oblique direction", value, limit, kind.contact.name, message))
     return warnings
 
 

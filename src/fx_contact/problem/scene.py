@@ -86,10 +86,10 @@ class Scene:
         SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
             displacement that is not finite, across a symmetry plane, or different from another one at a node; a load
             that is not finite; a load or springs on prescribed displacements alone; a symmetry plane that is not plane,
-            or cuts a body; a number of parts that planes of symmetry do not make; two contacts of one name; an obstacle
-            with most of a body inside it, behind the surface, or farther away than all bodies are large; a force that
-            pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart; a preloaded section that
-            is not plane across its axis; materials and constant strains that mirrors change.
+            cuts a body, or has facets of a contact; a number of parts that planes of symmetry do not make; two contacts
+            of one name; an obstacle with most of a body inside it, behind the surface, or farther away than all bodies
+            are large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart; a
+            preloaded section that is not plane across its axis; materials and constant strains that mirrors change.
     """
 
     name: str
@@ -200,6 +200,18 @@ class Scene:
         return *(held_share(self, load) for load in self.tractions), *of_springs
 
     @cached_property
+    def zero_loads(self) -> tuple[tuple[str, str], ...]:
+        """Descriptions and places of the loads and stress-free strains that are zero at all sampling points."""
+        places = [load.surface for load in self.tractions]
+        places += [force.body for force in self.body_forces] + [strain.part for strain in self.strains]
+        loads = zip((*self.tractions, *self.body_forces, *self.strains), places)
+        return tuple(
+            (load.what, place)
+            for load, place in loads
+            if not np.any(load.value(self.samples(place).T) if callable(load.value) else load.value)
+        )
+
+    @cached_property
     def mirrors(self) -> Mirrors:
         """Symmetry group of the scene."""
         return mirrors_of(self)
@@ -208,6 +220,11 @@ class Scene:
     def interfaces(self) -> tuple[Contact, ...]:
         """`contact`, then `ties`, then `rigid_faces`: all have surfaces, rows and an index among all."""
         return (*self.contact, *self.ties, *self.rigid_faces)
+
+    @property
+    def joins(self) -> int:
+        """Number of contacts and ties, the first of the `interfaces`."""
+        return len(self.contact) + len(self.ties)
 
     @cached_property
     def rigid_faces(self) -> tuple[RigidFace, ...]:

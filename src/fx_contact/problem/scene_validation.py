@@ -129,6 +129,14 @@ def check_mirrored(scene: Scene) -> None:
                 f"{force.what} changes in the mirror of the symmetry plane across {normal.round(6)}: model the whole, "
                 "or leave out the component across the plane"
             )
+    for condition in scene.dirichlet:
+        if isinstance(condition, SymmetryPlane):
+            joined = scene.contact_surfaces.contact[tuple(scene.mesh.surface(condition.surface).T)]
+            for index in joined[joined >= 0][:1]:
+                raise SceneError(
+                    f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
+                    "contact with the mirror image is that with a RigidPlane; else name these facets once"
+                )
     for _, normal in symmetry_planes(scene) if scene.symmetry > 1 else ():
         turn, message = (
             np.eye(3) - 2 * np.outer(normal, normal),
@@ -170,7 +178,7 @@ def held_share(scene: Scene, load: Traction | Pressure) -> float:
         if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces:
             held[tuple(mesh.surfaces[condition.where].T)] |= condition.held
     facets = mesh.surface(load.surface)
-    points, area = scene.samples(load.surface), _areas(mesh.facet_points(facets, order=1))
+    points, area = scene.samples(load.surface), facet_areas(mesh.facet_points(facets, order=1))
     each = len(points) // len(facets)
     force = load.at(points, np.repeat(mesh.outward_normals(facets), each, axis=0)).reshape(len(facets), each, 3)
     sizes = [
@@ -183,7 +191,7 @@ def held_stiffness(scene: Scene, springs: Elastic) -> float:
     """Share of the trace of a stiffness on displacements that conditions prescribe on facets of its surface [-]."""
     mesh = scene.mesh
     facets, held = mesh.surface(springs.surface), np.zeros((*mesh.faces.shape, 3, 3))
-    area, stiffness = _areas(mesh.facet_points(facets, order=1)), springs.stiffness(mesh.outward_normals(facets))
+    area, stiffness = facet_areas(mesh.facet_points(facets, order=1)), springs.stiffness(mesh.outward_normals(facets))
     for condition in scene.conditions:
         if condition.where in mesh.surfaces:
             held[tuple(mesh.surfaces[condition.where].T)] += condition.across
@@ -193,7 +201,7 @@ def held_stiffness(scene: Scene, springs: Elastic) -> float:
     return float(of_held / total)
 
 
-def _areas(corners: FloatArray) -> FloatArray:
+def facet_areas(corners: FloatArray) -> FloatArray:
     """Areas (n,) of facets with corners (n, 4, 3)."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
 
